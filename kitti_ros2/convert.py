@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI -> bag: one chronological pass, each sample read when it is due and dropped when written."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, deque
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from .bags.writer import Channel, open_bag
+from .encoder import Encoder
+from .errors import KittiRos2Error
+from .messages.cdr import typestore
+from .options import Images
+from .samples import Loss, Stream
+from .schedule import make_schedule
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Iterable, Iterator
+    from pathlib import Path
+
+    from .bags.writer import BagWriter
+    from .encoder import Failure, Message
+    from .options import BagOptions, MessageOptions, SelectionOptions
+    from .samples import Calibration, Recording
+    from .schedule import Schedule
+
+T = TypeVar('T')
+R = TypeVar('R')
+
+_AHEAD_PER_WORKER = 3
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a conversion did.
+
+    Attributes:
+        path: The bag.
+        counts: Messages by topic.
+        frames: Scans, or samples of the longest stream.
+        size_bytes: Of all messages.
+        first_ns, last_ns: Stamps.
+        losses: What was skipped.
+        notes: What is worth a word and no loss.
+    """
+
+    path: Path
+    counts: dict[str, int]
+    frames: int
+    size_bytes: int
+    first_ns: int
+    last_ns: int
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+
+
+def convert(  # noqa: PLR0913 - four options objects, each of its own room
+    recording: Recording,
+    out: Path,
+    messages: MessageOptions,
+    selection: SelectionOptions,
+    bag: BagOptions,
+    *,
+    strict: bool = False,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> Report:
+    """Write a recording to a bag.
+
+    Args:
+        recording: What to read.
+        out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
+        messages: Which messages are made, and how.
+        selection: Which part of the recording is taken.
+        bag: Container, compression, splitting.
+        strict: Stop at the first thing that cannot be used, and leave nothing behind.
+        progress: Called with the samples done and the bytes written so far.
+
+    Raises:
+        UsageError: The selection takes nothing, or an option does not fit the output.
+        KittiRos2Error: With strict, the first loss.
+        OutputError: The output cannot be written.
+        OutputExistsError: The output exists and the options do not overwrite.
+    """
+    schedule = make_schedule(recording, selection)
+    encoder = Encoder(recording, schedule, messages, selection)
+    tally = _Tally(strict=strict)
+    for loss in recording.losses:
+        tally.lose(loss)
+    source = {'layout': recording.layout.value, 'name': recording.name}
+    with open_bag(out, bag, typestore(), source_metadata=source) as writer:
+        channels = [
+            writer.add_channel(Channel(row.name, row.msgtype, latched=row.latched))
+            for row in encoder.table
+        ]
+        workers = 0 if messages.images is Images.COMPRESSED else os.cpu_count() or 1
+        for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
+            tally.take(*outcome, writer, channels)
+            progress(done, tally.size_bytes)
+    for loss in _calibration_losses(recording, schedule):
+        tally.lose(loss)
+    return Report(
+        path=writer.path,
+        counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
+        frames=schedule.frames,
+        size_bytes=tally.size_bytes,
+        first_ns=int(schedule.stamps_ns[0]),
+        last_ns=int(schedule.stamps_ns[-1]),
+        losses=tally.losses(),
+        notes=tuple(recording.notes) + _calibration_notes(recording, schedule),
+    )
+
+
+class _Tally:
+    """Writes what comes in order, and counts what was written and what was lost."""
+
+    def __init__(self, *, strict: bool) -> None:
+        self.counts: Counter[int] = Counter()
+        self.size_bytes = 0
+        self._strict = strict
+        self._losses: Counter[tuple[str, str]] = Counter()
+        self._last_keys: dict[int, Hashable] = {}
+
+    def take(
+        self,
+        messages: list[Message],
+        failures: list[Failure],
+        writer: BagWriter,
+        channels: list[int],
+    ) -> None:
+        """Write messages, except one that says nothing new; count failures."""
+        for failure in failures:
+            for topic in failure.topics:
+                self.lose(Loss(topic, 1, _one_line(failure.error)))
+        for message in messages:
+            if message.key is not None:
+                if self._last_keys.get(message.topic) == message.key:
+                    continue
+                self._last_keys[message.topic] = message.key
+            writer.write(channels[message.topic], message.stamp_ns, message.parts)
+            self.counts[message.topic] += 1
+            self.size_bytes += sum(map(len, message.parts))
+
+    def lose(self, loss: Loss) -> None:
+        """Count a loss; with strict, stop at it."""
+        if self._strict:
+            raise KittiRos2Error(f'{loss.message}; stopped there because of --strict')
+        self._losses[loss.stream, loss.message] += loss.count
+
+    def losses(self) -> tuple[Loss, ...]:
+        """All losses, those of the same stream and reason counted together."""
+        return tuple(Loss(stream, n, message) for (stream, message), n in self._losses.items())
+
+
+def _one_line(error: KittiRos2Error | OSError) -> str:
+    if isinstance(error, OSError):
+        return f'{error.filename}: {error.strerror}'
+    return str(error)
+
+
+def _ordered_map(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:
+    """map in order on a pool of threads, at most a few items ahead; workers 0 does it in place."""
+    if not workers:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        ahead = deque()
+        for item in items:
+            ahead.append(pool.submit(function, item))
+            if len(ahead) > workers * _AHEAD_PER_WORKER:
+                yield ahead.popleft().result()
+        while ahead:
+            yield ahead.popleft().result()
+
+
+def _calibrations(recording: Recording, schedule: Schedule) -> Iterator[Calibration]:
+    """Each calibration that was due, once."""
+    for number in schedule.numbers_of(Stream.CALIBRATION):
+        yield recording.calibration(number)
+
+
+def _calibration_losses(recording: Recording, schedule: Schedule) -> list[Loss]:
+    """What the static tree lacks; a camera's own part is counted with its camera_info."""
+    losses = []
+    for calibration in _calibrations(recording, schedule):
+        for part, reason in calibration.lacks.items():
+            if not part.startswith('P'):
+                losses.append(Loss(Stream.CALIBRATION.value, 1, reason))
+    return losses
+
+
+def _calibration_notes(recording: Recording, schedule: Schedule) -> tuple[str, ...]:
+    """Which parts of the calibration are stated defaults."""
+    parts = Counter(
+        part for calibration in _calibrations(recording, schedule) for part in calibration.nominal
+    )
+    return tuple(
+        f'{part}: not in the calibration, a nominal value is used' for part in sorted(parts)
+    )

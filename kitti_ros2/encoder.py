@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recording's samples as serialised messages: what the converter writes and the player publishes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .errors import KittiRos2Error
+from .messages.topics import Moment, make_rig, make_table, select_topics
+from .samples import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Sequence
+
+    from .messages.cdr import Parts
+    from .messages.topics import Topic
+    from .options import MessageOptions, SelectionOptions
+    from .samples import Recording, Sample
+    from .schedule import Entry, Schedule
+
+
+@dataclass(frozen=True)
+class Message:
+    """One serialised message.
+
+    Attributes:
+        topic: Index of its row in Encoder.table.
+        stamp_ns: Header stamp and log time.
+        parts: CDR, in buffers that follow one another.
+        key: What it depends on, where one equal to the topic's last need not be sent again.
+    """
+
+    topic: int
+    stamp_ns: int
+    parts: Parts
+    key: Hashable = None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One message that cannot be had, and why: topics is what it costs."""
+
+    topics: tuple[str, ...]
+    error: KittiRos2Error | OSError
+
+
+class Encoder:
+    """Turns schedule entries into messages; safe to call from several threads at once.
+
+    Attributes:
+        table: The rows that are made, in the order of Message.topic.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        schedule: Schedule,
+        options: MessageOptions,
+        selection: SelectionOptions,
+    ) -> None:
+        table = make_table(recording.cameras, recording.image_topic, options)
+        selected = select_topics(table, selection.topics)
+        due = {stream for stream in Stream if schedule.count(stream)}
+        self.table: list[Topic] = [row for row in selected if row.stream in due]
+        self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
+        for index, row in enumerate(self.table):
+            self._rows[row.stream].append((index, row))
+        self._recording = recording
+        self._rig = make_rig(recording.cameras, options)
+        self._pose_numbers = schedule.numbers_of(Stream.POSE)
+
+    def encode(self, entry: Entry) -> tuple[list[Message], list[Failure]]:
+        """The messages of one sample, and what could not be made of it."""
+        rows = self._rows[entry.stream]
+        if not rows:
+            return [], []
+        path = self._recording.path(entry.stream, entry.number)
+        try:
+            sample = self._read(entry)
+        except (KittiRos2Error, OSError) as error:
+            return [], [Failure(tuple(row.name for _, row in rows), error)]
+        moment = Moment(
+            self._rig,
+            entry.stamp_ns,
+            path,
+            lambda: self._recording.calibration(entry.number),
+            entry.stream.camera or 0,
+        )
+        return self._serialize(rows, sample, moment)
+
+    @staticmethod
+    def _serialize(
+        rows: Sequence[tuple[int, Topic]], sample: Sample, moment: Moment
+    ) -> tuple[list[Message], list[Failure]]:
+        messages: list[Message] = []
+        failures: list[Failure] = []
+        for index, row in rows:
+            try:
+                serialized = row.serialize(sample, moment)
+            except KittiRos2Error as error:
+                failures.append(Failure((row.name,), error))
+                continue
+            key = row.change_key(sample) if row.change_key else None
+            messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
+        return messages, failures
+
+    def _read(self, entry: Entry) -> Sample:
+        if entry.stream is Stream.RECORDING:
+            return self._recording.describe()
+        if entry.stream is Stream.PATH:
+            return self._recording.trajectory(self._pose_numbers)
+        return self._recording.read(entry.stream, entry.number)

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The one exception family: each message says what, where, what was expected, and what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+
+class KittiRos2Error(Exception):
+    """Root of every error that a user can cause or mend; one line, shown without a traceback."""
+
+
+class UsageError(KittiRos2Error):
+    """An option or argument that cannot be meant."""
+
+
+class NotKittiError(KittiRos2Error):
+    """A path that holds no recording of a known layout."""
+
+    def __init__(self, path: Path, found: str, layouts: Iterable[str]) -> None:
+        super().__init__(
+            f'{path}: {found}; expected a KITTI folder of layout {", ".join(layouts)}'
+            f' (check the path, or force a reading with --layout)'
+        )
+
+
+class AmbiguousLayoutError(KittiRos2Error):
+    """A folder that fits more than one layout."""
+
+    def __init__(self, path: Path, layouts: Sequence[str]) -> None:
+        super().__init__(
+            f'{path}: fits the layouts {" and ".join(layouts)};'
+            f' choose one with --layout {layouts[0]}'
+        )
+
+
+class AmbiguousSequenceError(KittiRos2Error):
+    """A folder with several sequences or drives where one must be chosen."""
+
+    def __init__(self, path: Path, option: str, names: Sequence[str]) -> None:
+        shown = ', '.join(names[:8]) + (', ...' if len(names) > 8 else '')
+        super().__init__(f'{path}: holds {len(names)} of them ({shown}); choose one: {option}')
+
+
+class BadFileError(KittiRos2Error):
+    """A file whose content is not what its format demands."""
+
+    def __init__(
+        self,
+        path: Path | str,
+        found: str,
+        expected: str,
+        *,
+        line: int | None = None,
+        remedy: str = '',
+    ) -> None:
+        self.path = str(path)
+        self.line = line
+        where = f'{path}:{line}' if line is not None else f'{path}'
+        super().__init__(
+            f'{where}: {found}; expected {expected}' + (f' ({remedy})' if remedy else '')
+        )
+
+
+class MissingFileError(KittiRos2Error):
+    """A file that the layout demands and that is not there."""
+
+    def __init__(self, path: Path | str, needed_for: str) -> None:
+        super().__init__(f'{path}: no such file; it is needed for {needed_for}')
+
+
+class OutputExistsError(KittiRos2Error):
+    """An output path that is taken."""
+
+    def __init__(
+        self, path: Path, remedy: str = 'choose another name, or pass --overwrite'
+    ) -> None:
+        super().__init__(f'{path}: exists already; {remedy}')
+
+
+class OutputError(KittiRos2Error):
+    """An output that cannot be written: permissions, a full disk, a busy writer."""
+
+    def __init__(self, path: Path, reason: str, remedy: str) -> None:
+        super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
+
+
+class BadBagError(KittiRos2Error):
+    """A path that is no readable bag."""
+
+    def __init__(self, path: Path, found: str) -> None:
+        super().__init__(
+            f'{path}: {found}; expected an MCAP file, a rosbag2 directory or a ROS 1 .bag'
+        )
+
+
+class MissingPackageError(KittiRos2Error):
+    """An optional package that the asked-for feature needs."""
+
+    def __init__(self, feature: str, install: str) -> None:
+        super().__init__(f'{feature} needs a package that is not installed; run: {install}')
+
+
+class LackingCalibrationError(KittiRos2Error):
+    """A message that cannot be made because a part of the calibration is not to be had."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)

@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid transforms and rotations.
+
+``a_T_b`` maps coordinates in frame b to coordinates in frame a, so neighbouring names touch when
+transforms are composed: ``a_T_c = a_T_b @ b_T_c``. It is also the pose of frame b in frame a.
+Quaternions are (x, y, z, w), w >= 0. Metres and radians throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Float64Array: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """A rigid transform a_T_b.
+
+    Attributes:
+        rotation: (3, 3) float64, columns are b's axes in a.
+        translation: (3,) float64, b's origin in a, metres.
+    """
+
+    rotation: Float64Array
+    translation: Float64Array
+
+    def __post_init__(self) -> None:
+        if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
+            raise ValueError(
+                f'a Transform takes shapes (3, 3) and (3,), not {self.rotation.shape}'
+                f' and {self.translation.shape}'
+            )
+
+    @classmethod
+    def identity(cls) -> Transform:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike) -> Transform:
+        """From a (3, 4) or (4, 4) matrix [R | t]."""
+        values = np.asarray(matrix, dtype=np.float64)
+        return cls(values[:3, :3].copy(), values[:3, 3].copy())
+
+    @classmethod
+    def from_quaternion(cls, xyzw: npt.ArrayLike, translation: npt.ArrayLike) -> Transform:
+        """From a unit quaternion (x, y, z, w) and a translation."""
+        return cls(
+            quaternion_to_rotation(np.asarray(xyzw, dtype=np.float64)),
+            np.asarray(translation, dtype=np.float64),
+        )
+
+    @classmethod
+    def from_translation(cls, xyz: npt.ArrayLike) -> Transform:
+        """A pure shift."""
+        return cls(np.eye(3), np.asarray(xyz, dtype=np.float64))
+
+    def __matmul__(self, other: Transform) -> Transform:
+        return Transform(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
+
+    def inverse(self) -> Transform:
+        """b_T_a."""
+        return Transform(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+    def apply(self, points: npt.ArrayLike) -> Float64Array:
+        """Map (N, 3) points given in b to a."""
+        mapped: Float64Array = np.asarray(points, np.float64) @ self.rotation.T + self.translation
+        return mapped
+
+    def matrix(self) -> Float64Array:
+        """The (4, 4) homogeneous matrix."""
+        homogeneous = np.eye(4)
+        homogeneous[:3, :3] = self.rotation
+        homogeneous[:3, 3] = self.translation
+        return homogeneous
+
+    def quaternion(self) -> Float64Array:
+        """The rotation as (x, y, z, w)."""
+        return rotation_to_quaternion(self.rotation)
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float64Array:
+    """Rz(yaw) @ Ry(pitch) @ Rx(roll), the order of the KITTI devkit's convertOxtsToPose."""
+    cr, sr = np.cos(roll), np.sin(roll)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rotation_to_rpy(rotation: Float64Array) -> tuple[float, float, float]:
+    """(roll, pitch, yaw) of a rotation; the inverse of rotation_from_rpy for |pitch| < pi/2."""
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    return float(roll), float(pitch), float(yaw)
+
+
+def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
+    """(3, 3) rotation of a quaternion (x, y, z, w), which is normalised first."""
+    x, y, z, w = xyzw / np.linalg.norm(xyzw)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_to_quaternion(rotation: Float64Array) -> Float64Array:
+    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix.
+
+    Takes the largest of the four components first (Shepperd 1978), so no rotation is near a zero
+    division; a matrix rounded to seven digits, as KITTI's are, gives a quaternion of norm 1.
+    """
+    m = rotation
+    squares = np.array(
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    rows = (
+        (squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]),
+        (m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], m[0, 2] - m[2, 0]),
+        (m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], m[1, 0] - m[0, 1]),
+        (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]),
+    )
+    quaternion = np.array(rows[largest])
+    quaternion /= np.linalg.norm(quaternion)
+    return -quaternion if quaternion[3] < 0 else quaternion

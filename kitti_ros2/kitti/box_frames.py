@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes between the frame of KITTI's labels (rectified camera 0) and velo_link, an inverse pair.
+
+A label's yaw is about the camera's y axis, a tracklet's about the scanner's z axis. The heading is
+carried over as a vector: where the two axes are parallel this is exact, and -(pi/2 + rotation_y)
+up to the small angle between the sensors.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry import Transform
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from ..geometry import Float64Array
+    from ..samples import Calibration
+
+
+def rect_from_velo(calibration: Calibration) -> Transform:
+    """rect_T_velo: velo_link to the rectified camera 0.
+
+    Raises:
+        ValueError: The calibration lacks r0_rect or cam0_T_velo.
+    """
+    if calibration.r0_rect is None or calibration.cam0_T_velo is None:
+        raise ValueError('boxes need a calibration with r0_rect and cam0_T_velo')
+    return Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
+
+
+def box_to_velo(
+    location: npt.ArrayLike, rotation_y: float, rect_T_velo: Transform
+) -> tuple[Float64Array, float]:
+    """(bottom centre in velo_link, yaw about its z) of a label's location and rotation_y."""
+    velo_t_rect = rect_T_velo.inverse()
+    heading = velo_t_rect.rotation @ np.array([cos(rotation_y), 0.0, -sin(rotation_y)])
+    (centre,) = velo_t_rect.apply(np.reshape(location, (1, 3)))
+    return centre, atan2(heading[1], heading[0])
+
+
+def box_to_rect(
+    centre: npt.ArrayLike, yaw: float, rect_T_velo: Transform
+) -> tuple[Float64Array, float]:
+    """(location, rotation_y) of a label, from a bottom centre and yaw in velo_link."""
+    heading = rect_T_velo.rotation @ np.array([cos(yaw), sin(yaw), 0.0])
+    (location,) = rect_T_velo.apply(np.reshape(centre, (1, 3)))
+    return location, atan2(-heading[2], heading[0])

@@ -1,0 +1,254 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration files in all of KITTI's dialects, to and from samples.Calibration.
+
+- object, tracking, and what other data sets write in their shape: P0..P3, R0_rect (tracking
+  R_rect), Tr_velo_to_cam (Tr_velo_cam), Tr_imu_to_velo (Tr_imu_velo).
+- odometry: P0..P3 and Tr, velo_link to the *rectified* camera 0.
+- Waymo in KITTI's shape: P0..P4 and Tr_velo_to_cam_0..4, each camera on its own.
+- raw: calib_cam_to_cam, calib_velo_to_cam, calib_imu_to_velo, with the unrectified cameras too.
+
+Sources: readme.txt of the four devkits; mmdetection3d's Waymo converter for the Waymo keys.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from ..errors import BadFileError
+from ..geometry import Transform
+from ..samples import CAMERA_COUNT, Calibration, CameraCalibration, TextFile
+from . import names
+from .calib_table import CalibTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from ..geometry import Float64Array
+
+T = TypeVar('T')
+
+NOMINAL_VELO_T_IMU = Transform.from_translation((-0.81, 0.32, -0.80))
+"""Where the imu stands on KITTI's car, to a centimetre: for layouts that do not tell (odometry)."""
+
+NOMINAL_CAM0_T_VELO = Transform(
+    np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.array([0.0, -0.08, -0.27])
+)
+"""Where the scanner stands on KITTI's car, to a centimetre: for poses without a Tr."""
+
+
+class _Parts:
+    """Reads parts of calibration tables; what is bad or absent is noted, not fatal."""
+
+    def __init__(self) -> None:
+        self.lacks: dict[str, str] = {}
+
+    def read(self, part: str, parse: Callable[[], T | None], absent: str) -> T | None:
+        """What parse returns; on a bad file or None the reason goes to lacks."""
+        try:
+            value = parse()
+        except BadFileError as error:
+            self.lacks[part] = str(error)
+            return None
+        if value is None:
+            self.lacks[part] = absent
+        return value
+
+
+def parse_calibration(text: str, path: Path, name: str) -> Calibration:
+    """The calibration of a single-file dialect (object, tracking, odometry, Waymo).
+
+    Args:
+        text: The file's content.
+        path: For the errors.
+        name: The file's name relative to the recording's root.
+
+    Raises:
+        BadFileError: A line without a key, or an empty file; a bad number only costs its part.
+    """
+    table = CalibTable.parse(text, path)
+    parts = _Parts()
+    cameras = {}
+    for index in range(CAMERA_COUNT):
+        camera = parts.read(
+            f'P{index}', partial(_parse_camera, table, index), f'{path}: no P{index}'
+        )
+        if camera is not None:
+            cameras[index] = camera
+    velo_keys = ('Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', 'Tr_velo_to_cam_0')
+    imu_keys = ('Tr_imu_to_velo', 'Tr_imu_velo')
+    extrinsics = partial(table.transform, *velo_keys)
+    cam0_t_velo = parts.read('Tr_velo_to_cam', extrinsics, f'{path}: no Tr_velo_to_cam')
+    r0_rect = parts.read('R0_rect', partial(table.rotation, 'R0_rect', 'R_rect'), '')
+    velo_t_imu = parts.read('Tr_imu_to_velo', partial(table.transform, *imu_keys), '')
+    own_rotation = 'Tr' in table.entries or 'Tr_velo_to_cam_0' in table.entries
+    nominal = {'velo_T_imu': velo_t_imu, 'r0_rect': np.eye(3) if own_rotation else r0_rect}
+    return Calibration(
+        cameras,
+        r0_rect=np.eye(3) if r0_rect is None else r0_rect,
+        cam0_T_velo=cam0_t_velo,
+        velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
+        nominal=tuple(part for part, value in nominal.items() if value is None),
+        lacks={part: reason for part, reason in parts.lacks.items() if reason},
+        files=(TextFile(name, text),),
+    )
+
+
+def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
+    p_rect = table.projection(f'P{index}')
+    own = table.transform(f'Tr_velo_to_cam_{index}')
+    return None if p_rect is None else CameraCalibration(p_rect, cam_T_velo=own)
+
+
+def parse_raw_calibration(
+    texts: Mapping[str, str], folder: Path, *, rectified: bool
+) -> Calibration:
+    """The calibration of a raw date folder; what is absent or bad is named in lacks.
+
+    Args:
+        texts: File name to content, for the files that are there.
+        folder: Where they are, for the errors.
+        rectified: False for extract drives.
+    """
+    parts = _Parts()
+
+    def table(name: str) -> CalibTable:
+        absent = f'{folder / name}: no such file; it comes with the calibration of the date'
+        if name not in texts:
+            parts.lacks[name] = absent
+            return CalibTable(folder / name, {})
+        parsed = parts.read(name, partial(CalibTable.parse, texts[name], folder / name), absent)
+        return parsed or CalibTable(folder / name, {})
+
+    def extrinsics(name: str) -> Transform | None:
+        entries = table(name)
+        read = partial(entries.transform_parts, 'R', 'T')
+        return parts.read(name, read, f'{folder / name}: no R and T')
+
+    cam_to_cam = table(names.CALIB_CAM_TO_CAM)
+    cameras = {}
+    for index in range(len(names.RAW_IMAGES)):
+        read = partial(_parse_raw_camera, cam_to_cam, index, rectified=rectified)
+        absent = parts.lacks.get(
+            names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no P_rect_{index:02d}'
+        )
+        camera = parts.read(f'P{index}', read, absent)
+        if camera is not None:
+            cameras[index] = camera
+    velo_t_imu = extrinsics(names.CALIB_IMU_TO_VELO)
+    rotation = partial(cam_to_cam.rotation, 'R_rect_00')
+    return Calibration(
+        cameras,
+        r0_rect=parts.read('R0_rect', rotation, f'{cam_to_cam.path}: no R_rect_00'),
+        cam0_T_velo=extrinsics(names.CALIB_VELO_TO_CAM),
+        velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
+        rectified=rectified,
+        nominal=() if velo_t_imu else ('velo_T_imu',),
+        lacks=parts.lacks,
+        files=tuple(TextFile(name, text) for name, text in texts.items()),
+    )
+
+
+def _parse_raw_camera(
+    table: CalibTable, index: int, *, rectified: bool
+) -> CameraCalibration | None:
+    p_rect = table.projection(f'P_rect_{index:02d}')
+    if p_rect is None:
+        return None
+    size = table.numbers(2, f'S_rect_{index:02d}' if rectified else f'S_{index:02d}')
+    k = table.numbers(9, f'K_{index:02d}')
+    return CameraCalibration(
+        p_rect,
+        size=None if size is None else (int(size[0]), int(size[1])),
+        k=None if k is None else k.reshape(3, 3),
+        d=table.numbers(5, f'D_{index:02d}'),
+        r_rect=table.rotation(f'R_rect_{index:02d}'),
+        cam_T_cam0=table.transform_parts(f'R_{index:02d}', f'T_{index:02d}'),
+    )
+
+
+def format_object(calibration: Calibration) -> str:
+    """The text of an object calib file: its seven lines in KITTI's order, then an empty one.
+
+    Loaders read by line number, so a camera that is absent gets camera 0's projection.
+
+    Raises:
+        ValueError: The calibration has no camera or no cam0_T_velo.
+    """
+    return _format_lines(calibration, ('R0_rect:', 'Tr_velo_to_cam:', 'Tr_imu_to_velo:')) + '\n'
+
+
+def format_tracking(calibration: Calibration) -> str:
+    """The text of a tracking calib file, whose last three keys have no colon."""
+    return _format_lines(calibration, ('R_rect', 'Tr_velo_cam', 'Tr_imu_velo'))
+
+
+def format_odometry(calibration: Calibration) -> str:
+    """The text of an odometry calib.txt: P0..P3 and Tr, velo_link to the rectified camera 0."""
+    r0_rect, cam0_t_velo, _ = _extrinsics(calibration)
+    tr = Transform(r0_rect, np.zeros(3)) @ cam0_t_velo
+    return _format_projections(calibration) + f'Tr: {_numbers(tr.matrix()[:3])}\n'
+
+
+def format_raw(calibration: Calibration) -> dict[str, str]:
+    """File name to text of the three raw calibration files.
+
+    Raises:
+        ValueError: The calibration has no cam0_T_velo.
+    """
+    r0_rect, cam0_t_velo, velo_t_imu = _extrinsics(calibration)
+    lines = []
+    for index, camera in sorted(calibration.cameras.items()):
+        size = camera.size or (0, 0)
+        cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
+        values = {
+            'S': np.array(size, dtype=np.float64),
+            'K': camera.p_rect[:, :3] if camera.k is None else camera.k,
+            'D': np.zeros(5) if camera.d is None else camera.d,
+            'R': cam_t_cam0.rotation,
+            'T': cam_t_cam0.translation,
+            'S_rect': np.array(size, dtype=np.float64),
+            'R_rect': r0_rect if camera.r_rect is None else camera.r_rect,
+            'P_rect': camera.p_rect,
+        }
+        lines += [f'{key}_{index:02d}: {_numbers(value, 6)}\n' for key, value in values.items()]
+    return {
+        names.CALIB_CAM_TO_CAM: ''.join(lines),
+        names.CALIB_VELO_TO_CAM: _format_parts(cam0_t_velo),
+        names.CALIB_IMU_TO_VELO: _format_parts(velo_t_imu),
+    }
+
+
+def _format_lines(calibration: Calibration, keys: tuple[str, str, str]) -> str:
+    r0_rect, cam0_t_velo, velo_t_imu = _extrinsics(calibration)
+    rows = (r0_rect, cam0_t_velo.matrix()[:3], velo_t_imu.matrix()[:3])
+    return _format_projections(calibration) + ''.join(
+        f'{key} {_numbers(row)}\n' for key, row in zip(keys, rows, strict=True)
+    )
+
+
+def _format_projections(calibration: Calibration) -> str:
+    if not calibration.cameras:
+        raise ValueError('a calibration file needs at least one camera')
+    first = calibration.cameras[min(calibration.cameras)]
+    cameras = [calibration.cameras.get(index, first) for index in range(4)]
+    return ''.join(f'P{i}: {_numbers(camera.p_rect)}\n' for i, camera in enumerate(cameras))
+
+
+def _format_parts(transform: Transform) -> str:
+    return f'R: {_numbers(transform.rotation, 6)}\nT: {_numbers(transform.translation, 6)}\n'
+
+
+def _extrinsics(calibration: Calibration) -> tuple[Float64Array, Transform, Transform]:
+    if calibration.cam0_T_velo is None:
+        raise ValueError('a calibration file needs cam0_T_velo')
+    r0_rect = np.eye(3) if calibration.r0_rect is None else calibration.r0_rect
+    return r0_rect, calibration.cam0_T_velo, calibration.velo_T_imu
+
+
+def _numbers(values: Float64Array, digits: int = 12) -> str:
+    return ' '.join(f'{value:.{digits}e}' for value in values.ravel())

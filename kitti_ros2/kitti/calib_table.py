@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The form all of KITTI's calibration files share: a key, then numbers or words, a line each.
+
+``P0: 7.2e+02 ...``, in tracking partly without the colon (``R_rect 9.9e-01 ...``). Some values are
+words (``calib_time: 09-Jan-2012 13:57:47``); numbers are only read when they are asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import BadFileError
+from ..geometry import Transform
+from .text_file import parse_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..geometry import Float64Array
+
+_LINE = re.compile(r'(?P<key>[A-Za-z]\w*)(?::|\s)\s*(?P<value>.*)')
+
+
+@dataclass(frozen=True)
+class CalibTable:
+    """The keys of one calibration file, with the line each stands in."""
+
+    path: Path
+    entries: Mapping[str, tuple[int, str]]
+
+    @classmethod
+    def parse(cls, text: str, path: Path) -> CalibTable:
+        """Split a file's text by key.
+
+        Raises:
+            BadFileError: A line that has no key, or a file without any.
+        """
+        entries: dict[str, tuple[int, str]] = {}
+        for number, line in enumerate(text.splitlines(), 1):
+            if not line.strip():
+                continue
+            match = _LINE.fullmatch(line.strip())
+            if match is None:
+                raise BadFileError(
+                    path, f'{line[:40]!r}', 'a line like "P0: 7.2e+02 ..."', line=number
+                )
+            entries[match['key']] = (number, match['value'])
+        if not entries:
+            raise BadFileError(path, 'the file is empty', 'calibration lines such as "P0: ..."')
+        return cls(path, entries)
+
+    def numbers(self, count: int, *keys: str) -> Float64Array | None:
+        """The numbers of the first of keys that is there, None where none is.
+
+        Raises:
+            BadFileError: Their count is not count, or one is no finite number.
+        """
+        for key in keys:
+            if key in self.entries:
+                line, value = self.entries[key]
+                try:
+                    return np.array(parse_numbers(value.split(), count))
+                except ValueError as error:
+                    raise BadFileError(
+                        self.path, f'{key}: {error}', f'{count} numbers', line=line
+                    ) from None
+        return None
+
+    def projection(self, *keys: str) -> Float64Array | None:
+        """A (3, 4) projection whose left (3, 3) can be inverted, None where it is not there.
+
+        Raises:
+            BadFileError: As numbers, or the matrix is singular.
+        """
+        values = self.numbers(12, *keys)
+        if values is None:
+            return None
+        matrix = values.reshape(3, 4)
+        if abs(np.linalg.det(matrix[:, :3])) < 1e-9:
+            line = next(self.entries[key][0] for key in keys if key in self.entries)
+            raise BadFileError(
+                self.path, f'{keys[0]} is singular', 'a projection matrix', line=line
+            )
+        return matrix
+
+    def rotation(self, *keys: str) -> Float64Array | None:
+        """A (3, 3) rotation, None where it is not there.
+
+        Raises:
+            BadFileError: As numbers, or the matrix is no rotation to 1e-3.
+        """
+        values = self.numbers(9, *keys)
+        return None if values is None else self._checked_rotation(values.reshape(3, 3), keys)
+
+    def transform(self, *keys: str) -> Transform | None:
+        """The transform of a (3, 4) matrix [R | t], None where it is not there.
+
+        Raises:
+            BadFileError: As numbers, or R is no rotation to 1e-3.
+        """
+        values = self.numbers(12, *keys)
+        if values is None:
+            return None
+        matrix = values.reshape(3, 4)
+        return Transform(self._checked_rotation(matrix[:, :3].copy(), keys), matrix[:, 3].copy())
+
+    def transform_parts(self, rotation_key: str, translation_key: str) -> Transform | None:
+        """The transform of a rotation and a translation under two keys."""
+        rotation = self.rotation(rotation_key)
+        translation = self.numbers(3, translation_key)
+        if rotation is None or translation is None:
+            return None
+        return Transform(rotation, translation)
+
+    def _checked_rotation(self, matrix: Float64Array, keys: tuple[str, ...]) -> Float64Array:
+        error = np.abs(matrix @ matrix.T - np.eye(3)).max()
+        if error > 1e-3 or np.linalg.det(matrix) < 0:
+            key, line = next((key, self.entries[key][0]) for key in keys if key in self.entries)
+            raise BadFileError(
+                self.path, f'{key} holds no rotation', 'an orthonormal matrix', line=line
+            )
+        return matrix

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Label files: label_2/NNNNNN.txt (object) and label_02/SSSS.txt (tracking), one object a line.
+
+Columns, separated by blanks (source: readme.txt of the object and tracking devkits):
+
+- tracking only: frame (file number), track id (-1 for DontCare)
+- type: a word; custom ones are legal
+- truncated: object 0..1, the part that leaves the image; tracking a level 0, 1, 2; -1 unknown
+- occluded: 0 visible, 1 partly, 2 largely, 3 unknown, -1 DontCare
+- alpha: observation angle, radians, -pi..pi; -10 for DontCare
+- left, top, right, bottom: 2D box, pixels, 0-based
+- height, width, length: metres; -1 for DontCare
+- x, y, z: the bottom face's centre in the rectified camera 0 frame, metres; -1000 for DontCare
+- rotation_y: heading about the camera's y axis, radians, -pi..pi; -10 for DontCare
+- score: detections only
+
+Object files have two decimals, tracking files six.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..samples import Box
+from .text_file import Lines, parse_lines, parse_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+DONT_CARE = 'DontCare'
+EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
+EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
+"""What an empty object file can be given, for loaders that fail on a file without lines."""
+
+_OBJECT_COLUMNS = 15
+_TRACKING_COLUMNS = 17
+
+
+def parse_labels(text: str, path: Path | str) -> Lines[Box]:
+    """Boxes by line of a label file; a bad line costs itself, its error names path and line.
+
+    Object and tracking lines are told apart by their number of columns.
+    """
+    return parse_lines(text, path, EXPECTED, parse_box)
+
+
+def parse_boxes(text: str, path: Path | str) -> list[Box]:
+    """All boxes of a label file.
+
+    Raises:
+        BadFileError: Names the first line that is no label.
+    """
+    lines = parse_labels(text, path)
+    for error in lines.errors.values():
+        raise error
+    return [box for box in lines.values if box is not None]
+
+
+def parse_box(line: str) -> Box:
+    """The box of one line.
+
+    Raises:
+        ValueError: Says what was found instead.
+    """
+    words = line.split()
+    frame: int | None = None
+    track_id: int | None = None
+    if len(words) in {_TRACKING_COLUMNS, _TRACKING_COLUMNS + 1}:
+        frame, track_id = _parse_integer(words[0]), _parse_integer(words[1])
+        words = words[2:]
+    if len(words) not in {_OBJECT_COLUMNS, _OBJECT_COLUMNS + 1}:
+        raise ValueError(f'{len(line.split())} columns')
+    truncated, _, alpha, *rest = parse_numbers(words[1:], len(words) - 1)
+    left, top, right, bottom, height, width, length, x, y, z, rotation_y = rest[:11]
+    return Box(
+        kind=words[0],
+        truncated=truncated,
+        occluded=_parse_integer(words[2]),
+        alpha=alpha,
+        box_2d=(left, top, right, bottom),
+        size_hwl=(height, width, length),
+        location=(x, y, z),
+        rotation_y=rotation_y,
+        score=rest[11] if len(rest) > 11 else None,
+        frame=frame,
+        track_id=track_id,
+    )
+
+
+def format_object_labels(boxes: Iterable[Box]) -> str:
+    """The text of an object label file; frame and track id are left out."""
+    return ''.join(f'{format_object_box(box)}\n' for box in boxes)
+
+
+def format_tracking_labels(boxes: Iterable[Box]) -> str:
+    """The text of a tracking label file, or of the part of it that these boxes make."""
+    return ''.join(f'{format_tracking_box(box)}\n' for box in boxes)
+
+
+def format_object_box(box: Box, decimals: int = 2) -> str:
+    """The line of a box in an object file, without its end; the inverse of parse_box."""
+    care = decimals if box.kind != DONT_CARE else 0
+    columns = [
+        box.kind,
+        f'{box.truncated:.{care}f}',
+        f'{box.occluded:d}',
+        f'{box.alpha:.{care}f}',
+        *(f'{value:.{decimals}f}' for value in box.box_2d),
+        *(f'{value:.{care}f}' for value in (*box.size_hwl, *box.location, box.rotation_y)),
+    ]
+    if box.score is not None:
+        columns.append(f'{box.score:.6f}')
+    return ' '.join(columns)
+
+
+def format_tracking_box(box: Box) -> str:
+    """The line of a box in a tracking file, without its end; the inverse of parse_box.
+
+    Raises:
+        ValueError: The box has no frame or no track id.
+    """
+    if box.frame is None or box.track_id is None:
+        raise ValueError('a tracking label needs a frame and a track id')
+    numbers = (box.alpha, *box.box_2d, *box.size_hwl, *box.location, box.rotation_y)
+    columns = [
+        f'{box.frame:d} {box.track_id:d} {box.kind}',
+        f'{box.truncated:.6f}'.rstrip('0').rstrip('.'),
+        f'{box.occluded:d}',
+        *(f'{value:.6f}' for value in numbers),
+    ]
+    if box.score is not None:
+        columns.append(f'{box.score:.6f}')
+    return ' '.join(columns)
+
+
+def _parse_integer(word: str) -> int:
+    """An integer, which some writers give a decimal point (0.0)."""
+    (value,) = parse_numbers([word], 1)
+    if not value.is_integer():
+        raise ValueError(f'{word!r} is no whole number')
+    return int(value)

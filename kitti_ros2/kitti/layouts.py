@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which layout a folder has, and the recording in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
+from ..options import ReadOptions
+from ..samples import Layout
+from . import names
+from .object import ObjectRecording
+from .odometry import OdometryRecording
+from .raw import RawRecording
+from .store import STORE
+from .tracking import TrackingRecording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from .recording import KittiRecording
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A recording that a folder holds: its name for --sequence, and how to open it."""
+
+    name: str
+    open: Callable[[ReadOptions], KittiRecording]
+
+
+def find_raw(path: Path) -> list[Candidate]:
+    """The drives at a path: a drive itself, those of a date, or those of all dates."""
+    drives = [path] if _is_drive(path) else _subfolders(path, _is_drive)
+    if not drives:
+        for date in _subfolders(path, lambda folder: bool(names.RAW_DATE.fullmatch(folder.name))):
+            drives += _subfolders(date, _is_drive)
+    return [
+        Candidate(drive.name, lambda options, drive=drive: RawRecording(drive, options))  # type: ignore[misc]
+        for drive in drives
+    ]
+
+
+def find_object(path: Path) -> list[Candidate]:
+    """The splits of an object set at a path: the root's, or the split itself."""
+    splits = [path] if _is_object_split(path) else []
+    splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
+    return [
+        Candidate(split.name, lambda options, split=split: ObjectRecording(split, options))  # type: ignore[misc]
+        for split in splits
+    ]
+
+
+def find_odometry(path: Path) -> list[Candidate]:
+    """The sequences of an odometry set at a path: the data set's, or the sequence itself."""
+    sequences = [path] if _is_sequence(path) else []
+    for root in (path, path / names.SEQUENCES, path / 'dataset' / names.SEQUENCES):
+        if not sequences and root.name == names.SEQUENCES:
+            sequences = _subfolders(root, _is_sequence)
+    return [
+        Candidate(folder.name, lambda options, folder=folder: OdometryRecording(folder, options))  # type: ignore[misc]
+        for folder in sequences
+    ]
+
+
+def find_tracking(path: Path) -> list[Candidate]:
+    """The sequences of a tracking set at a path: the root's, or one split's."""
+    candidates = []
+    for split in (path, *(path / name for name in names.SPLITS)):
+        for sequence in _tracking_sequences(split):
+            name = f'testing/{sequence}' if split.name == 'testing' and split != path else sequence
+
+            def open_(
+                options: ReadOptions, split: Path = split, sequence: str = sequence
+            ) -> KittiRecording:
+                return TrackingRecording(split, sequence, options)
+
+            candidates.append(Candidate(name, open_))
+    return candidates
+
+
+LAYOUTS: dict[Layout, Callable[[Path], list[Candidate]]] = {
+    Layout.RAW: find_raw,
+    Layout.OBJECT: find_object,
+    Layout.ODOMETRY: find_odometry,
+    Layout.TRACKING: find_tracking,
+}
+
+
+def guess_layout(path: Path) -> Layout:
+    """The one layout a folder fits.
+
+    Raises:
+        NotKittiError: There is no such folder, or it fits none.
+        AmbiguousLayoutError: It fits several.
+    """
+    if not STORE.is_dir(path):
+        found = 'is a file' if path.exists() else 'no such folder'
+        raise NotKittiError(path, found, [layout.value for layout in LAYOUTS])
+    fits = [layout for layout, find in LAYOUTS.items() if find(path)]
+    if not fits:
+        entries = STORE.names(path)
+        found = f'holds {", ".join(entries[:4])}' if entries else 'the folder is empty'
+        raise NotKittiError(path, found, [layout.value for layout in LAYOUTS])
+    if len(fits) > 1:
+        raise AmbiguousLayoutError(path, [layout.value for layout in fits])
+    return fits[0]
+
+
+def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
+    """The recording at a path; lists folders, and reads only time stamps and sequence-wide files.
+
+    Raises:
+        NotKittiError: There is none.
+        AmbiguousLayoutError: The folder fits several layouts and the options name none.
+        AmbiguousSequenceError: It holds several and the options name none.
+        UsageError: The options name one that is not there.
+    """
+    options = options or ReadOptions()
+    if '..' in path.parts or not path.name:
+        path = path.resolve()
+    layout = options.layout or guess_layout(path)
+    candidates = LAYOUTS[layout](path) if STORE.is_dir(path) else []
+    if not candidates:
+        found = f'no {layout.value} recording' if path.exists() else 'no such folder'
+        raise NotKittiError(path, found, [layout.value])
+    chosen = _choose(path, layout, candidates, options.sequence)
+    recording = chosen.open(options)
+    if not recording.streams:
+        raise NotKittiError(path, f'no data file of {chosen.name} can be used', [layout.value])
+    others = [candidate.name for candidate in candidates if candidate is not chosen]
+    if layout is Layout.OBJECT and others and options.sequence is None:
+        recording.notes.append(
+            f'{path}: {", ".join(others)} left out; --sequence {others[0]} takes it'
+        )
+    return recording
+
+
+def _choose(
+    path: Path, layout: Layout, candidates: list[Candidate], asked: str | None
+) -> Candidate:
+    known = [candidate.name for candidate in candidates]
+    if asked is not None:
+        matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]
+        if len(matching) != 1:
+            shown = ', '.join(known[:12]) + (', ...' if len(known) > 12 else '')
+            raise UsageError(f'{path}: no single sequence {asked!r}; it holds {shown}')
+        return matching[0]
+    if len(candidates) > 1 and layout is not Layout.OBJECT:
+        raise AmbiguousSequenceError(path, f'--sequence {known[0]}', known)
+    return candidates[0]
+
+
+def _matches(name: str, asked: str) -> bool:
+    if name == asked:
+        return True
+    drive = names.RAW_DRIVE.fullmatch(name)
+    short = drive[1] if drive else name
+    return short.isdecimal() and asked.isdecimal() and int(short) == int(asked)
+
+
+def _subfolders(path: Path, wanted: Callable[[Path], bool]) -> list[Path]:
+    return [path / name for name in STORE.names(path) if wanted(path / name)]
+
+
+def _is_drive(path: Path) -> bool:
+    folders = [path / name for name in (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)]
+    return any(
+        STORE.is_dir(folder / names.RAW_DATA) or STORE.is_file(folder / names.TIMESTAMPS)
+        for folder in folders
+    )
+
+
+def _has_frames(path: Path) -> bool:
+    """Whether images or scans named by six digits lie in a folder's sub-folders."""
+    folders = [(names.SCANS, names.BIN), *((name, names.PNG) for name in names.OBJECT_IMAGES)]
+    return any(
+        len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
+        for folder, suffix in folders
+    )
+
+
+def _has_object_text(path: Path) -> bool:
+    return any(
+        len(STORE.list_numbered(path / folder, (names.TXT,), names.FRAME_DIGITS).numbers)
+        for folder in (names.CALIB, names.OBJECT_LABELS)
+    )
+
+
+def _has_odometry_text(path: Path) -> bool:
+    return STORE.is_file(path / names.ODOMETRY_CALIB) or STORE.is_file(path / names.TIMES)
+
+
+def _is_object_split(path: Path) -> bool:
+    if _has_object_text(path):
+        return True
+    elsewhere = _has_odometry_text(path) or path.parent.name == names.SEQUENCES
+    return _has_frames(path) and not elsewhere
+
+
+def _is_sequence(path: Path) -> bool:
+    if _has_odometry_text(path):
+        return True
+    elsewhere = _has_object_text(path) or path.name in names.SPLITS
+    return _has_frames(path) and not elsewhere
+
+
+def _tracking_sequences(split: Path) -> list[str]:
+    """Names of the sequences of a split: four-digit folders of data, four-digit text files."""
+    found: set[str] = set()
+    for folder in (names.SCANS, *names.TRACKING_IMAGES):
+        found |= {
+            name
+            for name in STORE.names(split / folder)
+            if _is_sequence_name(name) and STORE.is_dir(split / folder / name)
+        }
+    for folder in (names.CALIB, names.OXTS, names.TRACKING_LABELS):
+        found |= {
+            name.removesuffix(names.TXT)
+            for name in STORE.names(split / folder)
+            if name.endswith(names.TXT) and _is_sequence_name(name.removesuffix(names.TXT))
+        }
+    return sorted(found)
+
+
+def _is_sequence_name(name: str) -> bool:
+    return len(name) == names.SEQUENCE_DIGITS and name.isdecimal()

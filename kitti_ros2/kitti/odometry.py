@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reader of the odometry layout: sequences/NN, times relative to its start, and poses/NN.txt."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..samples import Layout, Stream
+from . import names
+from .poses import pose_from_odometry
+from .poses_file import parse_poses
+from .recording import KittiRecording, load_calibration
+from .stamps_file import parse_times
+from .store import STORE
+from .text_file import Lines
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..geometry import Float64Array
+    from ..options import ReadOptions
+    from ..samples import Calibration, Pose, TextFile
+
+
+class OdometryRecording(KittiRecording):
+    """One sequence of an odometry set."""
+
+    layout = Layout.ODOMETRY
+
+    def __init__(self, sequence: Path, options: ReadOptions) -> None:
+        grouped = sequence.parent.name == names.SEQUENCES
+        super().__init__(
+            sequence.parent.parent if grouped else sequence.parent, sequence.name, options
+        )
+        self.sequence = sequence
+        self._times_path = sequence / names.TIMES
+        folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
+            Stream(f'image_{index}'): (f'image_{index}', names.PNG) for index in range(4)
+        }
+        for stream, (folder, suffix) in folders.items():
+            listing = STORE.list_numbered(sequence / folder, (suffix,), names.FRAME_DIGITS)
+            if not STORE.is_dir(sequence / folder):
+                self.notes.append(f'{sequence / folder}: absent, {stream.value} is left out')
+            elif self._times is None:
+                self._add_nominal(stream, listing.numbers, listing)
+            else:
+                self._add_stamped(stream, listing, self._times, self._times_path)
+        self._add_poses()
+        if self._times is None:
+            self.notes.append(
+                f'{self._times_path}: absent; stamps are nominal, 10 Hz from the epoch'
+            )
+
+    @cached_property
+    def _times(self) -> Lines[int] | None:
+        """Stamps by frame: the epoch of the options plus times.txt."""
+        if not STORE.is_file(self._times_path):
+            return None
+        offsets = parse_times(STORE.read_text(self._times_path), self._times_path)
+        epoch = self.options.epoch_ns
+        return Lines(
+            [None if offset is None else epoch + offset for offset in offsets.values],
+            offsets.errors,
+        )
+
+    @cached_property
+    def _poses_path(self) -> Path:
+        candidates = (
+            self.root / names.POSES / f'{self.sequence.name}{names.TXT}',
+            self.sequence / f'{names.POSES}{names.TXT}',
+        )
+        return next((path for path in candidates if STORE.is_file(path)), candidates[0])
+
+    @cached_property
+    def _poses(self) -> Lines[Float64Array]:
+        if not STORE.is_file(self._poses_path):
+            return Lines([], {})
+        return parse_poses(STORE.read_text(self._poses_path), self._poses_path)
+
+    def _add_poses(self) -> None:
+        if not len(self._poses):
+            self.notes.append(f'{self._poses_path}: absent or empty, pose is left out')
+            return
+        for error in self._poses.errors.values():
+            self._lose(Stream.POSE, [0], str(error))
+        numbers = np.array([n for n, pose in enumerate(self._poses.values) if pose is not None])
+        if self._times is None:
+            self._add_nominal(Stream.POSE, numbers.astype(np.int64), None)
+            return
+        stamps = self._times.values
+        beyond = [n for n in numbers.tolist() if n >= len(stamps) or stamps[n] is None]
+        self._lose(Stream.POSE, beyond, f'{self._times_path}: no time for the poses of frames {{}}')
+        good = [n for n in numbers.tolist() if n < len(stamps) and stamps[n] is not None]
+        stamps_ns = np.array([stamps[n] for n in good], dtype=np.int64)
+        self._add(Stream.POSE, np.array(good, dtype=np.int64), stamps_ns, None)
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        path = self.sequence / names.ODOMETRY_CALIB
+        return load_calibration(path, self.root)
+
+    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
+        """The calibration of the sequence."""
+        return self._calibration
+
+    def texts(self) -> list[TextFile]:
+        """Times and poses."""
+        return self._read_texts((self._times_path, self._poses_path))
+
+    def _pose(self, number: int) -> Pose:
+        matrix = self._poses.values[number]
+        if matrix is None:
+            raise self._poses.errors[number]
+        return pose_from_odometry(matrix, self._calibration)
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """The file a sample is read from."""
+        return self._poses_path if stream is Stream.POSE else super().path(stream, number)

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""GPS/IMU packets: one a file (raw) or one a line (tracking), 30 columns.
+
+Columns: lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu
+pos_accuracy vel_accuracy navstat numsats posmode velmode orimode; units and axes at
+samples.OxtsPacket. The dataset's own dataformat.txt names ay twice: the second is az.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from ..errors import BadFileError
+from ..samples import OxtsPacket
+from .text_file import parse_numbers
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..samples import TextFile
+
+COLUMNS: tuple[str, ...] = tuple(
+    field.name for field in fields(OxtsPacket) if field.name != 'source'
+)
+_FLOATS = COLUMNS.index('navstat')
+
+
+def parse_packet(
+    text: str, path: Path | str, line: int = 1, source: TextFile | None = None
+) -> OxtsPacket:
+    """A packet from its line.
+
+    Args:
+        text: The line.
+        path, line: For the errors.
+        source: Kept in the packet.
+
+    Raises:
+        BadFileError: Not 30 values, or one that is no finite number.
+    """
+    try:
+        values = parse_numbers(text.split(), len(COLUMNS))
+    except ValueError as error:
+        raise BadFileError(
+            path, str(error), f'the {len(COLUMNS)} numbers of an oxts packet', line=line
+        ) from None
+    states = (int(value) for value in values[_FLOATS:])
+    return OxtsPacket(*values[:_FLOATS], *states, source=source)  # type: ignore[arg-type, misc]
+
+
+def format_packet(packet: OxtsPacket) -> str:
+    """The line of a packet without its end, 14 significant digits as the dataset's own."""
+    values = [getattr(packet, name) for name in COLUMNS]
+    return ' '.join(
+        [f'{value:.14g}' for value in values[:_FLOATS]]
+        + [f'{value:d}' for value in values[_FLOATS:]]
+    )

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reader of raw drives: DATE/DATE_drive_NNNN_{sync,extract}.
+
+Each stream has its own numbers and its own stamps. In sync the same number is the same moment; in
+extract the streams run on their own and the images are not rectified.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..errors import BadFileError
+from ..samples import Layout, Scan, Stream, TextFile
+from . import names
+from .calib_file import parse_raw_calibration
+from .oxts_file import parse_packet
+from .recording import KittiRecording
+from .scan_file import parse_scan, parse_scan_text
+from .stamps_file import parse_timestamps
+from .store import STORE
+from .text_file import Lines
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..options import ReadOptions
+    from ..samples import Calibration, OxtsPacket
+    from .store import Listing
+
+_CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
+
+
+class RawRecording(KittiRecording):
+    """One raw drive."""
+
+    layout = Layout.RAW
+
+    def __init__(self, drive: Path, options: ReadOptions) -> None:
+        super().__init__(drive.parent, drive.name, options)
+        self.drive = drive
+        self.rectified = not drive.name.endswith('_extract')
+        self.common_numbers = self.rectified
+        self.image_topic = 'image_rect' if self.rectified else 'image_raw'
+        folders = {
+            Stream.OXTS: (names.RAW_OXTS, (names.TXT,)),
+            Stream.SCAN: (names.RAW_SCANS, (names.BIN, names.TXT)),
+        } | {
+            Stream(f'image_{index}'): (folder, (names.PNG,))
+            for index, folder in enumerate(names.RAW_IMAGES)
+        }
+        self._stampless = not any(
+            STORE.is_file(drive / folder / names.TIMESTAMPS) for folder, _ in folders.values()
+        )
+        for stream, (folder, suffixes) in folders.items():
+            self._add_folder(stream, drive / folder, suffixes)
+        if Stream.OXTS in self.streams:
+            packets = self.streams[Stream.OXTS]
+            self._add(Stream.POSE, packets.numbers, packets.stamps_ns, None)
+        if self._stampless and self.streams:
+            self.notes.append(
+                f'{drive}: no {names.TIMESTAMPS} in any stream;'
+                f' stamps are nominal, 10 Hz from the epoch'
+            )
+
+    def _add_folder(self, stream: Stream, folder: Path, suffixes: tuple[str, ...]) -> None:
+        if not STORE.is_dir(folder):
+            self.notes.append(f'{folder}: absent, {stream.value} is left out')
+            return
+        listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
+        stamps_path = folder / names.TIMESTAMPS
+        if self._stampless:
+            self._add_nominal(stream, listing.numbers, listing)
+        elif STORE.is_file(stamps_path):
+            stamps = self._stamps(stamps_path)
+            if stamps is None:
+                self._lose_all(stream, listing, f'{stamps_path}: no UTF-8 text')
+            else:
+                self._add_stamped(stream, listing, stamps, stamps_path)
+        else:
+            self._lose_all(stream, listing, f'{stamps_path}: no such file, so no stamps')
+
+    def _lose_all(self, stream: Stream, listing: Listing, reason: str) -> None:
+        self._lose(stream, listing.numbers.tolist(), f'{reason} for frames {{}}')
+
+    @staticmethod
+    def _stamps(path: Path) -> Lines[int] | None:
+        try:
+            return parse_timestamps(STORE.read_text(path), path)
+        except BadFileError:
+            return None
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        folder = next(
+            (folder for folder in (self.root, self.drive) if self._has_calibration(folder)),
+            self.root,
+        )
+        texts = {}
+        for name in _CALIB:
+            if STORE.is_file(folder / name):
+                texts[name] = STORE.read_text(folder / name)
+        return parse_raw_calibration(texts, folder, rectified=self.rectified)
+
+    @staticmethod
+    def _has_calibration(folder: Path) -> bool:
+        return any(STORE.is_file(folder / name) for name in _CALIB)
+
+    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the whole drive
+        """The calibration of the drive's date."""
+        return self._calibration
+
+    def texts(self) -> list[TextFile]:
+        """Time stamps and data format of every stream, and the tracklets."""
+        files = (names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END, names.DATAFORMAT)
+        folders = (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)
+        paths = [self.drive / folder / file for folder in folders for file in files]
+        return self._read_texts([*paths, self.drive / names.RAW_TRACKLETS])
+
+    def _scan(self, number: int) -> Scan:
+        listing = self._listings[Stream.SCAN]
+        path = listing.path(number)
+        parse = parse_scan_text if listing.suffix == names.TXT else parse_scan
+        start, end = (
+            stamps.values[number] if number < len(stamps) else None for stamps in self._sweeps
+        )
+        return Scan(parse(STORE.read(path), path), start, end)
+
+    @cached_property
+    def _sweeps(self) -> tuple[Lines[int], Lines[int]]:
+        """Start and end of every sweep, empty where they are not told."""
+        folder = self.drive / names.RAW_SCANS
+        start, end = (
+            (self._stamps(folder / name) if STORE.is_file(folder / name) else None)
+            or Lines[int]([], {})
+            for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
+        )
+        return start, end
+
+    def _packet(self, number: int) -> OxtsPacket:
+        path = self._listings[Stream.OXTS].path(number)
+        text = STORE.read_text(path)
+        return parse_packet(text, path, 1, TextFile(path.relative_to(self.root).as_posix(), text))

@@ -1,0 +1,288 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the readers of the four layouts share."""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import BadFileError, KittiRos2Error, MissingFileError
+from ..samples import (
+    Calibration,
+    Description,
+    Image,
+    Layout,
+    Loss,
+    OxtsPacket,
+    Pose,
+    Sample,
+    Scan,
+    Stream,
+    StreamIndex,
+    TextFile,
+    Trajectory,
+)
+from .calib_file import NOMINAL_VELO_T_IMU, parse_calibration
+from .png_file import parse_image
+from .poses import MercatorMap, pose_from_packet
+from .scan_file import parse_scan
+from .store import STORE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from ..geometry import Transform
+    from ..options import ReadOptions
+    from ..samples import Int64Array
+    from .store import Listing
+    from .text_file import Lines
+
+NOMINAL_PERIOD_NS = 100_000_000
+"""KITTI's scanner turns ten times a second; layouts without time stamps are taken to have that."""
+
+CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
+
+
+class KittiRecording:
+    """The common part of a reader: an index by stream, filled by the layout's own constructor."""
+
+    layout: Layout
+    image_topic = 'image_rect'
+    common_numbers = True
+
+    def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
+        self.root = root
+        self.name = name
+        self.options = options
+        self.streams: dict[Stream, StreamIndex] = {}
+        self.losses: list[Loss] = []
+        self.notes: list[str] = []
+        self._listings: dict[Stream, Listing] = {}
+        self._packet_cached = lru_cache(maxsize=4)(self._packet)
+        self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
+
+    @property
+    def cameras(self) -> dict[int, str]:
+        """Camera index to name: KITTI's four, or plain numbers on another rig."""
+        present = [stream.camera for stream in self.streams if stream.camera is not None]
+        if present and self.calibration(self._first_number).independent_cameras:
+            return {index: str(index) for index in present}
+        return {index: CAMERA_NAMES.get(index, str(index)) for index in present}
+
+    def texts(self) -> list[TextFile]:
+        """Text files of the whole recording, verbatim."""
+        return []
+
+    def calibration(self, number: int) -> Calibration:
+        """The calibration that holds for a frame; what it lacks is named in it."""
+        raise NotImplementedError
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """The file a sample is read from."""
+        listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
+        return self.root if listing is None else listing.path(number)
+
+    def describe(self) -> Description:
+        """The recording as a whole."""
+        folders = {
+            stream.value: {
+                'folder': listing.folder.relative_to(self.root).as_posix(),
+                'digits': listing.digits,
+                'suffix': listing.suffix,
+            }
+            for stream, listing in self._listings.items()
+        }
+        values = {
+            'layout': self.layout.value,
+            'name': self.name,
+            'epoch_ns': self.options.epoch_ns,
+            'files': folders,
+        }
+        return Description(values, self.texts())
+
+    def trajectory(self, numbers: Sequence[int]) -> Trajectory:
+        """The poses of these numbers, those that cannot be read left out."""
+        stamps: list[int] = []
+        poses: list[Transform] = []
+        index = self.streams.get(Stream.POSE)
+        if index is not None:
+            stamp_of = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
+            for number in numbers:
+                try:
+                    pose = self._pose(number)
+                except (KittiRos2Error, OSError):
+                    continue
+                stamps.append(stamp_of[number])
+                poses.append(pose.map_T_imu)
+        return Trajectory(np.array(stamps, dtype=np.int64), poses)
+
+    def read(self, stream: Stream, number: int) -> Sample:
+        """The sample of a stream with a file number; see samples.Recording."""
+        if stream.camera is not None:
+            return self._image(stream, number)
+        readers: dict[Stream, Callable[[int], Sample]] = {
+            Stream.SCAN: self._scan,
+            Stream.OXTS: self._packet_cached,
+            Stream.POSE: self._pose,
+            Stream.LABELS: self._labels,
+            Stream.CALIBRATION: self.calibration,
+        }
+        return readers[stream](number)
+
+    def _scan(self, number: int) -> Scan:
+        path = self._listings[Stream.SCAN].path(number)
+        return Scan(parse_scan(STORE.read(path), path))
+
+    def _packet(self, number: int) -> OxtsPacket:
+        raise NotImplementedError
+
+    def _labels(self, number: int) -> TextFile:
+        raise NotImplementedError
+
+    def _pose(self, number: int) -> Pose:
+        return pose_from_packet(self._packet_cached(number), self._map)
+
+    @cached_property
+    def _map(self) -> MercatorMap:
+        """The map of the poses, at the first oxts packet that can be read."""
+        for number in self.streams[Stream.OXTS].numbers.tolist():
+            try:
+                return MercatorMap.at(self._packet(number))
+            except (KittiRos2Error, OSError):
+                continue
+        raise MissingFileError(self.root, 'the origin of the map: not one oxts packet is readable')
+
+    @property
+    def _first_number(self) -> int:
+        """The lowest file number of any image stream."""
+        return min(
+            int(index.numbers[0])
+            for stream, index in self.streams.items()
+            if stream.camera is not None
+        )
+
+    def _image(self, stream: Stream, number: int) -> Image:
+        path = self._listings[stream].path(number)
+        image = parse_image(STORE.read(path), path)
+        expected = self._expected_size(stream)
+        if expected is not None and (image.width, image.height) != expected:
+            raise BadFileError(
+                path,
+                f'the image is {image.width}x{image.height}',
+                f'{expected[0]}x{expected[1]}, as the rest of its camera',
+                remedy='calibration holds for one size only',
+            )
+        return image
+
+    def _find_expected_size(self, stream: Stream) -> tuple[int, int] | None:
+        """The size every image of a camera has: the calibration's, else the first good image's."""
+        camera = self.calibration(0).cameras.get(stream.camera or 0)
+        if camera is not None and camera.size is not None:
+            return camera.size
+        for number in self.streams[stream].numbers.tolist():
+            path = self._listings[stream].path(number)
+            try:
+                image = parse_image(STORE.read(path), path)
+            except (BadFileError, OSError):
+                continue
+            return image.width, image.height
+        return None
+
+    def _add(
+        self, stream: Stream, numbers: Int64Array, stamps_ns: Int64Array, listing: Listing | None
+    ) -> None:
+        """Take a stream into the index, unless it is empty."""
+        if listing is not None:
+            self._listings[stream] = listing
+            if listing.strays:
+                self.notes.append(
+                    f'{listing.folder}: {_some(listing.strays)} passed over, not named like'
+                    f' {"0" * listing.digits}{listing.suffix}'
+                )
+        if len(numbers):
+            self.streams[stream] = StreamIndex(numbers, stamps_ns)
+
+    def _add_stamped(
+        self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
+    ) -> None:
+        """Take a stream whose stamps stand in a file, line n for file number n."""
+        have = set(listing.numbers.tolist())
+        absent = [number for number in range(len(stamps)) if number not in have]
+        self._lose(
+            stream,
+            absent,
+            f'{listing.folder}: no file for frames {{}}, which {stamps_path.name} lists',
+        )
+        beyond = [number for number in sorted(have) if number >= len(stamps)]
+        self._lose(
+            stream, beyond, f'{stamps_path}: {len(stamps)} lines, so no stamp for frames {{}}'
+        )
+        for line, error in stamps.errors.items():
+            if line in have:
+                self._lose(stream, [line], str(error))
+        good = [n for n in sorted(have) if n < len(stamps) and stamps.values[n] is not None]
+        values = np.array([stamps.values[number] for number in good], dtype=np.int64)
+        backward = np.flatnonzero(np.diff(values) < 0)
+        if len(backward):
+            self.notes.append(
+                f'{stamps_path}:{good[backward[0] + 1] + 1}: {len(backward)} stamps earlier than'
+                f' the line before; written in order of time, each with its own stamp'
+            )
+        self._add(stream, np.array(good, dtype=np.int64), values, listing)
+
+    def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
+        """Take a stream without time: 10 Hz by file number, from the epoch of the options."""
+        stamps_ns = self.options.epoch_ns + numbers * NOMINAL_PERIOD_NS
+        self._add(stream, numbers, stamps_ns, listing)
+
+    def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
+        """Name and count frames of a stream that cannot be had; {} in reason is their numbers."""
+        if numbers:
+            message = reason.replace('{}', format_numbers(numbers))
+            self.losses.append(Loss(stream.value, len(numbers), message))
+
+    def _read_texts(self, paths: Iterable[Path]) -> list[TextFile]:
+        """Text files that are there, by their names relative to the root."""
+        texts = []
+        for path in paths:
+            if STORE.is_file(path):
+                try:
+                    text = STORE.read_text(path)
+                except (BadFileError, OSError):
+                    continue  # its content was already found bad where it is used
+                texts.append(TextFile(path.relative_to(self.root).as_posix(), text))
+        return texts
+
+
+def load_calibration(path: Path, root: Path) -> Calibration:
+    """A single-file calibration; one that cannot be read is empty and tells why."""
+    try:
+        text = STORE.read_text(path)
+        return parse_calibration(text, path, path.relative_to(root).as_posix())
+    except FileNotFoundError:
+        reason = f'{path}: no such file'
+    except BadFileError as error:
+        reason = str(error)
+    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason})
+
+
+def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
+    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
+    rest = sum(last - first + 1 for first, last in spans[most:])
+    return ', '.join(texts) + (f' and {rest} more' if rest else '')
+
+
+def _some(names: Sequence[str]) -> str:
+    """A few names of many."""
+    return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')

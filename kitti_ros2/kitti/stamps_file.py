@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time stamp files: timestamps*.txt (raw) and times.txt (odometry); line n is file number n.
+
+Raw: ``2011-09-26 13:02:25.951199337``, taken as UTC, nine digits. Odometry: seconds from the start
+of the sequence, ``1.037359e-01``. Source: readme.txt of the raw and odometry devkits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..stamps import format_seconds, format_stamp, parse_seconds, parse_stamp
+from .text_file import Lines, parse_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+def parse_timestamps(text: str, path: Path | str) -> Lines[int]:
+    """Nanoseconds by line of a timestamps.txt."""
+    return parse_lines(text, path, 'YYYY-MM-DD HH:MM:SS.nnnnnnnnn', parse_stamp)
+
+
+def format_timestamps(stamps_ns: Iterable[int]) -> str:
+    """The text of a timestamps.txt; the inverse of parse_timestamps."""
+    return ''.join(f'{format_stamp(stamp)}\n' for stamp in stamps_ns)
+
+
+def parse_times(text: str, path: Path | str) -> Lines[int]:
+    """Nanoseconds from the start, by line of a times.txt."""
+    return parse_lines(text, path, 'a number of seconds', parse_seconds)
+
+
+def format_times(offsets_ns: Iterable[int]) -> str:
+    """The text of a times.txt; the inverse of parse_times to its seven digits."""
+    return ''.join(f'{format_seconds(offset)}\n' for offset in offsets_ns)

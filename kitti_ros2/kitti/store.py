@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The one place where KITTI's files are listed, read and written."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import BadFileError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..samples import Int64Array
+
+_NUMBERED = re.compile(r'(\d+)(\.[a-z]+)', re.ASCII)
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """The numbered files of a folder.
+
+    Attributes:
+        folder: The folder that was listed.
+        numbers: Their file numbers, ascending.
+        digits: How many digits the names have.
+        suffix: Their common suffix.
+        strays: Names in the folder that are not such files.
+    """
+
+    folder: Path
+    numbers: Int64Array
+    digits: int
+    suffix: str
+    strays: tuple[str, ...] = field(default=())
+
+    def path(self, number: int) -> Path:
+        """The path of the file with a number."""
+        return self.folder / f'{number:0{self.digits}d}{self.suffix}'
+
+
+class LocalStore:
+    """Files on a local disk."""
+
+    def names(self, folder: Path) -> list[str]:
+        """Sorted names in a folder, empty where there is no such folder."""
+        try:
+            return sorted(os.listdir(folder))  # noqa: PTH208 - Path.iterdir is twice as slow
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+
+    def list_numbered(self, folder: Path, suffixes: tuple[str, ...], digits: int) -> Listing:
+        """The files of a folder named by number; the first of suffixes that occurs is taken."""
+        by_suffix: dict[str, list[int]] = {suffix: [] for suffix in suffixes}
+        strays: list[str] = []
+        for name in self.names(folder):
+            match = _NUMBERED.fullmatch(name)
+            if match and len(match[1]) == digits and match[2] in by_suffix:
+                by_suffix[match[2]].append(int(match[1]))
+            elif not name.startswith('.'):
+                strays.append(name)
+        suffix = next((suffix for suffix in suffixes if by_suffix[suffix]), suffixes[0])
+        for other in suffixes:
+            if other != suffix:
+                strays += [f'{number:0{digits}d}{other}' for number in by_suffix[other]]
+        numbers = np.array(by_suffix[suffix], dtype=np.int64)
+        return Listing(folder, numbers, digits, suffix, tuple(strays))
+
+    def is_file(self, path: Path) -> bool:
+        """Whether a path is a file."""
+        return path.is_file()
+
+    def is_dir(self, path: Path) -> bool:
+        """Whether a path is a folder."""
+        return path.is_dir()
+
+    def read(self, path: Path) -> bytes:
+        """The whole content of a file.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
+        with path.open('rb', buffering=0) as file:
+            return file.read()
+
+    def read_text(self, path: Path) -> str:
+        """The whole content of a text file, line ends untouched.
+
+        Raises:
+            BadFileError: The content is no UTF-8 text.
+            OSError: The file cannot be read.
+        """
+        try:
+            return self.read(path).decode()
+        except UnicodeDecodeError as error:
+            raise BadFileError(
+                path, f'byte {error.start} is no text', 'a text file in UTF-8'
+            ) from None
+
+    def write(self, path: Path, data: bytes | memoryview) -> None:
+        """Write a file whole, making its folders."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open('wb', buffering=0) as file:
+            view = memoryview(data).cast('B')
+            while view:
+                view = view[file.write(view) :]
+
+    def write_text(self, path: Path, text: str) -> None:
+        """Write a text file whole, line ends untouched."""
+        self.write(path, text.encode())
+
+
+STORE = LocalStore()

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What KITTI's line-based text files share: a bad line costs that line, and says where it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from ..errors import BadFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class Lines(Generic[T]):
+    """One value a line; None where the line is bad, and then an error that names it.
+
+    Attributes:
+        values: By line, from 0.
+        errors: By line, for the bad ones.
+    """
+
+    values: list[T | None]
+    errors: dict[int, BadFileError]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str], T]) -> Lines[T]:
+    """Parse each line of a text; blank lines at the end are no lines.
+
+    Args:
+        text: The file's content.
+        path: For the errors.
+        expected: What a line should be, for the errors.
+        parse: Raises ValueError, with what was found, on a line it cannot read.
+    """
+    values: list[T | None] = []
+    errors: dict[int, BadFileError] = {}
+    for index, line in enumerate(text.rstrip().splitlines()):
+        try:
+            values.append(parse(line))
+        except ValueError as error:
+            values.append(None)
+            errors[index] = BadFileError(path, str(error), expected, line=index + 1)
+    return Lines(values, errors)
+
+
+def parse_numbers(words: list[str], count: int) -> list[float]:
+    """Finite floats from words.
+
+    Raises:
+        ValueError: Their count is another, or one is no finite number.
+    """
+    if len(words) != count:
+        raise ValueError(f'{len(words)} values')
+    numbers = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            raise ValueError(f'{word!r} is no number') from None
+        if not math.isfinite(number):
+            raise ValueError(f'{word!r} is no finite number')
+        numbers.append(number)
+    return numbers

@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reader of the tracking layout: {training,testing}/{image_02,velodyne,...}/SSSS/%06d.
+
+Calibration, oxts and labels are one file a sequence; a packet's line, and a label's first column,
+is the frame number. No time: stamps are nominal, 10 Hz by frame number.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import BadFileError
+from ..samples import Layout, Stream, TextFile
+from . import names
+from .oxts_file import parse_packet
+from .recording import KittiRecording, load_calibration
+from .store import STORE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..options import ReadOptions
+    from ..samples import Calibration, OxtsPacket
+
+
+class TrackingRecording(KittiRecording):
+    """One sequence of a tracking set."""
+
+    layout = Layout.TRACKING
+
+    def __init__(self, split: Path, sequence: str, options: ReadOptions) -> None:
+        super().__init__(split.parent, sequence, options)
+        file = f'{sequence}{names.TXT}'
+        self._calib_path = split / names.CALIB / file
+        self._oxts_path = split / names.OXTS / file
+        self._labels_path = split / names.TRACKING_LABELS / file
+        folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
+            Stream(f'image_{index}'): (folder, names.PNG)
+            for index, folder in enumerate(names.TRACKING_IMAGES)
+        }
+        for stream, (folder, suffix) in folders.items():
+            listing = STORE.list_numbered(split / folder / sequence, (suffix,), names.FRAME_DIGITS)
+            self._add_nominal(stream, listing.numbers, listing)
+            self._find_gaps(stream, listing.folder)
+            if not len(listing.numbers) and stream not in {Stream.IMAGE_0, Stream.IMAGE_1}:
+                self.notes.append(f'{listing.folder}: absent or empty, {stream.value} is left out')
+        packets = np.arange(len(self._oxts_lines), dtype=np.int64)
+        self._add_nominal(Stream.OXTS, packets, None)
+        self._add_nominal(Stream.POSE, packets, None)
+        self._add_nominal(Stream.LABELS, np.array(sorted(self._label_lines), dtype=np.int64), None)
+
+    def _find_gaps(self, stream: Stream, folder: Path) -> None:
+        """Name the frames that are lacking between a stream's first file and its last."""
+        if stream in self.streams:
+            have = set(self.streams[stream].numbers.tolist())
+            absent = [number for number in range(min(have), max(have)) if number not in have]
+            self._lose(stream, absent, f'{folder}: no file for frames {{}}')
+
+    @cached_property
+    def _oxts_lines(self) -> list[str]:
+        if not STORE.is_file(self._oxts_path):
+            self.notes.append(f'{self._oxts_path}: absent, oxts and pose are left out')
+            return []
+        return STORE.read_text(self._oxts_path).rstrip().splitlines(keepends=True)
+
+    @cached_property
+    def _label_lines(self) -> dict[int, str]:
+        """The label lines of each frame, verbatim."""
+        if not STORE.is_file(self._labels_path):
+            return {}
+        frames: dict[int, str] = {}
+        for index, line in enumerate(
+            STORE.read_text(self._labels_path).splitlines(keepends=True), 1
+        ):
+            word = line.split(maxsplit=1)[0] if line.strip() else ''
+            if word.isdecimal():
+                frames[int(word)] = frames.get(int(word), '') + line
+            elif word:
+                error = BadFileError(
+                    self._labels_path,
+                    f'{word!r} is no frame number',
+                    'frame, track id, class, ...',
+                    line=index,
+                )
+                self._lose(Stream.LABELS, [0], str(error))
+        return frames
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        return load_calibration(self._calib_path, self.root)
+
+    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
+        """The calibration of the sequence."""
+        return self._calibration
+
+    def texts(self) -> list[TextFile]:
+        """The oxts and label files, whole."""
+        return self._read_texts((self._oxts_path, self._labels_path))
+
+    def _packet(self, number: int) -> OxtsPacket:
+        line = self._oxts_lines[number]
+        return parse_packet(line, self._oxts_path, number + 1, self._source(self._oxts_path, line))
+
+    def _labels(self, number: int) -> TextFile:
+        return self._source(self._labels_path, self._label_lines[number])
+
+    def _source(self, path: Path, text: str) -> TextFile:
+        return TextFile(path.relative_to(self.root).as_posix(), text)
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """The file a sample is read from."""
+        whole = {
+            Stream.OXTS: self._oxts_path,
+            Stream.POSE: self._oxts_path,
+            Stream.LABELS: self._labels_path,
+            Stream.CALIBRATION: self._calib_path,
+        }
+        return whole.get(stream) or super().path(stream, number)

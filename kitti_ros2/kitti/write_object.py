@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
+"""Writes the object layout: training (or testing) with one calibration a frame, and ImageSets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from ..errors import UsageError
+from ..samples import Layout, Stream
+from . import names
+from .calib_file import format_object
+from .label_file import EMPTY_OBJECT_LINE, format_object_labels
+from .scan_file import format_scan
+from .store import STORE, LocalStore
+from .writer import LayoutWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from ..samples import Box, Calibration, Scan
+
+
+class ObjectWriter(LayoutWriter):
+    """A set of frames. Time has no place in this layout: stamps are not written.
+
+    Args:
+        root: The dataset folder, above training and ImageSets.
+        split: training or testing.
+        dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
+        store: Where the files go.
+    """
+
+    layout: ClassVar[Layout] = Layout.OBJECT
+    accepts: ClassVar[frozenset[Stream]] = frozenset(
+        {
+            Stream.CALIBRATION,
+            Stream.SCAN,
+            Stream.IMAGE_0,
+            Stream.IMAGE_1,
+            Stream.IMAGE_2,
+            Stream.IMAGE_3,
+            Stream.IMAGE_4,
+            Stream.LABELS,
+        }
+    )
+
+    def __init__(
+        self,
+        root: Path,
+        split: str = names.SPLITS[0],
+        *,
+        dont_care_when_empty: bool = False,
+        store: LocalStore = STORE,
+    ) -> None:
+        if split not in names.SPLITS:
+            raise UsageError(f'no split {split!r}; there are {" and ".join(names.SPLITS)}')
+        self.path = root / split
+        self._sets_path = root / names.IMAGE_SETS
+        self._split = split
+        self._dont_care_when_empty = dont_care_when_empty
+        self._store = store
+        self._numbers: set[int] = set()
+
+    def write_calibration(self, number: int, calibration: Calibration) -> None:
+        """calib/NNNNNN.txt."""
+        self._store.write_text(
+            self._file(names.CALIB, number, names.TXT), format_object(calibration)
+        )
+
+    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
+        """calib/NNNNNN.txt, verbatim."""
+        for text in texts.values():
+            self._store.write_text(self._file(names.CALIB, number, names.TXT), text)
+
+    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
+        """velodyne/NNNNNN.bin."""
+        self._store.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
+
+    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
+        """image_C/NNNNNN.png."""
+        self._store.write(self._file(names.OBJECT_IMAGES[camera], number, names.PNG), png)
+
+    def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
+        """label_2/NNNNNN.txt."""
+        text = labels if isinstance(labels, str) else format_object_labels(labels)
+        if not text and self._dont_care_when_empty:
+            text = EMPTY_OBJECT_LINE
+        self._store.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
+
+    def close(self) -> None:
+        """ImageSets: test.txt, or trainval.txt and its halves train.txt and val.txt.
+
+        The first half of the frames trains: neighbours in time must not stand in both.
+        """
+        numbers = sorted(self._numbers)
+        half = (len(numbers) + 1) // 2
+        sets = {'trainval': numbers, 'train': numbers[:half], 'val': numbers[half:]}
+        if self._split != names.SPLITS[0]:
+            sets = {'test': numbers}
+        for name, members in sets.items():
+            text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
+            self._store.write_text(self._sets_path / f'{name}{names.TXT}', text)
+
+    def _file(self, folder: str, number: int, suffix: str) -> Path:
+        self._numbers.add(number)
+        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
+"""Writes the odometry layout: sequences/NN and poses/NN.txt."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from ..errors import UsageError
+from ..samples import Layout, Stream
+from . import names
+from .calib_file import format_odometry
+from .poses_file import format_poses
+from .scan_file import format_scan
+from .stamps_file import format_times
+from .store import STORE, LocalStore
+from .writer import LayoutWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..geometry import Float64Array
+    from ..samples import Calibration, Scan
+
+
+class OdometryWriter(LayoutWriter):
+    """One sequence. File numbers run from 0 without a gap, as its times and poses are by line.
+
+    Args:
+        root: The dataset folder, above sequences and poses.
+        sequence: The sequence's number.
+        store: Where the files go.
+    """
+
+    layout: ClassVar[Layout] = Layout.ODOMETRY
+    accepts: ClassVar[frozenset[Stream]] = frozenset(
+        {
+            Stream.CALIBRATION,
+            Stream.POSE,
+            Stream.SCAN,
+            Stream.IMAGE_0,
+            Stream.IMAGE_1,
+            Stream.IMAGE_2,
+            Stream.IMAGE_3,
+        }
+    )
+
+    def __init__(self, root: Path, sequence: int = 0, store: LocalStore = STORE) -> None:
+        name = f'{sequence:02d}'
+        self.path = root / names.SEQUENCES / name
+        self._poses_path = root / names.POSES / f'{name}{names.TXT}'
+        self._store = store
+        self._poses: list[Float64Array] = []
+        self._stamps: dict[int, int] = {}
+
+    def write_calibration(self, number: int, calibration: Calibration) -> None:
+        """calib.txt; the last one stays."""
+        self._store.write_text(self.path / names.ODOMETRY_CALIB, format_odometry(calibration))
+
+    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
+        """calib.txt, verbatim."""
+        for text in texts.values():
+            self._store.write_text(self.path / names.ODOMETRY_CALIB, text)
+
+    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
+        """velodyne/NNNNNN.bin."""
+        self._stamps.setdefault(number, stamp_ns)
+        name = names.file_name(number, names.FRAME_DIGITS, names.BIN)
+        self._store.write(self.path / names.SCANS / name, format_scan(scan.points))
+
+    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
+        """image_C/NNNNNN.png; the benchmark's times are camera 0's."""
+        if Stream(f'image_{camera}') not in self.accepts:
+            raise self._no_place(Stream(f'image_{camera}'))
+        if camera == 0:
+            self._stamps[number] = stamp_ns
+        self._stamps.setdefault(number, stamp_ns)
+        name = names.file_name(number, names.FRAME_DIGITS, names.PNG)
+        self._store.write(self.path / names.OBJECT_IMAGES[camera] / name, png)
+
+    def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
+        """A line of poses/NN.txt.
+
+        Raises:
+            UsageError: The number is not the next one.
+        """
+        if number != len(self._poses):
+            raise UsageError(
+                f'{self._poses_path}: line n is frame n, so the pose of frame {len(self._poses)}'
+                f' must come before that of frame {number}; number the frames from 0 without a gap'
+            )
+        self._stamps.setdefault(number, stamp_ns)
+        self._poses.append(first_T_cam0)
+
+    def close(self) -> None:
+        """times.txt and poses/NN.txt.
+
+        Raises:
+            UsageError: A frame number is missing.
+        """
+        missing = next((n for n in range(len(self._stamps)) if n not in self._stamps), None)
+        if missing is not None:
+            raise UsageError(
+                f'{self.path / names.TIMES}: line n is frame n, and there is no frame {missing};'
+                f' number the frames from 0 without a gap'
+            )
+        offsets = [self._stamps[number] - self._stamps[0] for number in sorted(self._stamps)]
+        self._store.write_text(self.path / names.TIMES, format_times(offsets))
+        if self._poses:
+            self._store.write_text(self._poses_path, format_poses(self._poses))

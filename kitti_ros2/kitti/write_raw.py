@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
+"""Writes the raw layout: DATE/DATE_drive_NNNN_sync (or extract), calibration in DATE."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
+
+from ..errors import UsageError
+from ..samples import Layout, Stream
+from . import names
+from .box_frames import box_to_velo, rect_from_velo
+from .calib_file import format_raw
+from .oxts_file import format_packet
+from .scan_file import format_scan, format_scan_text
+from .stamps_file import format_timestamps
+from .store import STORE, LocalStore
+from .tracklet_file import (
+    TRUNCATION_CUT,
+    TRUNCATION_IN_IMAGE,
+    Tracklet,
+    TrackletPose,
+    format_tracklets,
+)
+from .writer import LayoutWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from ..geometry import Transform
+    from ..samples import Box, Calibration, OxtsPacket, Scan
+
+KINDS = ('sync', 'extract')
+DATAFORMAT = """\
+lat: degrees north
+lon: degrees east
+alt: metres
+roll: radians, about the forward axis, left side up is positive
+pitch: radians, about the left axis, front down is positive
+yaw: radians, 0 is east, counter-clockwise is positive
+vn: m/s, to the north
+ve: m/s, to the east
+vf: m/s, forward, along the ground
+vl: m/s, to the left, along the ground
+vu: m/s, up
+ax: m/s^2, body axis forward, gravity included
+ay: m/s^2, body axis left, gravity included
+az: m/s^2, body axis up, gravity included
+af: m/s^2, forward, along the ground
+al: m/s^2, to the left, along the ground
+au: m/s^2, up, gravity included
+wx: rad/s, about the body axis forward
+wy: rad/s, about the body axis left
+wz: rad/s, about the body axis up
+wf: rad/s, about the levelled forward axis
+wl: rad/s, about the levelled left axis
+wu: rad/s, about the vertical
+pos_accuracy: metres, one standard deviation of the position
+vel_accuracy: m/s, one standard deviation of the velocity
+navstat: navigation status code
+numsats: satellites in use
+posmode: position mode code
+velmode: velocity mode code
+orimode: orientation mode code
+"""
+
+
+class RawWriter(LayoutWriter):
+    """One drive.
+
+    Args:
+        root: The folder above DATE.
+        date: The drive's date, YYYY_MM_DD.
+        drive: Its number.
+        kind: sync or extract; extract's scans are text.
+        store: Where the files go.
+    """
+
+    layout: ClassVar[Layout] = Layout.RAW
+    accepts: ClassVar[frozenset[Stream]] = frozenset(
+        {
+            Stream.CALIBRATION,
+            Stream.OXTS,
+            Stream.SCAN,
+            Stream.IMAGE_0,
+            Stream.IMAGE_1,
+            Stream.IMAGE_2,
+            Stream.IMAGE_3,
+            Stream.LABELS,
+        }
+    )
+
+    def __init__(
+        self,
+        root: Path,
+        date: str = '2011_09_26',
+        drive: int = 1,
+        kind: str = KINDS[0],
+        store: LocalStore = STORE,
+    ) -> None:
+        name = f'{date}_drive_{drive:04d}_{kind}'
+        if names.RAW_DATE.fullmatch(date) is None or names.RAW_DRIVE.fullmatch(name) is None:
+            raise UsageError(
+                f'{name} is no drive; expected a date such as 2011_09_26, a number up to 9999,'
+                f' and {" or ".join(KINDS)}'
+            )
+        self.path = root / date / name
+        self._store = store
+        self._text_scans = kind == 'extract'
+        self._stamps: dict[Path, dict[int, int]] = {}
+        self._tracks: dict[int, dict[int, Box]] = {}
+        self._labelled = False
+        self._rect_T_velo: Transform | None = None
+
+    def write_calibration(self, number: int, calibration: Calibration) -> None:
+        """The three calibration files of DATE; the last ones stay."""
+        self._rect_T_velo = rect_from_velo(calibration)
+        self.write_calibration_text(0, format_raw(calibration))
+
+    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
+        """Calibration files of DATE, verbatim."""
+        for name, text in texts.items():
+            self._store.write_text(self.path.parent / name, text)
+
+    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
+        """velodyne_points/data; a sweep without start and end takes its own stamp for both."""
+        folder = self.path / names.RAW_SCANS
+        suffix = names.TXT if self._text_scans else names.BIN
+        data = format_scan_text(scan.points) if self._text_scans else format_scan(scan.points)
+        self._write_data(folder, number, suffix, data)
+        start = stamp_ns if scan.start_ns is None else scan.start_ns
+        end = stamp_ns if scan.end_ns is None else scan.end_ns
+        self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
+        self._stamp(folder / names.TIMESTAMPS_START, number, start)
+        self._stamp(folder / names.TIMESTAMPS_END, number, end)
+
+    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
+        """image_0C/data."""
+        if Stream(f'image_{camera}') not in self.accepts:
+            raise self._no_place(Stream(f'image_{camera}'))
+        folder = self.path / names.RAW_IMAGES[camera]
+        self._write_data(folder, number, names.PNG, png)
+        self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
+
+    def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
+        """oxts/data."""
+        folder = self.path / names.RAW_OXTS
+        text = packet if isinstance(packet, str) else f'{format_packet(packet)}\n'
+        self._write_data(folder, number, names.TXT, text.encode())
+        self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
+
+    def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
+        """A frame of tracklet_labels.xml; boxes without a 3D box are left out.
+
+        Raises:
+            UsageError: The labels are lines of text, for which this layout has no place.
+            ValueError: A box has no track id.
+        """
+        if isinstance(labels, str):
+            raise UsageError('the raw layout keeps labels as tracklets; hand over boxes, not lines')
+        self._labelled = True
+        for box in labels:
+            if box.size_hwl[0] <= 0:
+                continue
+            if box.track_id is None:
+                raise ValueError('a tracklet needs a track id')
+            self._tracks.setdefault(box.track_id, {})[number] = box
+
+    def close(self) -> None:
+        """The time stamp files, dataformat.txt and tracklet_labels.xml.
+
+        Raises:
+            UsageError: There are labels but no calibration to bring them to velo_link.
+        """
+        for path, stamps in self._stamps.items():
+            self._store.write_text(path, format_timestamps(fill_stamps(stamps)))
+        if self.path / names.RAW_OXTS / names.TIMESTAMPS in self._stamps:
+            self._store.write_text(self.path / names.RAW_OXTS / names.DATAFORMAT, DATAFORMAT)
+        if self._labelled:
+            self._store.write_text(
+                self.path / names.RAW_TRACKLETS, format_tracklets(self._tracklets())
+            )
+
+    def _write_data(self, folder: Path, number: int, suffix: str, data: bytes) -> None:
+        name = names.file_name(number, names.RAW_DIGITS, suffix)
+        self._store.write(folder / names.RAW_DATA / name, data)
+
+    def _stamp(self, path: Path, number: int, stamp_ns: int) -> None:
+        self._stamps.setdefault(path, {})[number] = stamp_ns
+
+    def _tracklets(self) -> list[Tracklet]:
+        """A tracklet for each run of consecutive frames of each track, by track id."""
+        tracklets = []
+        for _, boxes in sorted(self._tracks.items()):
+            for run in _consecutive_runs(sorted(boxes)):
+                first = boxes[run[0]]
+                poses = [self._tracklet_pose(boxes[number]) for number in run]
+                tracklets.append(Tracklet(first.kind, first.size_hwl, run[0], poses))
+        return tracklets
+
+    def _tracklet_pose(self, box: Box) -> TrackletPose:
+        if self._rect_T_velo is None:
+            raise UsageError('tracklets are in the scanner frame: write_calibration comes first')
+        (x, y, z), yaw = box_to_velo(box.location, box.rotation_y, self._rect_T_velo)
+        truncation = TRUNCATION_CUT if box.truncated > 0 else TRUNCATION_IN_IMAGE
+        return TrackletPose((x, y, z), yaw, min(box.occluded, 2), truncation)
+
+
+def fill_stamps(stamps: Mapping[int, int]) -> list[int]:
+    """Stamps by line for file numbers 0 to the last, those in between on a straight line.
+
+    KITTI's own files list a stamp for a file that is missing. Line n stays file number n; before
+    the first file the stamps go back by the mean period.
+    """
+    numbers = sorted(stamps)
+    first, last = numbers[0], numbers[-1]
+    period = (stamps[last] - stamps[first]) // max(last - first, 1)
+    filled = [stamps[first] - period * (first - number) for number in range(first)]
+    for left, right in pairwise(numbers):
+        step = stamps[right] - stamps[left]
+        filled += [stamps[left] + step * k // (right - left) for k in range(right - left)]
+    return [*filled, stamps[last]]
+
+
+def _consecutive_runs(numbers: list[int]) -> list[list[int]]:
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return runs

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
+"""What the four layout writers share: the calls, in time order, and what happens at the end.
+
+A writer is handed samples as a recording yields them and holds nothing but the small tables that
+KITTI keeps in one file (time stamps, poses, tracks), which close() writes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from ..errors import UsageError
+from ..samples import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from ..geometry import Float64Array
+    from ..samples import Box, Calibration, Layout, OxtsPacket, Scan
+
+
+class LayoutWriter:
+    """Lays out one drive, sequence or set of frames; the base of the four.
+
+    Leaving the ``with`` block closes the writer, unless an exception does it: then the tables are
+    not written and what is there is the caller's to remove.
+
+    Attributes:
+        layout: Which of the four layouts.
+        accepts: The streams it has a place for; a sample of another stream is a UsageError.
+    """
+
+    layout: ClassVar[Layout]
+    accepts: ClassVar[frozenset[Stream]]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+
+    def write_calibration(self, number: int, calibration: Calibration) -> None:
+        """The calibration that holds from a frame on; the object layout wants it for each frame."""
+        raise self._no_place(Stream.CALIBRATION)
+
+    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
+        """As write_calibration, from calibration files kept verbatim, by file name."""
+        raise self._no_place(Stream.CALIBRATION)
+
+    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
+        """One sweep."""
+        raise self._no_place(Stream.SCAN)
+
+    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
+        """One image, as the bytes of its PNG file."""
+        raise self._no_place(Stream(f'image_{camera}'))
+
+    def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
+        """One packet of the GPS/IMU unit, or its line verbatim."""
+        raise self._no_place(Stream.OXTS)
+
+    def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
+        """The (3, 4) pose of the rectified camera 0 in its own first frame."""
+        raise self._no_place(Stream.POSE)
+
+    def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
+        """The labelled objects of a frame, or its label lines verbatim."""
+        raise self._no_place(Stream.LABELS)
+
+    def close(self) -> None:
+        """Write what KITTI keeps in one file for the whole recording."""
+
+    def _no_place(self, stream: Stream) -> UsageError:
+        return UsageError(
+            f'the {self.layout.value} layout has no place for {stream.value};'
+            f' it holds {", ".join(sorted(kept.value for kept in self.accepts))}'
+        )

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The small types every message shares: Time, Header, points, quaternions, poses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.typesys.stores.ros2_jazzy import (
+    builtin_interfaces__msg__Time as Time,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Point as Point,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Pose as Pose,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Quaternion as Quaternion,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Vector3 as Vector3,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Header as Header,
+)
+
+from ..geometry import Transform
+from ..stamps import from_sec_nanosec, to_sec_nanosec
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..geometry import Float64Array
+
+
+def make_header(stamp_ns: int, frame_id: str) -> Header:
+    """A Header of a stamp in nanoseconds."""
+    sec, nanosec = to_sec_nanosec(stamp_ns)
+    return Header(Time(sec, nanosec), frame_id)
+
+
+def stamp_ns_of(header: Header) -> int:
+    """The stamp of a Header, nanoseconds."""
+    return from_sec_nanosec(header.stamp.sec, header.stamp.nanosec)
+
+
+def make_vector3(xyz: Sequence[float] | Float64Array) -> Vector3:
+    """A Vector3 of three numbers."""
+    x, y, z = (float(value) for value in xyz)
+    return Vector3(x, y, z)
+
+
+def make_quaternion(xyzw: Float64Array) -> Quaternion:
+    """A Quaternion of x, y, z, w."""
+    x, y, z, w = (float(value) for value in xyzw)
+    return Quaternion(x, y, z, w)
+
+
+def make_pose(transform: Transform) -> Pose:
+    """The Pose whose frame is b of a transform a_T_b."""
+    x, y, z = (float(value) for value in transform.translation)
+    return Pose(Point(x, y, z), make_quaternion(transform.quaternion()))
+
+
+def transform_of(pose: Pose) -> Transform:
+    """The inverse of make_pose."""
+    q, p = pose.orientation, pose.position
+    return Transform.from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z))
+
+
+def vector_of(vector: Vector3) -> Float64Array:
+    """(3,) float64 of a Vector3."""
+    return np.array([vector.x, vector.y, vector.z])

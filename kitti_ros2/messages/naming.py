@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of frames and topics, by preset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ..geometry import Transform
+from ..options import KITTI2BAG_BASE_T_IMU, Preset
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..options import MessageOptions
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frame names.
+
+    Attributes:
+        map: Fixed to the world, imu_link at the recording's first pose.
+        base: On the ground below the middle of the rear axle.
+        imu: The GPS/IMU unit (x forward, y left, z up).
+        velo: The laser scanner (x forward, y left, z up).
+        camera_pattern: Optical frames (x right, y down, z forward), {} the camera's name.
+        cameras: Camera index to its name.
+    """
+
+    map: str = 'map'
+    base: str = 'base_link'
+    imu: str = 'imu_link'
+    velo: str = 'velo_link'
+    camera_pattern: str = 'camera_{}_optical_frame'
+    cameras: Mapping[int, str] = field(default_factory=dict)
+
+    def camera(self, index: int) -> str:
+        """The optical frame of a camera."""
+        return self.camera_pattern.format(self.cameras.get(index, str(index)))
+
+
+KITTI_CAMERAS = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
+
+_RENAMED_TOPICS = {
+    Preset.DEFAULT: {},
+    Preset.KITTI2BAG: {
+        '/kitti/velo/points': '/kitti/velo/pointcloud',
+        '/kitti/oxts/fix': '/kitti/oxts/gps/fix',
+        '/kitti/oxts/vel': '/kitti/oxts/gps/vel',
+        '/image_rect': '/image',
+        '/image_raw': '/image',
+    },
+}
+
+
+def rename_topic(topic: str, preset: Preset) -> str:
+    """A topic's name under a preset."""
+    for default, renamed in _RENAMED_TOPICS[preset].items():
+        topic = topic.replace(default, renamed)
+    return topic
+
+
+def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:
+    """The frame names of a preset, for a rig whose cameras have names."""
+    named = {**KITTI_CAMERAS, **cameras}
+    if preset is Preset.KITTI2BAG:
+        return Frames(map='world', camera_pattern='camera_{}', cameras=named)
+    return Frames(cameras=named)
+
+
+def base_t_imu(options: MessageOptions) -> Transform:
+    """Where imu_link is on base_link; the preset's own unless the options differ from the default."""
+    place = options.base_to_imu
+    if options.preset is Preset.KITTI2BAG and place == type(options)().base_to_imu:
+        place = KITTI2BAG_BASE_T_IMU
+    return Transform.from_translation(place)

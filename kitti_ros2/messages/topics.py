@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table: each stream's topics, with message type, frame, QoS and encoder.
+
+A row is one topic. The converter writes what a row encodes, the player publishes it, the importer
+decodes it: there is no other place where a topic's name, type or content is decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from ..errors import BadFileError, LackingCalibrationError
+from ..options import Images, MessageOptions
+from ..samples import (
+    IMAGE_STREAMS,
+    Calibration,
+    Description,
+    Image,
+    OxtsPacket,
+    Pose,
+    Sample,
+    Scan,
+    Stream,
+    TextFile,
+    Trajectory,
+)
+from .camera_info import encode_camera_info, image_frame_camera
+from .cdr import Parts, serialize
+from .image import encode_compressed, encode_image
+from .naming import Frames, base_t_imu, make_frames, rename_topic
+from .oxts import encode_fix, encode_imu, encode_velocity
+from .pose import encode_odometry, encode_path, encode_tf
+from .scan import encode_scan
+from .source import encode_description, encode_sweep, encode_text
+from .transforms import encode_static, static_links
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping
+    from pathlib import Path
+
+    from ..geometry import Transform
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What all messages of a recording share.
+
+    Attributes:
+        frames: Frame names.
+        base_t_imu: Where imu_link is on base_link.
+        options: How messages are made.
+    """
+
+    frames: Frames
+    base_t_imu: Transform
+    options: MessageOptions
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What an encoder knows besides its sample.
+
+    Attributes:
+        rig: What all messages share.
+        stamp_ns: The sample's own.
+        path: The file it came from, for errors.
+        calibration: Gives the calibration of the sample's frame.
+        camera: KITTI camera index of an image.
+    """
+
+    rig: Rig
+    stamp_ns: int
+    path: Path
+    calibration: Callable[[], Calibration]
+    camera: int = 0
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of the table.
+
+    Attributes:
+        name: Topic name.
+        msgtype: Message type, such as sensor_msgs/msg/Imu.
+        stream: The stream it is made from.
+        encode: Sample to a message of a rosbags class; None where the sample has nothing for it,
+            a list where it has several.
+        latched: Whether it is transient local, for subscribers that come late.
+        change_key: What the message depends on; one equal to the last is not sent again.
+    """
+
+    name: str
+    msgtype: str
+    stream: Stream
+    encode: Callable[[Any, Moment], object | None]
+    latched: bool = False
+    change_key: Callable[[Any], Hashable] | None = None
+
+    def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
+        """The sample's messages as CDR.
+
+        Raises:
+            BadFileError: The sample cannot be decoded.
+            LackingCalibrationError: The message needs a part of the calibration that is not there.
+        """
+        try:
+            messages = self.encode(sample, moment)
+        except ValueError as error:
+            raise BadFileError(moment.path, str(error), f'data for {self.name}') from None
+        if messages is None:
+            return []
+        return [
+            serialize(item) for item in (messages if isinstance(messages, list) else [messages])
+        ]
+
+
+def make_rig(cameras: Mapping[int, str], options: MessageOptions) -> Rig:
+    """The rig of a recording whose cameras have names."""
+    return Rig(make_frames(options.preset, cameras), base_t_imu(options), options)
+
+
+def make_table(
+    cameras: Mapping[int, str], image_topic: str, options: MessageOptions
+) -> list[Topic]:
+    """All rows for a recording.
+
+    Args:
+        cameras: Camera index to name.
+        image_topic: image_rect or image_raw.
+        options: Which messages are made.
+    """
+    rows = [
+        Topic('/tf_static', 'tf2_msgs/msg/TFMessage', Stream.CALIBRATION, _static, latched=True,
+              change_key=_calibration_key),
+        Topic('/kitti/source/calibration', _STRING, Stream.CALIBRATION, _files, latched=True),
+        Topic('/kitti/source/recording', _STRING, Stream.RECORDING, _description, latched=True),
+        Topic('/kitti/source/files', _STRING, Stream.RECORDING, _files, latched=True),
+        Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, _path, latched=True),
+        Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE, _odometry),
+        Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, _imu),
+        Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, _fix),
+        Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS, _velocity),
+        Topic('/kitti/source/oxts', _STRING, Stream.OXTS, _packet_text),
+        Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN, _scan),
+        Topic('/kitti/source/sweep', _STRING, Stream.SCAN, _sweep),
+        Topic('/kitti/source/labels', _STRING, Stream.LABELS, _text),
+    ]  # fmt: skip
+    if options.publish_tf:
+        rows.append(Topic('/tf', 'tf2_msgs/msg/TFMessage', Stream.POSE, _tf))
+    for index, name in sorted(cameras.items()):
+        rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
+    return [replace(row, name=rename_topic(row.name, options.preset)) for row in rows]
+
+
+def _camera_rows(
+    stream: Stream, camera: str, image_topic: str, options: MessageOptions
+) -> list[Topic]:
+    image = f'{camera}/{image_topic}'
+    rows = [Topic(f'{camera}/camera_info', 'sensor_msgs/msg/CameraInfo', stream, _camera_info)]
+    if options.images is not Images.RAW:
+        compressed = 'sensor_msgs/msg/CompressedImage'
+        rows.append(Topic(f'{image}/compressed', compressed, stream, _compressed))
+    if options.images is not Images.COMPRESSED:
+        rows.append(Topic(image, 'sensor_msgs/msg/Image', stream, _image))
+    return rows
+
+
+def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
+    """The rows whose names match one of the patterns (shell wildcards); all where there are none."""
+    if not patterns:
+        return table
+    return [row for row in table if any(fnmatchcase(row.name, pattern) for pattern in patterns)]
+
+
+_STRING = 'std_msgs/msg/String'
+
+
+def _static(calibration: Calibration, moment: Moment) -> object:
+    links = static_links(calibration, moment.rig.base_t_imu, moment.rig.frames)
+    return encode_static(links, moment.stamp_ns)
+
+
+def _calibration_key(calibration: Calibration) -> Hashable:
+    return tuple(file.text for file in calibration.files)
+
+
+def _text(file: TextFile, moment: Moment) -> object:  # noqa: ARG001 - encoders share a form
+    return encode_text(file)
+
+
+def _files(sample: Calibration | Description, moment: Moment) -> list[object]:  # noqa: ARG001
+    return [encode_text(file) for file in sample.files]
+
+
+def _description(description: Description, moment: Moment) -> object:  # noqa: ARG001
+    return encode_description(dict(description.values))
+
+
+def _path(trajectory: Trajectory, moment: Moment) -> object | None:
+    if not trajectory.map_T_imu:
+        return None
+    return encode_path(trajectory, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
+
+
+def _odometry(pose: Pose, moment: Moment) -> object:
+    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    return encode_odometry(pose, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def _tf(pose: Pose, moment: Moment) -> object:
+    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    return encode_tf(pose, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def _imu(packet: OxtsPacket, moment: Moment) -> object:
+    return encode_imu(packet, moment.stamp_ns, moment.rig.frames.imu)
+
+
+def _fix(packet: OxtsPacket, moment: Moment) -> object:
+    return encode_fix(packet, moment.stamp_ns, moment.rig.frames.imu)
+
+
+def _velocity(packet: OxtsPacket, moment: Moment) -> object:
+    return encode_velocity(packet, moment.stamp_ns, moment.rig.frames.imu)
+
+
+def _packet_text(packet: OxtsPacket, moment: Moment) -> object | None:  # noqa: ARG001
+    return None if packet.source is None else encode_text(packet.source)
+
+
+def _scan(scan: Scan, moment: Moment) -> object:
+    ring_and_time = moment.rig.options.ring_and_time
+    return encode_scan(scan, moment.stamp_ns, moment.rig.frames.velo, ring_and_time=ring_and_time)
+
+
+def _sweep(scan: Scan, moment: Moment) -> object | None:  # noqa: ARG001
+    return encode_sweep(scan)
+
+
+def _image_frame(moment: Moment) -> str:
+    calibration = moment.calibration()
+    return moment.rig.frames.camera(image_frame_camera(calibration, moment.camera))
+
+
+def _compressed(image: Image, moment: Moment) -> object:
+    return encode_compressed(image, moment.stamp_ns, _image_frame(moment))
+
+
+def _image(image: Image, moment: Moment) -> object:
+    return encode_image(image, moment.stamp_ns, _image_frame(moment))
+
+
+def _camera_info(image: Image, moment: Moment) -> object:
+    calibration = moment.calibration()
+    if moment.camera not in calibration.cameras:
+        part = f'P{moment.camera}'
+        reason = calibration.lacks.get(part) or next(iter(calibration.lacks.values()), 'no ' + part)
+        raise LackingCalibrationError(f'{reason}; it is needed for camera_info')
+    return encode_camera_info(
+        calibration,
+        moment.camera,
+        (image.width, image.height),
+        moment.stamp_ns,
+        _image_frame(moment),
+    )

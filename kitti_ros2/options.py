@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options: frozen objects with their defaults and their validation, whoever fills them in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from .errors import UsageError
+from .stamps import parse_seconds, parse_stamp
+
+if TYPE_CHECKING:
+    from .samples import Layout
+
+# Which compressions a storage knows, and the levels of each (None: it has no level to choose).
+COMPRESSIONS: dict[str, dict[str, range | None]] = {
+    'mcap': {'none': None, 'lz4': range(17), 'zstd': range(1, 23)},
+    'sqlite3': {'none': None, 'zstd': range(1, 23)},
+    'ros1': {'none': None, 'lz4': None, 'bz2': None},
+}
+
+
+@dataclass(frozen=True)
+class BagOptions:
+    """How a bag is written.
+
+    Attributes:
+        storage: mcap, sqlite3 or ros1.
+        compression: none, lz4 (mcap, ros1), zstd (mcap, sqlite3) or bz2 (ros1).
+        compression_level: lz4 0..16, zstd 1..22; None is the compressor's own default.
+        split_size: Bytes of messages, before compression, after which a new file begins.
+        split_duration_ns: Nanoseconds of recording after which a new file begins.
+        overwrite: Whether an existing bag at the output may be replaced.
+
+    Raises:
+        UsageError: A value is unknown or does not go with the others.
+    """
+
+    storage: str = 'mcap'
+    compression: str = 'none'
+    compression_level: int | None = None
+    split_size: int | None = None
+    split_duration_ns: int | None = None
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        if self.storage not in COMPRESSIONS:
+            raise UsageError(
+                f'there is no storage {self.storage!r}; choose one of {", ".join(COMPRESSIONS)}'
+            )
+        known = COMPRESSIONS[self.storage]
+        if self.compression not in known:
+            raise UsageError(
+                f'storage {self.storage} takes compression {" or ".join(known)},'
+                f' not {self.compression!r}'
+            )
+        self._check_level(known[self.compression])
+        for name, value in (('size', self.split_size), ('duration', self.split_duration_ns)):
+            if value is not None and value <= 0:
+                raise UsageError(f'a split {name} of {value} is not positive')
+
+    def _check_level(self, levels: range | None) -> None:
+        level = self.compression_level
+        if level is None:
+            return
+        if levels is None:
+            raise UsageError(
+                f'compression {self.compression} of storage {self.storage} has no level to choose'
+            )
+        if level not in levels:
+            raise UsageError(
+                f'compression level {level} is out of range;'
+                f' {self.compression} takes {levels[0]} to {levels[-1]}'
+            )
+
+    @property
+    def split(self) -> bool:
+        """Whether the bag may become several files."""
+        return self.split_size is not None or self.split_duration_ns is not None
+
+
+DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
+"""2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How a KITTI folder is read.
+
+    Attributes:
+        layout: raw, object, odometry or tracking; None to find out.
+        sequence: Which drive, split or sequence, where the folder holds several.
+        epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
+
+    Raises:
+        UsageError: The epoch is not after 1970.
+    """
+
+    layout: Layout | None = None
+    sequence: str | None = None
+    epoch_ns: int = DEFAULT_EPOCH_NS
+
+    def __post_init__(self) -> None:
+        if self.epoch_ns <= 0:
+            raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
+
+
+class Preset(str, Enum):
+    """Sets of topic and frame names."""
+
+    DEFAULT = 'default'
+    KITTI2BAG = 'kitti2bag'
+
+
+class Images(str, Enum):
+    """How images are written: the PNG's own bytes, decoded pixels, or both."""
+
+    COMPRESSED = 'compressed'
+    RAW = 'raw'
+    BOTH = 'both'
+
+
+KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
+
+
+@dataclass(frozen=True)
+class MessageOptions:
+    """Which messages are made, and how.
+
+    Attributes:
+        images: compressed, raw or both.
+        preset: Names of topics and frames.
+        publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack owns it.
+        ring_and_time: Whether points also have ring and time.
+        base_to_imu: x, y, z of imu_link in base_link, metres.
+
+    Raises:
+        UsageError: base_to_imu is not three finite numbers.
+    """
+
+    images: Images = Images.COMPRESSED
+    preset: Preset = Preset.DEFAULT
+    publish_tf: bool = True
+    ring_and_time: bool = False
+    base_to_imu: tuple[float, float, float] = (-0.05, 0.32, 0.93)
+
+    def __post_init__(self) -> None:
+        place = self.base_to_imu
+        if len(place) != 3 or not all(math.isfinite(value) for value in place):
+            raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One end of a selection: exactly one of a frame number, an offset, or a stamp.
+
+    Attributes:
+        frame: File number.
+        offset_ns: Nanoseconds from the recording's first stamp.
+        stamp_ns: Nanoseconds since 1970, UTC.
+    """
+
+    frame: int | None = None
+    offset_ns: int | None = None
+    stamp_ns: int | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> Bound:
+        """A bound from its text: `12` (frame), `3.5s` (from the start), or a KITTI time stamp.
+
+        Raises:
+            UsageError: The text is none of these.
+        """
+        text = text.strip()
+        try:
+            if text.isdecimal():
+                return cls(frame=int(text))
+            if text.endswith('s'):
+                return cls(offset_ns=parse_seconds(text[:-1]))
+            return cls(stamp_ns=parse_stamp(text))
+        except ValueError:
+            raise UsageError(
+                f'{text!r} is no start or end; write a frame (12), seconds from the start (3.5s)'
+                f" or a time stamp ('2011-09-26 13:02:25.9')"
+            ) from None
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """Which part of a recording is taken.
+
+    Attributes:
+        streams: Names of streams; image stands for all cameras; empty takes all.
+        topics: Names of topics, wildcards allowed; empty takes all.
+        start, end: First and last moment, both included; None takes all.
+    """
+
+    streams: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    start: Bound | None = None
+    end: Bound | None = None

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which samples of a recording are due, and in which order: one chronological pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .errors import UsageError
+from .samples import IMAGE_STREAMS, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from .options import Bound, SelectionOptions
+    from .samples import Int64Array, Recording
+
+_STREAMS = tuple(Stream)
+_ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One sample that is due."""
+
+    stream: Stream
+    number: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The samples to send, in order of time, at equal times in the order of Stream.
+
+    Attributes:
+        stamps_ns: (N,) int64, ascending.
+        streams: (N,) indices into Stream.
+        numbers: (N,) int64 file numbers.
+    """
+
+    stamps_ns: Int64Array
+    streams: Int64Array
+    numbers: Int64Array
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def __iter__(self) -> Iterator[Entry]:
+        columns = (self.streams.tolist(), self.numbers.tolist(), self.stamps_ns.tolist())
+        for code, number, stamp_ns in zip(*columns, strict=True):
+            yield Entry(_STREAMS[code], number, stamp_ns)
+
+    def count(self, stream: Stream) -> int:
+        """How many samples of a stream are due."""
+        return int((self.streams == _STREAMS.index(stream)).sum())
+
+    def numbers_of(self, stream: Stream) -> list[int]:
+        """The file numbers of a stream that are due, in order of time."""
+        numbers: list[int] = self.numbers[self.streams == _STREAMS.index(stream)].tolist()
+        return numbers
+
+    @property
+    def frames(self) -> int:
+        """How many frames people would say it has: the scans, else the longest stream."""
+        return self.count(Stream.SCAN) or max((self.count(stream) for stream in Stream), default=0)
+
+
+def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule:
+    """The samples of a recording that a selection takes.
+
+    What holds for the whole recording (its description, a calibration that never changes, the
+    path) is due once, at the first stamp taken.
+
+    Raises:
+        UsageError: A stream's name is unknown, or the selection takes nothing.
+    """
+    wanted = _wanted_streams(selection.streams)
+    numbers, moments = _window(recording, selection)
+    rows = []
+    for stream, index in recording.streams.items():
+        if stream in wanted:
+            taken = np.ones(len(index), dtype=bool)
+            for values, (lowest, highest) in ((index.numbers, numbers), (index.stamps_ns, moments)):
+                taken &= (values >= lowest) & (values <= highest)
+            rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
+    stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
+    if not len(stamps):
+        raise UsageError(f'{recording.name}: the selection takes no sample; {_extent(recording)}')
+    first = int(stamps.min())
+    present = {row[0] for row in rows}
+    for stream in _ONCE:
+        if stream in wanted and stream not in present and _has_once(recording, stream, present):
+            rows.append((stream, np.zeros(1, np.int64), np.array([first], dtype=np.int64)))
+    return _in_order(rows)
+
+
+def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> bool:
+    if stream is Stream.CALIBRATION:
+        return stream not in recording.streams
+    return stream is Stream.RECORDING or Stream.POSE in present
+
+
+def _in_order(rows: Sequence[tuple[Stream, Int64Array, Int64Array]]) -> Schedule:
+    streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
+    numbers = np.concatenate([row[1] for row in rows])
+    stamps = np.concatenate([row[2] for row in rows])
+    order = np.lexsort((numbers, streams, stamps))
+    return Schedule(stamps[order], streams[order].astype(np.int64), numbers[order])
+
+
+def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
+    if not asked:
+        return set(Stream)
+    wanted: set[Stream] = set()
+    for name in asked:
+        if name == 'image':
+            wanted |= set(IMAGE_STREAMS)
+        elif name in {stream.value for stream in Stream}:
+            wanted.add(Stream(name))
+        else:
+            known = ', '.join(['image', *(stream.value for stream in Stream)])
+            raise UsageError(f'there is no stream {name!r}; choose from {known}')
+    return wanted
+
+
+_ALL = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
+
+
+def _window(
+    recording: Recording, selection: SelectionOptions
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """(lowest, highest) file number and (lowest, highest) stamp that are taken."""
+    numbers, stamps = list(_ALL), list(_ALL)
+    for side, bound in enumerate((selection.start, selection.end)):
+        if bound is None:
+            continue
+        if bound.frame is not None and recording.common_numbers:
+            numbers[side] = bound.frame
+        else:
+            stamps[side] = _bound_ns(recording, bound, side)
+    return (numbers[0], numbers[1]), (stamps[0], stamps[1])
+
+
+def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
+    if bound.stamp_ns is not None:
+        return bound.stamp_ns
+    if bound.offset_ns is not None:
+        first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
+        return first + bound.offset_ns
+    # Streams without a common frame number are cut where the reference stream has that frame.
+    reference = next(s for s in (Stream.SCAN, *_STREAMS) if s in recording.streams)
+    index = recording.streams[reference]
+    position = np.searchsorted(index.numbers, bound.frame, side='right' if side else 'left') - side
+    if position < 0:
+        return _ALL[0]
+    return int(index.stamps_ns[position]) if position < len(index) else _ALL[1]
+
+
+def _extent(recording: Recording) -> str:
+    """What there would be to take, for errors."""
+    parts = [
+        f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
+        for stream, index in recording.streams.items()
+    ]
+    return f'it holds frames {", ".join(parts)}'

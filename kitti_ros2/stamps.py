@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time stamps as integer nanoseconds since 1970-01-01 UTC, and their text forms.
+
+KITTI writes ``2011-09-26 13:02:25.951199337`` (raw, nine digits, read as UTC) and relative seconds
+such as ``1.037359e-01`` (odometry). Nothing here passes through float or datetime microseconds:
+float64 resolves 2011 only to 238 ns.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta, timezone
+from decimal import Decimal, InvalidOperation
+
+NS_PER_S = 1_000_000_000
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_TEXT = re.compile(
+    r'(\d{4})-(\d{2})-(\d{2})[ T](\d{2}):(\d{2}):(\d{2})(?:\.(\d{1,9}))?\s*', re.ASCII
+)
+
+
+def parse_stamp(text: str) -> int:
+    """Nanoseconds of a KITTI time stamp, ``YYYY-MM-DD HH:MM:SS[.fraction]``, taken as UTC.
+
+    Raises:
+        ValueError: The text is no such stamp, or names a moment that does not exist.
+    """
+    match = _TEXT.fullmatch(text)
+    if match is None:
+        raise ValueError(f'{text.strip()!r} is no time stamp')
+    year, month, day, hour, minute, second = (int(group) for group in match.groups()[:6])
+    moment = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
+    fraction = (match.group(7) or '').ljust(9, '0')
+    return (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S + int(fraction)
+
+
+def format_stamp(stamp_ns: int) -> str:
+    """KITTI's text of a stamp, with all nine digits; the inverse of parse_stamp."""
+    seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
+    moment = _EPOCH + timedelta(seconds=seconds)
+    return f'{moment:%Y-%m-%d %H:%M:%S}.{nanoseconds:09d}'
+
+
+def parse_seconds(text: str) -> int:
+    """Nanoseconds of a decimal count of seconds (odometry's times.txt), rounded to the nearest.
+
+    Raises:
+        ValueError: The text is no finite number.
+    """
+    try:
+        seconds = Decimal(text.strip())
+    except InvalidOperation:
+        raise ValueError(f'{text.strip()!r} is no number of seconds') from None
+    if not seconds.is_finite():
+        raise ValueError(f'{text.strip()!r} is no finite number of seconds')
+    return int((seconds * NS_PER_S).to_integral_value())
+
+
+def format_seconds(offset_ns: int) -> str:
+    """The text of an offset as odometry's times.txt has it: seconds, six decimals of mantissa."""
+    return f'{offset_ns / NS_PER_S:.6e}'
+
+
+def to_sec_nanosec(stamp_ns: int) -> tuple[int, int]:
+    """The (sec, nanosec) pair of builtin_interfaces/Time; 0 <= nanosec < 1e9 for every stamp."""
+    return divmod(stamp_ns, NS_PER_S)
+
+
+def from_sec_nanosec(sec: int, nanosec: int) -> int:
+    """The inverse of to_sec_nanosec."""
+    return sec * NS_PER_S + nanosec
