@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sub-commands and their options; what they do is imported only when one is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import UsageError
+
+app = typer.Typer(
+    name='kitti-ros2',
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    context_settings={'help_option_names': ['-h', '--help']},
+)
+
+
+def run(words: list[str]) -> int:
+    """Parse words and run what they ask for; returns the exit code.
+
+    Raises:
+        UsageError: The words cannot be meant.
+    """
+    command = typer.main.get_command(app)
+    try:
+        result = command.main(args=words, prog_name='kitti-ros2', standalone_mode=False)
+    except Exception as error:
+        # typer carries its own copy of click, so its usage errors are known by their shape.
+        message = getattr(error, 'format_message', None)
+        if message is None:
+            raise
+        context = getattr(error, 'ctx', None)
+        path = context.command_path if context is not None else 'kitti-ros2'
+        if type(error).__name__ == 'NoArgsIsHelpError':
+            typer.echo(message(), err=True)
+            return 2
+        raise UsageError(f'{message().rstrip(".")}; see {path} --help') from error
+    return result if isinstance(result, int) else 0
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from .. import __version__
+
+        typer.echo(f'kitti_ros2 {__version__}')
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option('--version', callback=_version, is_eager=True, help='Print the version.')
+    ] = False,
+    debug: Annotated[bool, typer.Option('--debug', help='Show tracebacks.')] = False,
+) -> None:
+    """KITTI recordings for ROS 2: into bags, and what is in them.
+
+    Exit codes: 0 all is well, 1 something of the data was skipped (it is named), 2 wrong usage or
+    unreadable input.
+    """
+
+
+LayoutOption = Annotated[
+    str | None,
+    typer.Option('--layout', help='raw, object, odometry or tracking [default: guess]'),
+]
+SequenceOption = Annotated[
+    str | None, typer.Option('--sequence', help='Which drive, split or sequence of SRC, e.g. 00')
+]
+QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only what went wrong.')]
+
+
+@app.command('to-bag')
+def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
+    src: Annotated[Path, typer.Argument(help='A KITTI folder: a drive, a data set, a sequence.')],
+    out: Annotated[
+        Path, typer.Argument(help='The bag: NAME.mcap, NAME.bag, or a rosbag2 directory.')
+    ],
+    layout: LayoutOption = None,
+    sequence: SequenceOption = None,
+    images: Annotated[
+        str | None,
+        typer.Option(
+            help='compressed (the PNG itself), raw (pixels) or both [default: compressed]'
+        ),
+    ] = None,
+    storage: Annotated[
+        str | None,
+        typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT's ending, or mcap]"),
+    ] = None,
+    compression: Annotated[
+        str | None, typer.Option(help='none, lz4, zstd or (ros1) bz2 [default: none]')
+    ] = None,
+    compression_level: Annotated[
+        int | None, typer.Option(help="[default: the compressor's own]")
+    ] = None,
+    split_size: Annotated[
+        str | None, typer.Option(help='Begin a new file after so many bytes, e.g. 2GB')
+    ] = None,
+    split_duration: Annotated[
+        str | None, typer.Option(help='Begin a new file after so many seconds, e.g. 60s')
+    ] = None,
+    topics: Annotated[
+        list[str] | None, typer.Option(help="Only these topics; * matches, e.g. '/kitti/oxts/*'")
+    ] = None,
+    streams: Annotated[
+        list[str] | None,
+        typer.Option(help='Only these: scan, image, image_2, oxts, pose, labels, calibration, ...'),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(help="First frame (12), seconds (3.5s) or time ('2011-09-26 13:02:26')"),
+    ] = None,
+    end: Annotated[str | None, typer.Option(help='Last one, included; written as --start')] = None,
+    preset: Annotated[
+        str | None, typer.Option(help='Topic and frame names: default or kitti2bag')
+    ] = None,
+    tf: Annotated[
+        bool | None,
+        typer.Option('--tf/--no-tf', help='Write map -> base_link on /tf [default: tf]'),
+    ] = None,
+    ring_time: Annotated[
+        bool | None,
+        typer.Option('--ring-time/--no-ring-time', help='Points also have ring and time'),
+    ] = None,
+    base_to_imu: Annotated[
+        str | None,
+        typer.Option(help="x,y,z of imu_link in base_link, m, e.g. '-0.05,0.32,0.93'"),
+    ] = None,
+    epoch: Annotated[
+        str | None,
+        typer.Option(help="When recordings without time begin, e.g. '2011-09-26 00:00:00'"),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help='A YAML file of these options; the command line wins')
+    ] = None,
+    strict: Annotated[
+        bool | None,
+        typer.Option(
+            '--strict/--no-strict', help='Stop at the first bad file, leave nothing behind'
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool | None, typer.Option('--overwrite/--no-overwrite', help='Replace an existing bag')
+    ] = None,
+    quiet: QuietOption = False,
+) -> int:
+    """Write a KITTI recording to a bag (MCAP, rosbag2 sqlite3, ROS 1)."""
+    given = {
+        'layout': layout,
+        'sequence': sequence,
+        'images': images,
+        'storage': storage,
+        'compression': compression,
+        'compression_level': compression_level,
+        'split_size': split_size,
+        'split_duration': split_duration,
+        'topics': topics or None,
+        'streams': streams or None,
+        'start': start,
+        'end': end,
+        'preset': preset,
+        'tf': tf,
+        'ring_time': ring_time,
+        'base_to_imu': base_to_imu,
+        'epoch': epoch,
+        'strict': strict,
+        'overwrite': overwrite,
+    }
+    from .to_bag import run_to_bag
+
+    return run_to_bag(src, out, given, config, quiet=quiet)
+
+
+@app.command('info')
+def info(
+    path: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
+    layout: LayoutOption = None,
+    sequence: SequenceOption = None,
+    json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
+) -> int:
+    """Say what is in a KITTI folder or a bag: streams, counts, rates, gaps, calibration."""
+    from .info import run_info
+
+    return run_info(path, layout, sequence, json=json)
+
+
+@app.command('demo')
+def demo(
+    out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(
+        'kitti_ros2_demo'
+    ),
+    layout: Annotated[str, typer.Option(help='raw, object, odometry or tracking')] = 'raw',
+    frames: Annotated[int, typer.Option(help='How many frames to make.')] = 20,
+    seed: Annotated[
+        int, typer.Option(help='Which street; the same seed gives the same bytes.')
+    ] = 0,
+    overwrite: Annotated[bool, typer.Option('--overwrite', help='Make it again.')] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Make a synthetic KITTI recording, write it to MCAP, and say what is in it."""
+    from .demo import run_demo
+
+    return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)

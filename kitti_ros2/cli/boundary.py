@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where every error becomes one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from ..errors import KittiRos2Error
+
+EXIT_OK = 0
+EXIT_LOSSES = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+_DEBUG = '--debug'
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command line.
+
+    Returns:
+        0 when all is well, 1 when something of the data had to be skipped, 2 on wrong usage or
+        input that cannot be read at all, 130 after Ctrl-C.
+    """
+    words = list(sys.argv[1:] if args is None else args)
+    debug = _DEBUG in words
+    words = [word for word in words if word != _DEBUG]
+    try:
+        return _run(words)
+    except KeyboardInterrupt:
+        _complain('interrupted; nothing was left behind')
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output went away, as head does; Python would complain once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except (KittiRos2Error, OSError) as error:
+        if debug:
+            raise
+        _complain(_describe(error))
+        return EXIT_USAGE
+    except Exception as error:
+        if debug:
+            raise
+        _complain(
+            f'internal error, {type(error).__name__}: {error}; run again with {_DEBUG} for the'
+            f' traceback, and please report it'
+        )
+        return EXIT_USAGE
+
+
+def _run(words: list[str]) -> int:
+    from .app import run
+
+    return run(words)
+
+
+def _describe(error: KittiRos2Error | OSError) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f'{error.filename}: {error.strerror}'
+    return str(error)
+
+
+def _complain(message: str) -> None:
+    sys.stderr.write(f'kitti-ros2: {" ".join(message.split())}\n')

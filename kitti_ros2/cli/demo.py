@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 demo: the main job on a recording that comes with the package."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from typing import TYPE_CHECKING
+
+from ..errors import OutputExistsError
+from ..synthetic import SyntheticOptions, write_synthetic
+from .info import overlook, print_overview
+from .progress import count_progress
+from .settings import make_settings
+from .to_bag import run_to_bag
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_NEXT = """
+What to do next:
+  kitti-ros2 info {recording}
+  kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
+  ros2 bag play {bag} --clock    # in a ROS 2 workspace
+or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
+"""
+
+
+def run_demo(
+    out: Path, layout: str, frames: int, seed: int, *, overwrite: bool, quiet: bool
+) -> int:
+    """Make the synthetic recording in out, convert it to MCAP beside it, and show the bag.
+
+    Returns:
+        The exit code of the conversion.
+
+    Raises:
+        OutputExistsError: out is there already and overwrite is not given.
+    """
+    kind = make_settings({'layout': layout}).read.layout
+    options = SyntheticOptions(frames=frames, seed=seed)
+    recording, bag = out / 'kitti', out / 'bag'
+    for taken in (recording, bag):
+        if taken.exists() and not overwrite:
+            raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
+        shutil.rmtree(taken, ignore_errors=True)
+    if kind is None:
+        raise AssertionError('make_settings parses a layout that is given')
+    with count_progress('making the street', frames, show=not quiet) as progress:
+        source = write_synthetic(recording, kind, options, progress=progress)
+    sequence = {'odometry': '00', 'tracking': '0000'}.get(layout)
+    code = run_to_bag(source, bag, {'layout': layout, 'sequence': sequence}, None, quiet=quiet)
+    if not quiet:
+        print_overview(overlook(bag))
+        sys.stdout.write(_NEXT.format(recording=os.path.relpath(source), bag=bag))
+    return code

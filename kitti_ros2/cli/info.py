@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 info."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import UsageError
+from ..inspection import inspect_bag, inspect_recording
+from ..kitti.layouts import open_recording
+from ..stamps import format_stamp
+from .boundary import EXIT_LOSSES, EXIT_OK
+from .settings import make_settings
+from .text import format_bytes, format_count, format_duration
+from .to_bag import show_losses
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..bags.summary import TopicSummary
+    from ..inspection import LinkGlance, Overview
+
+_MOST_FRAMES = 24
+
+
+def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool) -> int:
+    """Look at a path and print what is there.
+
+    Returns:
+        The exit code: 1 where something is missing or damaged.
+    """
+    overview = overlook(path, layout, sequence)
+    if json:
+        print_json(overview)
+    else:
+        print_overview(overview)
+        show_losses(overview.losses, 'sample')
+    return EXIT_LOSSES if overview.losses else EXIT_OK
+
+
+def overlook(path: Path, layout: str | None = None, sequence: str | None = None) -> Overview:
+    """The overview of a bag, or of a KITTI folder."""
+    if not path.exists():
+        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
+    if layout is None and _is_bag(path):
+        return inspect_bag(path)
+    settings = make_settings({'layout': layout, 'sequence': sequence})
+    return inspect_recording(open_recording(path, settings.read), path)
+
+
+def _is_bag(path: Path) -> bool:
+    patterns = ('metadata.yaml', '*.mcap', '*.db3', '*.bag')
+    return path.is_file() or any(next(path.glob(pattern), None) for pattern in patterns)
+
+
+def print_json(overview: Overview) -> None:
+    """The overview as JSON on standard output; times in nanoseconds, sizes in bytes."""
+    values = asdict(overview)
+    sys.stdout.write(json.dumps(values, default=_json_value, indent=2) + '\n')
+
+
+def _json_value(value: object) -> str:
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(type(value))
+
+
+def print_overview(overview: Overview) -> None:
+    """The overview as tables, for a terminal of 80 columns."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    compression = f', compression {overview.compression}' if overview.compression else ''
+    console.print(f'[bold]{overview.path}[/bold]  {overview.kind}: {overview.name}{compression}')
+    console.print(_extent(overview))
+    kind = 'stream' if overview.compression is None else 'topic'
+    table = _table(kind)
+    for heading in ('count', 'Hz', 'gap s'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
+    for series in overview.series:
+        table.add_row(series.name, f'{series.count}', *_rates(series), _short(series.msgtype))
+    console.print(table, soft_wrap=False)
+    if overview.cameras:
+        console.print(_camera_table(overview), soft_wrap=False)
+    if overview.links:
+        console.print(_link_table(overview), soft_wrap=False)
+    for note in overview.notes:
+        console.print(f'note: {note}', markup=False)
+
+
+def _extent(overview: Overview) -> str:
+    total = sum(series.count for series in overview.series)
+    noun = 'sample' if overview.compression is None else 'message'
+    parts = [format_count(total, noun), format_bytes(overview.size_bytes)]
+    if overview.start_ns is not None and overview.end_ns is not None:
+        parts.append(format_duration(overview.end_ns - overview.start_ns))
+        parts.append(f'from {format_stamp(overview.start_ns)} UTC')
+    return ', '.join(parts)
+
+
+def _rates(series: TopicSummary) -> tuple[str, str]:
+    rate = '' if series.mean_rate_hz is None else f'{series.mean_rate_hz:.2f}'
+    gap = '' if series.largest_gap_ns is None else f'{series.largest_gap_ns / 1e9:.3f}'
+    return rate, gap
+
+
+def _short(msgtype: str) -> str:
+    return msgtype.rsplit('/', 1)[-1]
+
+
+def _table(first: str) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style='bold')
+    table.add_column(first, overflow='fold')
+    return table
+
+
+def _camera_table(overview: Overview) -> Table:
+    table = _table('camera')
+    for heading in ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    for camera in overview.cameras:
+        size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
+        numbers = (f'{value:.2f}' for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+        baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m) > 1e-6 else ''
+        table.add_row(camera.name.removesuffix('/camera_info'), size, *numbers, baseline)
+    return table
+
+
+def _link_table(overview: Overview) -> Table:
+    """The static tree, each frame indented below its parent."""
+    table = _table('frame')
+    for heading in ('x y z m', 'roll pitch yaw deg'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    children: dict[str, list[LinkGlance]] = {}
+    for link in overview.links:
+        children.setdefault(link.parent, []).append(link)
+    placed = {link.child for link in overview.links}
+
+    def add(frame: str, depth: int, link: LinkGlance | None) -> None:
+        if table.row_count == _MOST_FRAMES:
+            table.add_row(f'... and {len(overview.links) + 1 - _MOST_FRAMES} more', '', '')
+        if table.row_count > _MOST_FRAMES:
+            return
+        xyz = '' if link is None else ' '.join(f'{value + 0.0:.2f}' for value in link.xyz_m)
+        rpy = '' if link is None else ' '.join(f'{value + 0.0:.1f}' for value in link.rpy_deg)
+        table.add_row('  ' * depth + frame, xyz, rpy)
+        for child in children.pop(frame, []):
+            add(child.child, depth + 1, child)
+
+    for root in [parent for parent in children if parent not in placed]:
+        add(root, 0, None)
+    return table

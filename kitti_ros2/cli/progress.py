@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The progress bar of the conversion: frames/s, MB/s, time left; none where nobody looks."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_REFRESH_S = 0.1
+
+
+@contextmanager
+def conversion_progress(
+    samples: int, frames: int, *, show: bool
+) -> Iterator[Callable[[int, int], None]]:
+    """A function to call with the samples done and the bytes written so far.
+
+    Args:
+        samples: How many there will be.
+        frames: How many frames these are, for the rate.
+        show: False for none, as where standard error is no terminal.
+    """
+    if not show or not sys.stderr.isatty():
+        yield lambda _done, _bytes: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        TextColumn('{task.percentage:3.0f}%'),
+        TextColumn('{task.fields[speed]}'),
+        TimeRemainingColumn(),
+    )
+    started = last = time.monotonic()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('', total=samples, speed='')
+
+        def update(done: int, size_bytes: int) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last < _REFRESH_S:
+                return
+            last = now
+            elapsed = now - started
+            rate = done / samples * frames / elapsed
+            speed = f'{rate:5.0f} frames/s {size_bytes / elapsed / 1e6:6.0f} MB/s'
+            bar.update(task, completed=done, speed=speed)
+
+        yield update
+
+
+@contextmanager
+def count_progress(title: str, total: int, *, show: bool) -> Iterator[Callable[[int], None]]:
+    """A function to call with how many are done."""
+    if not show or not sys.stderr.isatty():
+        yield lambda _done: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda done: bar.update(task, completed=done)

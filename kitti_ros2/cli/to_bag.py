@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 to-bag."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from ..bags.writer import guess_storage
+from ..convert import convert
+from ..errors import UsageError
+from ..kitti.layouts import open_recording
+from ..options import Images
+from ..schedule import make_schedule
+from .boundary import EXIT_LOSSES, EXIT_OK
+from .progress import conversion_progress
+from .settings import load_config, make_settings
+from .text import format_bytes, format_count, format_duration
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..convert import Report
+    from ..samples import Loss, Recording
+
+_SHOWN_LOSSES = 20
+
+
+def run_to_bag(
+    src: Path, out: Path, given: Mapping[str, object], config: Path | None, *, quiet: bool
+) -> int:
+    """Convert, show how far it is, and say what came of it.
+
+    Args:
+        src: KITTI folder.
+        out: Bag.
+        given: Options by name, None where the command line does not give them.
+        config: YAML file with options, under the command line's.
+        quiet: Say only what was lost.
+
+    Returns:
+        The exit code.
+    """
+    chosen = {name: value for name, value in given.items() if value is not None}
+    settings = make_settings((load_config(config) if config else {}) | chosen)
+    bag = settings.bag(guess_storage(out, settings.storage))
+    recording = open_recording(src, settings.read)
+    _refuse_inside(src, out)
+    if settings.read.layout is None and not quiet:
+        _say(f'{src}: layout {recording.layout.value}, {recording.name}')
+    schedule = make_schedule(recording, settings.selection)
+    started = time.monotonic()
+    with conversion_progress(len(schedule), schedule.frames, show=not quiet) as progress:
+        report = convert(
+            recording,
+            out,
+            settings.messages,
+            settings.selection,
+            bag,
+            strict=settings.strict,
+            progress=progress,
+        )
+    elapsed = time.monotonic() - started
+    if not quiet:
+        _summarize(report, elapsed, images=settings.messages.images, recording=recording)
+    show_losses(report.losses)
+    return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def _refuse_inside(src: Path, out: Path) -> None:
+    """Keep the bag out of the recording: a KITTI tree stays as it was."""
+    source, target = src.resolve(), out.resolve()
+    if target == source or source in target.parents:
+        raise UsageError(f'{out}: lies inside the recording {src}; give a path outside of it')
+
+
+def _summarize(report: Report, elapsed: float, *, images: Images, recording: Recording) -> None:
+    written = {topic: count for topic, count in report.counts.items() if count}
+    rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
+    for note in report.notes:
+        _say(f'note: {note}')
+    _say(
+        f'{report.path}: {format_count(sum(written.values()), "message")} on'
+        f' {format_count(len(written), "topic")}, {format_bytes(report.size_bytes)},'
+        f' {format_count(report.frames, "frame")},'
+        f' {format_duration(report.last_ns - report.first_ns)} of recording;'
+        f' took {elapsed:.1f} s ({rate})'
+    )
+    if images is Images.COMPRESSED and recording.cameras:
+        _say('images are the PNG files themselves; --images raw decodes them')
+
+
+def show_losses(losses: tuple[Loss, ...], noun: str = 'message') -> None:
+    """Name on standard error what was skipped, and count it."""
+    if not losses:
+        return
+    for loss in losses[:_SHOWN_LOSSES]:
+        sys.stderr.write(f'skipped {loss.stream} ({loss.count}): {loss.message}\n')
+    rest = losses[_SHOWN_LOSSES:]
+    if rest:
+        count = sum(loss.count for loss in rest)
+        sys.stderr.write(f'skipped {count} more, for {len(rest)} more reasons\n')
+    total = sum(loss.count for loss in losses)
+    sys.stderr.write(f'kitti-ros2: {format_count(total, noun)} could not be had; exit code 1\n')
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f'{line}\n')

@@ -1,0 +1,231 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a KITTI folder or a bag, at a glance: series, gaps, sizes, calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .bags.reader import open_messages, summarize_bag
+from .bags.summary import summarize_topic
+from .errors import KittiRos2Error
+from .geometry import rotation_to_rpy
+from .kitti.recording import format_numbers
+from .messages.camera_info import decode_camera_info, encode_camera_info, image_frame_camera
+from .messages.cdr import deserialize
+from .messages.topics import make_rig
+from .messages.transforms import decode_static, static_links
+from .options import MessageOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CameraInfo as CameraInfo
+
+    from .bags.reader import BagSummary
+    from .bags.summary import TopicSummary
+    from .geometry import Transform
+    from .kitti.recording import KittiRecording
+    from .samples import Loss
+
+_CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+_TF = 'tf2_msgs/msg/TFMessage'
+_MOST_TF = 200
+
+
+@dataclass(frozen=True)
+class CameraGlance:
+    """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m."""
+
+    name: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline_m: float
+
+
+@dataclass(frozen=True)
+class LinkGlance:
+    """A static transform: child in parent, xyz in metres, roll pitch yaw in degrees."""
+
+    parent: str
+    child: str
+    xyz_m: tuple[float, float, float]
+    rpy_deg: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What info shows.
+
+    Attributes:
+        path: What was looked at.
+        kind: KITTI layout, or bag container.
+        name: Drive, split or sequence; files of a bag.
+        series: Streams or topics.
+        start_ns, end_ns: First and last stamp, None where there is none.
+        size_bytes: Of all its files.
+        compression: Of a bag.
+        cameras, links: Calibration.
+        losses: What is missing or unusable.
+        notes: What is worth a word.
+    """
+
+    path: Path
+    kind: str
+    name: str
+    series: tuple[TopicSummary, ...]
+    start_ns: int | None
+    end_ns: int | None
+    size_bytes: int
+    compression: str | None
+    cameras: tuple[CameraGlance, ...]
+    links: tuple[LinkGlance, ...]
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+
+
+def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
+    """What a KITTI recording holds; its data files are listed and not read."""
+    series = tuple(
+        summarize_topic(stream.value, format_numbers(index.numbers.tolist(), 2), index.stamps_ns)
+        for stream, index in recording.streams.items()
+    )
+    stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
+    cameras, links, notes = _recording_calibration(recording)
+    return Overview(
+        path=path,
+        kind=recording.layout.value,
+        name=recording.name,
+        series=series,
+        start_ns=int(stamps.min()),
+        end_ns=int(stamps.max()),
+        size_bytes=_size_bytes(recording),
+        compression=None,
+        cameras=cameras,
+        links=links,
+        losses=tuple(recording.losses),
+        notes=tuple(recording.notes) + notes,
+    )
+
+
+def inspect_bag(path: Path) -> Overview:
+    """What a bag holds: its index, and the first camera_info and static transforms.
+
+    Raises:
+        BadBagError: It is no bag, or cannot be read at all.
+    """
+    summary = summarize_bag(path)
+    cameras, links, notes = _bag_calibration(path, summary)
+    cut = (
+        () if summary.complete else ('the bag was cut off or damaged; whole messages are counted',)
+    )
+    return Overview(
+        path=path,
+        kind=summary.container,
+        name=', '.join(file.name for file in summary.files[:3])
+        + (' ...' if len(summary.files) > 3 else ''),
+        series=summary.topics,
+        start_ns=summary.start_ns,
+        end_ns=summary.end_ns,
+        size_bytes=summary.size_bytes,
+        compression=summary.compression,
+        cameras=cameras,
+        links=links,
+        losses=(),
+        notes=(*cut, *summary.warnings, *notes),
+    )
+
+
+def _size_bytes(recording: KittiRecording) -> int:
+    """Of the data files, each counted once though several streams may read it."""
+    paths = {
+        recording.path(stream, number)
+        for stream, index in recording.streams.items()
+        for number in index.numbers.tolist()
+    }
+    return sum(path.stat().st_size for path in paths if path.is_file())
+
+
+Calibrated = tuple[tuple[CameraGlance, ...], tuple[LinkGlance, ...], tuple[str, ...]]
+
+
+def _recording_calibration(recording: KittiRecording) -> Calibrated:
+    first = min(int(index.numbers[0]) for index in recording.streams.values())
+    calibration = recording.calibration(first)
+    rig = make_rig(recording.cameras, MessageOptions())
+    cameras = []
+    for index, camera in sorted(calibration.cameras.items()):
+        frame = rig.frames.camera(image_frame_camera(calibration, index))
+        info = encode_camera_info(calibration, index, camera.size or (0, 0), 0, frame)
+        cameras.append(_camera_glance(f'camera_{rig.frames.cameras.get(index, index)}', info))
+    links = static_links(calibration, rig.base_t_imu, rig.frames)
+    notes = tuple(reason for part, reason in calibration.lacks.items() if not part.startswith('P'))
+    nominal = tuple(f'{part} is nominal, not in the calibration' for part in calibration.nominal)
+    return tuple(cameras), _link_glances(links), notes + nominal
+
+
+def _bag_calibration(path: Path, summary: BagSummary) -> Calibrated:
+    infos = {
+        topic.name for topic in summary.topics if topic.msgtype == _CAMERA_INFO and topic.count
+    }
+    statics = {
+        topic.name: min(topic.count, _MOST_TF)
+        for topic in summary.topics
+        if topic.msgtype == _TF and topic.name.endswith('tf_static')
+    }
+    cameras: dict[str, CameraGlance] = {}
+    links: dict[str, tuple[str, str, Transform]] = {}
+    due = sum(statics.values())
+    if not infos and not due:
+        return (), (), ()
+    try:
+        with open_messages(path, infos | set(statics)) as messages:
+            for message in messages:
+                if message.topic in statics and due:
+                    due -= 1
+                    decoded = decode_static(deserialize(message.data, message.msgtype))
+                    links |= {child: (parent, child, place) for parent, child, place in decoded}
+                elif message.topic not in cameras:
+                    info = deserialize(message.data, message.msgtype)
+                    cameras[message.topic] = _camera_glance(message.topic, info)
+                if not due and len(cameras) == len(infos):
+                    break
+    except KittiRos2Error as error:
+        return (), (), (f'calibration not shown: {error}',)
+    except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
+        return (), (), (f'calibration not shown, its messages do not decode: {error}',)
+    return tuple(cameras[name] for name in sorted(cameras)), _link_glances(links.values()), ()
+
+
+def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
+    k, _, _, p = decode_camera_info(info)
+    focal = float(p[0, 0]) or float(k[0, 0])
+    baseline = -float(p[0, 3]) / focal if focal else 0.0
+    fx, fy, cx, cy = (float(value) for value in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
+    return CameraGlance(name, info.width, info.height, fx, fy, cx, cy, baseline)
+
+
+def _link_glances(links: Iterable[tuple[str, str, Transform]]) -> tuple[LinkGlance, ...]:
+    return tuple(
+        LinkGlance(
+            parent,
+            child,
+            _rounded(transform.translation.tolist()),
+            _rounded([np.degrees(angle) for angle in rotation_to_rpy(transform.rotation)]),
+        )
+        for parent, child, transform in links
+    )
+
+
+def _rounded(values: Sequence[float]) -> tuple[float, float, float]:
+    """To a micrometre or a millionth of a degree, and without negative zeros."""
+    x, y, z = (round(float(value), 6) + 0.0 for value in values)
+    return x, y, z
