@@ -96,7 +96,7 @@ def convert(  # noqa: PLR0913 - four options objects, each of its own room
             writer.add_channel(Channel(row.name, row.msgtype, latched=row.latched))
             for row in encoder.table
         ]
-        workers = 0 if messages.images is Images.COMPRESSED else os.cpu_count() or 1
+        workers = 1 if messages.images is Images.COMPRESSED else os.cpu_count() or 1
         for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
             tally.take(*outcome, writer, channels)
             progress(done, tally.size_bytes)

@@ -40,6 +40,8 @@ NOMINAL_CAM0_T_VELO = Transform(
 )
 """Where the scanner stands on KITTI's car, to a centimetre: for poses without a Tr."""
 
+_KITTI_CAMERAS = 4
+
 
 class _Parts:
     """Reads parts of calibration tables; what is bad or absent is noted, not fatal."""
@@ -74,9 +76,8 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
     parts = _Parts()
     cameras = {}
     for index in range(CAMERA_COUNT):
-        camera = parts.read(
-            f'P{index}', partial(_parse_camera, table, index), f'{path}: no P{index}'
-        )
+        absent = f'{path}: no P{index}' if index < _KITTI_CAMERAS else ''
+        camera = parts.read(f'P{index}', partial(_parse_camera, table, index), absent)
         if camera is not None:
             cameras[index] = camera
     velo_keys = ('Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', 'Tr_velo_to_cam_0')

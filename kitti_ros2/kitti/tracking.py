@@ -65,7 +65,10 @@ class TrackingRecording(KittiRecording):
         if not STORE.is_file(self._oxts_path):
             self.notes.append(f'{self._oxts_path}: absent, oxts and pose are left out')
             return []
-        return STORE.read_text(self._oxts_path).rstrip().splitlines(keepends=True)
+        lines = STORE.read_text(self._oxts_path).splitlines(keepends=True)
+        while lines and not lines[-1].strip():
+            lines.pop()
+        return lines
 
     @cached_property
     def _label_lines(self) -> dict[int, str]:

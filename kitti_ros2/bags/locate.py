@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which kind of bag a path holds, told from its content, and which files belong to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from kitti_ros2.errors import BadBagError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# The first bytes of each kind of file.
+_MAGIC = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG V': 'ros1'}
+_METADATA = 'metadata.yaml'
+
+
+@dataclass(frozen=True)
+class BagFiles:
+    """A bag on disk.
+
+    Attributes:
+        path: What the user named.
+        storage: mcap, sqlite3 or ros1.
+        files: The files with messages, in order.
+        directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
+        compression_mode: rosbag2's own compression around the storage: '', file or message.
+        message_count: What metadata.yaml says, None without one.
+    """
+
+    path: Path
+    storage: str
+    files: tuple[Path, ...]
+    directory: bool = False
+    compression_mode: str = ''
+    message_count: int | None = None
+
+    @property
+    def container(self) -> str:
+        """What a user would call it."""
+        return (
+            f'rosbag2 {self.storage}' if self.directory and self.storage != 'ros1' else self.storage
+        )
+
+
+def locate_bag(path: Path) -> BagFiles:
+    """Find out what a path holds.
+
+    Raises:
+        BadBagError: It holds no bag.
+        OSError: It cannot be read.
+    """
+    if not path.exists():
+        raise BadBagError(path, 'there is no such file or directory')
+    if not path.is_dir():
+        return BagFiles(path, _storage(path), (path,))
+    if (path / _METADATA).is_file():
+        return _rosbag2(path)
+    bags = sorted(path.glob('*.bag'), key=lambda file: (len(file.name), file.name))
+    if bags:
+        return BagFiles(path, 'ros1', tuple(bags), directory=True)
+    if next(path.glob('*.mcap'), None) or next(path.glob('*.db3'), None):
+        raise BadBagError(
+            path, f'has no {_METADATA}; run ros2 bag reindex on it, or give the file inside it'
+        )
+    raise BadBagError(path, f'is a directory without {_METADATA}')
+
+
+def _storage(path: Path) -> str:
+    if not path.is_file():
+        raise BadBagError(path, 'is no regular file')
+    with path.open('rb') as file:
+        head = file.read(16)
+    if not head:
+        raise BadBagError(path, 'is empty')
+    for magic, storage in _MAGIC.items():
+        if head.startswith(magic):
+            return storage
+    raise BadBagError(path, 'is a file of another kind')
+
+
+def _rosbag2(path: Path) -> BagFiles:
+    source = path / _METADATA
+    try:
+        information = yaml.safe_load(source.read_bytes())['rosbag2_bagfile_information']
+        storage = information['storage_identifier']
+        # Early versions wrote the directory's name before the file's.
+        names = [PurePath(name).name for name in information['relative_file_paths']]
+        mode = _compression_mode(information)
+        count = int(information['message_count'])
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        reason = ' '.join(str(error).split())
+        raise BadBagError(source, f'is no metadata of rosbag2 ({reason})') from error
+    if storage not in {'mcap', 'sqlite3'}:
+        raise BadBagError(path, f'has a storage {storage!r} that is not known here')
+    files = tuple(path / name for name in names)
+    for file in files:
+        if not file.is_file():
+            raise BadBagError(path, f'lacks {file.name}, which its {_METADATA} names')
+    return BagFiles(
+        path, storage, files, directory=True, compression_mode=mode, message_count=count
+    )
+
+
+def _compression_mode(information: dict[str, Any]) -> str:
+    mode = str(information.get('compression_mode') or '').lower()
+    if mode in {'', 'none'}:
+        return ''
+    scheme = information.get('compression_format')
+    if scheme != 'zstd' or mode not in {'file', 'message'}:
+        raise ValueError(f'compression {scheme!r} by {mode} is not known here')
+    return mode

@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chunks of an MCAP file: messages, their CRC and their indexes.
+
+Record layouts (https://mcap.dev/spec), little endian; every record begins with opcode (uint8) and
+length (uint64) of what follows:
+
+- Message: channel (uint16), sequence (uint32), log time, publish time (uint64, ns), data.
+- Chunk: start time, end time, uncompressed size (uint64), crc of the uncompressed records (uint32),
+  compression (uint32 length, text), size of the records (uint64), records.
+- Message Index: channel (uint16), size in bytes (uint32), then log time and offset in the
+  uncompressed chunk (uint64) of each message.
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from isal.isal_zlib import crc32  # zlib's CRC, at many times its speed
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex
+
+from .compressors import compressor
+from .ordered_pool import OrderedPool
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kitti_ros2.options import BagOptions
+
+    from .contract import Parts
+    from .vectored_file import VectoredFile
+
+TARGET_SIZE = 4 * 2**20
+# Below this a copy costs less than one more buffer to hand over.
+_COPIED_BELOW = 4096
+_WRITTEN_FROM = 64 * 2**10
+
+_pack_message = struct.Struct('<BQHIQQ').pack
+_CHUNK_HEAD = struct.Struct('<BQQQQI')
+_INDEX_HEAD = struct.Struct('<BQHI')
+
+
+class Chunks(Protocol):
+    """Takes messages, cuts them into chunks and writes these to a file."""
+
+    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
+        """Append a message; the chunk ends when it has its size."""
+        ...
+
+    def add_records(self, records: bytes) -> None:
+        """Append records outside of any chunk, after the messages added so far."""
+        ...
+
+    def finish(self) -> list[ChunkIndex]:
+        """Write what is left; the index records of all chunks."""
+        ...
+
+    def cancel(self) -> None:
+        """Drop what is not written, and stop all work."""
+        ...
+
+
+def open_chunks(file: VectoredFile, options: BagOptions) -> Chunks:
+    """The chunks of a file with the options' compression."""
+    if options.compression == 'none':
+        return StreamedChunks(file)
+    return CompressedChunks(file, options)
+
+
+class _Contents:
+    """What a chunk's records say about it while it grows.
+
+    Attributes:
+        size: Bytes of the uncompressed records.
+        crc: CRC-32 of those.
+        index: Stamp and offset of each message, flat, by channel id.
+    """
+
+    __slots__ = ('crc', 'index', 'size')
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.crc = 0
+        self.index: dict[int, list[int]] = {}
+
+    def message_head(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> bytes:
+        """Enter a message; the bytes that go before its parts."""
+        length = 22
+        for part in parts:
+            length += len(part)
+        entries = self.index.get(channel_id)
+        if entries is None:
+            entries = self.index[channel_id] = []
+        entries += (stamp_ns, self.size)
+        self.size += 9 + length
+        return _pack_message(5, length, channel_id, sequence, stamp_ns, stamp_ns)
+
+    def span(self) -> tuple[int, int]:
+        """Least and greatest stamp."""
+        stamps = [entries[::2] for entries in self.index.values()]
+        return min(map(min, stamps)), max(map(max, stamps))
+
+    def head(self, compression: bytes, stored: int) -> bytes:
+        """The chunk's record up to the records in it."""
+        length = 40 + len(compression) + stored
+        head = _CHUNK_HEAD.pack(Opcode.CHUNK, length, *self.span(), self.size, self.crc)
+        return head + struct.pack(f'<I{len(compression)}sQ', len(compression), compression, stored)
+
+    def indexes(self, position: int) -> tuple[bytes, dict[int, int]]:
+        """The message index records, and where each begins if they stand at a position."""
+        records = bytearray()
+        offsets = {}
+        for channel_id, entries in self.index.items():
+            offsets[channel_id] = position + len(records)
+            size = 8 * len(entries)
+            records += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel_id, size)
+            records += struct.pack(f'<{len(entries)}Q', *entries)
+        return bytes(records), offsets
+
+    def entry(
+        self, start: int, compression: str, stored: int, indexes: bytes, offsets: dict[int, int]
+    ) -> ChunkIndex:
+        """The chunk's record for the summary; start is where it stands in the file."""
+        start_ns, end_ns = self.span()
+        return ChunkIndex(
+            chunk_length=9 + 40 + len(compression) + stored,
+            chunk_start_offset=start,
+            compression=compression,
+            compressed_size=stored,
+            message_end_time=end_ns,
+            message_index_length=len(indexes),
+            message_index_offsets=offsets,
+            message_start_time=start_ns,
+            uncompressed_size=self.size,
+        )
+
+
+class StreamedChunks:
+    """Uncompressed chunks: payloads go to the file at once, the chunk's head when it is known.
+
+    A payload that is summed up and written while it is still in the processor's cache costs half
+    of one that waits for its chunk, and more than a second thread can win back.
+    """
+
+    def __init__(self, file: VectoredFile) -> None:
+        self._file = file
+        self._entries: list[ChunkIndex] = []
+        self._contents = _Contents()
+        self._start = -1
+        self._tail = bytearray()
+
+    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
+        """Append a message; the chunk ends when it has its size."""
+        contents = self._contents
+        tail = self._tail
+        tail += contents.message_head(channel_id, sequence, stamp_ns, parts)
+        for part in parts:
+            if len(part) < _COPIED_BELOW:
+                tail += part
+            else:
+                self._write(tail, part)
+                tail = self._tail
+        if len(tail) >= _WRITTEN_FROM:
+            self._write(tail)
+        if contents.size >= TARGET_SIZE:
+            self._end_chunk()
+
+    def add_records(self, records: bytes) -> None:
+        """Append records outside of any chunk, after the messages added so far."""
+        self._end_chunk()
+        self._file.write([records])
+
+    def finish(self) -> list[ChunkIndex]:
+        """Write what is left; the index records of all chunks."""
+        self._end_chunk()
+        return self._entries
+
+    def cancel(self) -> None:
+        """Drop what is not written."""
+        self._tail = bytearray()
+
+    def _write(self, *buffers: bytes | bytearray | memoryview) -> None:
+        contents = self._contents
+        for buffer in buffers:
+            contents.crc = crc32(buffer, contents.crc)
+        if self._start < 0:
+            self._start = self._file.position
+            buffers = (bytes(_CHUNK_HEAD.size + 12), *buffers)
+        self._file.write(buffers)
+        self._tail = bytearray()
+
+    def _end_chunk(self) -> None:
+        contents = self._contents
+        if not contents.size:
+            return
+        if self._tail:
+            self._write(self._tail)
+        start, self._start = self._start, -1
+        self._contents = _Contents()
+        self._file.write_at(start, contents.head(b'', contents.size))
+        indexes, offsets = contents.indexes(self._file.position)
+        self._file.write([indexes])
+        self._entries.append(contents.entry(start, '', contents.size, indexes, offsets))
+
+
+class CompressedChunks:
+    """Compressed chunks: packed on all cores, written in order."""
+
+    def __init__(self, file: VectoredFile, options: BagOptions) -> None:
+        self._file = file
+        self._name = options.compression
+        self._compress = compressor(options.compression, options.compression_level)
+        self._pool: OrderedPool[bytes] = OrderedPool()
+        self._entries: list[ChunkIndex] = []
+        self._contents = _Contents()
+        self._buffers: list[bytes | memoryview] = []
+
+    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
+        """Append a message; the chunk ends when it has its size."""
+        contents = self._contents
+        self._buffers.append(contents.message_head(channel_id, sequence, stamp_ns, parts))
+        self._buffers += parts
+        if contents.size >= TARGET_SIZE:
+            self._end_chunk()
+
+    def add_records(self, records: bytes) -> None:
+        """Append records outside of any chunk, after the messages added so far."""
+        self._end_chunk()
+        self._pool.drain()
+        self._file.write([records])
+
+    def finish(self) -> list[ChunkIndex]:
+        """Write what is left; the index records of all chunks."""
+        self._end_chunk()
+        self._pool.drain()
+        self._pool.close()
+        return self._entries
+
+    def cancel(self) -> None:
+        """Drop what is not written, and wait for the threads to end."""
+        self._pool.close()
+
+    def _end_chunk(self) -> None:
+        contents, self._contents = self._contents, _Contents()
+        buffers, self._buffers = self._buffers, []
+        if contents.size:
+            work = partial(_pack, contents, buffers, self._compress)
+            self._pool.put(work, partial(self._write, contents))
+
+    def _write(self, contents: _Contents, data: bytes) -> None:
+        start = self._file.position
+        head = contents.head(self._name.encode(), len(data))
+        indexes, offsets = contents.indexes(start + len(head) + len(data))
+        self._file.write([head, data, indexes])
+        self._entries.append(contents.entry(start, self._name, len(data), indexes, offsets))
+
+
+def _pack(
+    contents: _Contents, buffers: list[bytes | memoryview], compress: Callable[[bytes], bytes]
+) -> bytes:
+    data = b''.join(buffers)
+    if len(data) != contents.size:
+        raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
+    contents.crc = crc32(data)
+    return compress(data)

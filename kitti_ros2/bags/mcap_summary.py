@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The end of an MCAP file: summary section, summary offsets and footer (https://mcap.dev/spec)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Footer, Statistics, SummaryOffset
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mcap.records import Channel, ChunkIndex, McapRecord, MetadataIndex, Schema
+
+MAGIC = b'\x89MCAP0\r\n'
+
+
+def encode(*records: McapRecord) -> bytes:
+    """Records as they stand in a file."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+def summary_section(
+    position: int,
+    schemas: Sequence[Schema],
+    channels: Sequence[Channel],
+    counts: Mapping[int, int],
+    chunks: Sequence[ChunkIndex],
+    metadata: Sequence[MetadataIndex],
+) -> list[bytes]:
+    """Everything that follows the data section, the closing magic included.
+
+    Args:
+        position: Where in the file the summary begins.
+        schemas: Their records.
+        channels: Their records.
+        counts: Messages by channel id.
+        chunks: Their index records.
+        metadata: Their index records.
+
+    Returns:
+        Buffers to be laid end to end.
+    """
+    statistics = Statistics(
+        attachment_count=0,
+        channel_count=len(channels),
+        channel_message_counts=dict(counts),
+        chunk_count=len(chunks),
+        message_count=sum(counts.values()),
+        message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
+        message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
+        metadata_count=len(metadata),
+        schema_count=len(schemas),
+    )
+    groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
+        (Opcode.SCHEMA, schemas),
+        (Opcode.CHANNEL, channels),
+        (Opcode.STATISTICS, [statistics]),
+        (Opcode.CHUNK_INDEX, chunks),
+        (Opcode.METADATA_INDEX, metadata),
+    ]
+    return _assemble(position, [(opcode, encode(*group)) for opcode, group in groups if group])
+
+
+def _assemble(position: int, groups: Sequence[tuple[Opcode, bytes]]) -> list[bytes]:
+    offsets = []
+    start = position
+    for opcode, data in groups:
+        offsets.append(
+            SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(data))
+        )
+        start += len(data)
+    body = b''.join(data for _, data in groups) + encode(*offsets)
+    footer = encode(Footer(summary_start=position, summary_offset_start=start, summary_crc=0))
+    # The CRC covers the summary and the footer up to the CRC itself.
+    crc = crc32(footer[:-4], crc32(body))
+    return [body, footer[:-4], crc.to_bytes(4, 'little'), MAGIC]

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One MCAP file as rosbag2 writes it: profile ros2, ros2msg schemas, chunks, indexes, summary."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mcap.records import Channel as ChannelRecord
+from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, Schema
+
+from kitti_ros2 import __version__
+
+from .mcap_chunk import open_chunks
+from .mcap_summary import MAGIC, encode, summary_section
+from .metadata import qos_text
+from .vectored_file import VectoredFile
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .contract import Channel, Parts, SegmentContext
+
+
+class McapSegment:
+    """The writer of one MCAP file."""
+
+    def __init__(self, path: Path, context: SegmentContext) -> None:
+        self._typestore = context.typestore
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[int, ChannelRecord] = {}
+        self._sequences: list[int] = []
+        self._metadata: list[MetadataIndex] = []
+        self._file = VectoredFile(path)
+        self._chunks = open_chunks(self._file, context.options)
+        self._file.write([MAGIC, encode(Header('ros2', f'kitti_ros2 {__version__}'))])
+        if context.source_metadata:
+            self._write_metadata('kitti_ros2', dict(context.source_metadata))
+
+    def add_channel(self, channel_id: int, channel: Channel) -> None:
+        """Write the channel's record, and its schema's where the type is new."""
+        records: list[McapRecord] = []
+        schema = self._schemas.get(channel.msgtype)
+        if schema is None:
+            text = self._typestore.generate_msgdef(channel.msgtype, ros_version=2)[0]
+            schema = Schema(
+                id=len(self._schemas) + 1,
+                data=text.encode(),
+                encoding='ros2msg',
+                name=channel.msgtype,
+            )
+            self._schemas[channel.msgtype] = schema
+            records.append(schema)
+        record = ChannelRecord(
+            id=channel_id + 1,
+            topic=channel.topic,
+            message_encoding='cdr',
+            metadata={
+                'offered_qos_profiles': qos_text(channel),
+                'topic_type_hash': self._typestore.hash_rihs01(channel.msgtype),
+            },
+            schema_id=schema.id,
+        )
+        self._channels[record.id] = record
+        self._sequences.append(0)
+        self._chunks.add_records(encode(*records, record))
+
+    def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
+        """Append one message."""
+        sequence = self._sequences[channel_id]
+        self._sequences[channel_id] = sequence + 1
+        self._chunks.add(channel_id + 1, sequence, stamp_ns, parts)
+
+    def close(self, information: str) -> None:
+        """Write the last chunk, the bag's metadata and the summary."""
+        indexes = self._chunks.finish()
+        self._write_metadata('rosbag2', {'serialized_metadata': information})
+        self._file.write([encode(DataEnd(data_section_crc=0))])
+        counts = {i + 1: count for i, count in enumerate(self._sequences)}
+        self._file.write(
+            summary_section(
+                self._file.position,
+                list(self._schemas.values()),
+                list(self._channels.values()),
+                counts,
+                indexes,
+                self._metadata,
+            )
+        )
+        self._file.close()
+
+    def abort(self) -> None:
+        """Stop all work and let go of the file."""
+        self._chunks.cancel()
+        self._file.close()
+
+    def _write_metadata(self, name: str, metadata: dict[str, str]) -> None:
+        record = encode(Metadata(name=name, metadata=metadata))
+        self._metadata.append(
+            MetadataIndex(offset=self._file.position, length=len(record), name=name)
+        )
+        self._file.write([record])

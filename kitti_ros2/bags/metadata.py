@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""rosbag2's metadata, version 9 (Jazzy): offered QoS profiles, and metadata.yaml.
+
+The same information stands in three places, always as written here: metadata.yaml of a directory,
+the metadata table of a sqlite3 file, and the Metadata record ``rosbag2`` of an MCAP file.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v9
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from rosbags.typesys.store import Typestore
+
+    from kitti_ros2.options import BagOptions
+
+    from .contract import Channel, Tally
+
+VERSION = 9
+ROS_DISTRO = 'jazzy'
+
+# What rmw calls RMW_DURATION_INFINITE and rosbag2 writes for "no deadline" and "no lifespan".
+_INFINITE = QosTime(9223372036, 854775807)
+
+_PLAIN = re.compile(r'[A-Za-z_/][\w/.]*', re.ASCII)
+_WORDS = {'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'}
+_UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]')
+
+
+def qos_profile(channel: Channel) -> Qos:
+    """The QoS that a channel's publisher offers, as rosbags spells it."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1 if channel.latched else channel.depth,
+        QosReliability.RELIABLE if channel.reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if channel.latched else QosDurability.VOLATILE,
+        _INFINITE,
+        _INFINITE,
+        QosLiveliness.AUTOMATIC,
+        _INFINITE,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def qos_text(channel: Channel) -> str:
+    """The offered_qos_profiles of a channel as YAML text, as storages keep it."""
+    return _yaml(dump_qos_v9([qos_profile(channel)])).rstrip()
+
+
+def bag_information(
+    options: BagOptions,
+    typestore: Typestore,
+    channels: Sequence[Channel],
+    files: Mapping[str, Tally],
+    source: Mapping[str, str],
+) -> dict[str, Any]:
+    """The content of rosbag2_bagfile_information.
+
+    Args:
+        options: Storage and compression.
+        typestore: Knows the channels' types.
+        channels: By channel id.
+        files: What each file holds, by name, in order.
+        source: Where the data came from; becomes custom_data.
+    """
+    start_ns, duration_ns = _span(list(files.values()))
+    message_mode = options.storage == 'sqlite3' and options.compression != 'none'
+    return {
+        'version': VERSION,
+        'storage_identifier': options.storage,
+        'duration': {'nanoseconds': duration_ns},
+        'starting_time': {'nanoseconds_since_epoch': start_ns},
+        'message_count': sum(tally.total for tally in files.values()),
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': channel.topic,
+                    'type': channel.msgtype,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': dump_qos_v9([qos_profile(channel)]),
+                    'type_description_hash': typestore.hash_rihs01(channel.msgtype),
+                },
+                'message_count': sum(
+                    tally.counts[index] for tally in files.values() if index < len(tally.counts)
+                ),
+            }
+            for index, channel in enumerate(channels)
+        ],
+        'compression_format': options.compression if message_mode else '',
+        'compression_mode': 'message' if message_mode else '',
+        'relative_file_paths': list(files),
+        'files': [_file_information(name, tally) for name, tally in files.items()],
+        'custom_data': dict(source) or None,
+        'ros_distro': ROS_DISTRO,
+    }
+
+
+def information_text(information: Mapping[str, Any]) -> str:
+    """The information alone, as files of a bag carry it."""
+    return _yaml(information).rstrip()
+
+
+def metadata_yaml(information: Mapping[str, Any]) -> str:
+    """The text of metadata.yaml."""
+    return _yaml({'rosbag2_bagfile_information': information})
+
+
+def _file_information(name: str, tally: Tally) -> dict[str, Any]:
+    start_ns, duration_ns = tally.span
+    return {
+        'path': name,
+        'starting_time': {'nanoseconds_since_epoch': start_ns},
+        'duration': {'nanoseconds': duration_ns},
+        'message_count': tally.total,
+    }
+
+
+def _span(tallies: Sequence[Tally]) -> tuple[int, int]:
+    filled = [tally for tally in tallies if tally.total]
+    if not filled:
+        return 0, 0
+    start_ns = min(tally.start_ns for tally in filled)
+    return start_ns, max(tally.end_ns for tally in filled) - start_ns
+
+
+def _yaml(value: Mapping[str, Any] | Sequence[Any]) -> str:
+    return '\n'.join(_lines(value)) + '\n'
+
+
+def _lines(value: object) -> Iterator[str]:
+    # A general emitter takes longer over this text than a small bag takes to write.
+    if isinstance(value, dict):
+        for key, item in value.items():
+            head, *rest = _lines(item)
+            if isinstance(item, list) and item:
+                yield f'{_scalar(key)}:'
+                yield from (head, *rest)
+            elif isinstance(item, dict) and item:
+                yield f'{_scalar(key)}:'
+                yield from (f'  {line}' for line in (head, *rest))
+            else:
+                yield f'{_scalar(key)}: {head}'
+    elif isinstance(value, list):
+        for item in value:
+            head, *rest = _lines(item)
+            yield f'- {head}'
+            yield from (f'  {line}' for line in rest)
+    if not isinstance(value, (dict, list)) or not value:
+        yield _scalar(value)
+
+
+def _scalar(value: object) -> str:
+    if isinstance(value, str):
+        if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+            return value
+        # JSON's strings are YAML's but for a few characters that YAML does not call printable.
+        quoted = json.dumps(value, ensure_ascii=False)
+        return _UNPRINTABLE.sub(lambda match: f'\\u{ord(match[0]):04x}', quoted)
+    return json.dumps(value)

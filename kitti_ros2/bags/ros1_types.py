@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS 2 messages as ROS 1 messages: definitions, md5 sums and bytes.
+
+The differences, all of them handled here:
+
+- std_msgs/Header has a seq in ROS 1 (written as 0); rosbags' byte conversion knows.
+- CameraInfo's d k r p are named D K R P; the bytes are the same.
+- Marker has fields in ROS 2 that ROS 1 lacks (texture, uv_coordinates, mesh_file): left out.
+- Types that Noetic's store does not hold (tf2_msgs, vision_msgs) keep ROS 2's fields over ROS 1's
+  Header. That is exactly ROS 1's own TFMessage; Detection3DArray, which ROS 1 defined otherwise
+  (class numbers instead of names), stays readable by the definition in the bag.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosbags.interfaces.typing import FieldDesc
+    from rosbags.typesys.store import Typestore
+
+_HEADER = 'std_msgs/msg/Header'
+
+
+class Ros1Types:
+    """The ROS 1 side of a ROS 2 typestore."""
+
+    def __init__(self, typestore: Typestore) -> None:
+        self._ros2 = typestore
+        self._ros1 = get_typestore(Stores.ROS1_NOETIC)
+
+    def definition(self, msgtype: str) -> tuple[str, str]:
+        """The text and the md5 sum that ROS 1 gives a type."""
+        self._complete(msgtype)
+        return self._ros1.generate_msgdef(msgtype, ros_version=1)
+
+    def converter(self, msgtype: str) -> Callable[[bytes | memoryview], memoryview]:
+        """A function that turns the type's CDR into ROS 1's serialization."""
+        self._complete(msgtype)
+        if self._same_layout(msgtype):
+            return lambda data: self._ros2.cdr_to_ros1(data, msgtype)
+        return lambda data: self._ros1.serialize_ros1(
+            self._rebuild(self._ros2.deserialize_cdr(data, msgtype), msgtype), msgtype
+        )
+
+    def _complete(self, msgtype: str) -> None:
+        missing = {}
+        for name in self._closure(msgtype):
+            if name not in self._ros1.fielddefs:
+                missing[name] = self._ros2.fielddefs[name]
+        if missing:
+            self._ros1.register(missing)
+
+    def _closure(self, msgtype: str) -> list[str]:
+        if msgtype in self._ros1.fielddefs:
+            return [msgtype]
+        names = [msgtype]
+        for _, description in self._ros2.fielddefs[msgtype][1]:
+            nested = _nested(description)
+            if nested is not None:
+                names += self._closure(nested)
+        return names
+
+    def _same_layout(self, msgtype: str) -> bool:
+        if msgtype == _HEADER:
+            return True
+        fields1, fields2 = (store.fielddefs[msgtype][1] for store in (self._ros1, self._ros2))
+        if len(fields1) != len(fields2):
+            return False
+        for (name1, kind1), (name2, kind2) in zip(fields1, fields2, strict=True):
+            if name1.lower() != name2.lower() or kind1 != kind2:
+                return False
+            nested = _nested(kind1)
+            if nested is not None and not self._same_layout(nested):
+                return False
+        return True
+
+    def _rebuild(self, message: object, msgtype: str) -> object:
+        values = {
+            name: self._value(message, name, _nested(description))
+            for name, description in self._ros1.fielddefs[msgtype][1]
+        }
+        build: Callable[..., object] = self._ros1.types[msgtype]
+        return build(**values)
+
+    def _value(self, message: object, name: str, nested: str | None) -> object:
+        # Only Header has a field that ROS 2 dropped, and only CameraInfo has capitals.
+        value = getattr(message, name.lower(), 0)
+        if nested is None:
+            return value
+        if isinstance(value, list):
+            return [self._rebuild(item, nested) for item in value]
+        return self._rebuild(value, nested)
+
+
+def _nested(description: FieldDesc) -> str | None:
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        return str(detail)
+    if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        return _nested(cast('tuple[FieldDesc, int]', detail)[0])
+    return None

@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as a row of files: staging, splitting, counting and metadata.yaml, for every storage."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from kitti_ros2.errors import OutputError, UsageError
+
+from .contract import SegmentContext, Tally
+from .mcap_writer import McapSegment
+from .metadata import bag_information, information_text, metadata_yaml
+from .ros1_writer import Ros1Segment
+from .sqlite_writer import SqliteSegment
+from .staging import Staging, output_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from .contract import Channel, Parts, SegmentWriter
+
+STORAGES: dict[str, tuple[str, type[SegmentWriter]]] = {
+    'mcap': ('.mcap', McapSegment),
+    'sqlite3': ('.db3', SqliteSegment),
+    'ros1': ('.bag', Ros1Segment),
+}
+
+# Until a file is complete its name says so, even inside the hidden directory it is built in.
+_UNFINISHED = '.unfinished'
+
+
+class SegmentedWriter:
+    """The BagWriter of every storage.
+
+    Attributes:
+        path: Where the bag will be once closed.
+
+    Raises:
+        OutputExistsError: Something is there already and may not be replaced.
+        OutputError: Another run is writing there, or the disk refuses.
+    """
+
+    def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
+        self._context = context
+        self._ending, self._open = STORAGES[context.options.storage]
+        self._single_file = single_file
+        self._split_size = context.options.split_size
+        self._split_duration_ns = context.options.split_duration_ns
+        self._split = context.options.split
+        self._channels: list[Channel] = []
+        self._topics: set[str] = set()
+        self._tallies: list[Tally] = []
+        self._segment: SegmentWriter | None = None
+        self._size = 0
+        self._done = False
+        self._staging = Staging(path, overwrite=context.options.overwrite)
+        self.path = self._staging.path
+        try:
+            with self._reported():
+                if not single_file:
+                    self._staging.content.mkdir()
+                self._segment = self._next_segment()
+        except BaseException:
+            self.abort()
+            raise
+
+    def add_channel(self, channel: Channel) -> int:
+        """Declare a topic and return its channel id."""
+        if channel.topic in self._topics:
+            raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
+        segment = self._opened()
+        channel_id = len(self._channels)
+        with self._reported():
+            segment.add_channel(channel_id, channel)
+        self._channels.append(channel)
+        self._topics.add(channel.topic)
+        self._tallies[-1].counts.append(0)
+        return channel_id
+
+    def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
+        """Append one message, to a new file where the present one is full."""
+        if stamp_ns < 0:
+            raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
+        try:
+            if self._split:
+                self._make_room(stamp_ns, sum(map(len, parts)))
+            self._opened().write(channel_id, stamp_ns, parts)
+        except (OSError, sqlite3.Error) as error:
+            raise self._error(error) from error
+        tally = self._tallies[-1]
+        tally.counts[channel_id] += 1
+        tally.start_ns = min(tally.start_ns, stamp_ns)
+        tally.end_ns = max(tally.end_ns, stamp_ns)
+
+    def close(self) -> None:
+        """Complete the bag and put it where it belongs."""
+        if self._done:
+            return
+        try:
+            with self._reported():
+                self._close_segment()
+                self._finish_names()
+            self._staging.publish()
+            self._done = True
+        except BaseException:
+            self.abort()
+            raise
+
+    def abort(self) -> None:
+        """Give the bag up and remove what there is of it."""
+        if self._done:
+            return
+        self._done = True
+        segment, self._segment = self._segment, None
+        if segment is not None:
+            with suppress(OSError, sqlite3.Error):
+                segment.abort()
+        self._staging.discard()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+        else:
+            self.abort()
+
+    def _opened(self) -> SegmentWriter:
+        if self._segment is None:
+            raise ValueError(f'{self.path}: the bag is closed')
+        return self._segment
+
+    def _name(self, index: int) -> str:
+        return self.path.name if self._single_file else f'{self.path.name}_{index}{self._ending}'
+
+    def _built(self, index: int) -> Path:
+        content = self._staging.content
+        return content if self._single_file else content / (self._name(index) + _UNFINISHED)
+
+    def _next_segment(self) -> SegmentWriter:
+        segment = self._open(self._built(len(self._tallies)), self._context)
+        self._tallies.append(Tally([0] * len(self._channels)))
+        self._size = 0
+        self._segment = segment
+        for channel_id, channel in enumerate(self._channels):
+            segment.add_channel(channel_id, channel)
+        return segment
+
+    def _make_room(self, stamp_ns: int, size: int) -> None:
+        tally = self._tallies[-1]
+        full = self._split_size is not None and self._size + size > self._split_size
+        over = (
+            self._split_duration_ns is not None
+            and stamp_ns - tally.start_ns >= self._split_duration_ns
+        )
+        # A message larger than the limit gets a file of its own, never an empty one before it.
+        if (full or over) and tally.end_ns >= tally.start_ns:
+            self._close_segment()
+            self._next_segment()
+        self._size += size
+
+    def _files(self) -> dict[str, Tally]:
+        return {self._name(index): tally for index, tally in enumerate(self._tallies)}
+
+    def _close_segment(self) -> None:
+        segment = self._opened()
+        segment.close(information_text(self._information()))
+        self._segment = None
+
+    def _information(self) -> dict[str, object]:
+        return bag_information(
+            self._context.options,
+            self._context.typestore,
+            self._channels,
+            self._files(),
+            self._context.source_metadata,
+        )
+
+    def _finish_names(self) -> None:
+        if self._single_file:
+            return
+        for index in range(len(self._tallies)):
+            built = self._built(index)
+            built.rename(built.with_name(self._name(index)))
+        if self._context.options.storage != 'ros1':
+            text = metadata_yaml(self._information())
+            (self._staging.content / 'metadata.yaml').write_text(text, encoding='utf-8')
+
+    def _error(self, error: OSError | sqlite3.Error) -> OutputError:
+        if isinstance(error, OSError):
+            return output_error(self.path, error)
+        return OutputError(
+            self.path, f'cannot be written ({error})', 'check the disk and its space'
+        )
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            raise self._error(error) from error

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One sqlite3 file of a rosbag2 bag: rosbag2_storage_sqlite3's schema, version 4 (Jazzy).
+
+Tables: schema (version, distribution), metadata (its version, YAML), topics (id, name, type,
+serialization format, offered QoS profiles as YAML, type hash), message_definitions (type, encoding,
+text, type hash) and messages (topic, stamp in ns, CDR data), the last indexed by stamp.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .compressors import compressor
+from .metadata import ROS_DISTRO, VERSION, qos_text
+from .ordered_pool import OrderedPool
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .contract import Channel, Parts, SegmentContext
+
+_SCHEMA_VERSION = 4
+
+# The file becomes a bag by a rename after it is complete, so nothing in it needs a journal or must
+# reach the disk in any order. Pages of 16 KiB keep the chains of overflow pages of scans short, and
+# still waste little of their last one.
+_PRAGMAS = """
+PRAGMA page_size = 16384;
+PRAGMA journal_mode = OFF;
+PRAGMA synchronous = OFF;
+PRAGMA locking_mode = EXCLUSIVE;
+"""
+
+_TABLES = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(
+    id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(
+    id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+    serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL,
+    type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(
+    id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(
+    id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+    data BLOB NOT NULL);
+"""
+
+
+class SqliteSegment:
+    """The writer of one .db3 file; compression is rosbag2's message mode."""
+
+    def __init__(self, path: Path, context: SegmentContext) -> None:
+        self._typestore = context.typestore
+        self._types: set[str] = set()
+        options = context.options
+        self._pool: OrderedPool[bytes] | None = None
+        if options.compression != 'none':
+            self._pool = OrderedPool()
+            self._compress = compressor(options.compression, options.compression_level)
+        self._connection = sqlite3.connect(path, isolation_level=None)
+        self._connection.executescript(_PRAGMAS + _TABLES)
+        self._connection.execute('INSERT INTO schema VALUES(?, ?)', (_SCHEMA_VERSION, ROS_DISTRO))
+        self._connection.execute('BEGIN')
+
+    def add_channel(self, channel_id: int, channel: Channel) -> None:
+        """Write the topic's row, and its type's where that is new."""
+        digest = self._typestore.hash_rihs01(channel.msgtype)
+        if channel.msgtype not in self._types:
+            self._types.add(channel.msgtype)
+            text = self._typestore.generate_msgdef(channel.msgtype, ros_version=2)[0]
+            self._connection.execute(
+                'INSERT INTO message_definitions'
+                '(topic_type, encoding, encoded_message_definition, type_description_hash)'
+                ' VALUES(?, ?, ?, ?)',
+                (channel.msgtype, 'ros2msg', text, digest),
+            )
+        self._connection.execute(
+            'INSERT INTO topics VALUES(?, ?, ?, ?, ?, ?)',
+            (channel_id + 1, channel.topic, channel.msgtype, 'cdr', qos_text(channel), digest),
+        )
+
+    def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
+        """Append one row."""
+        data = parts[0] if len(parts) == 1 else b''.join(parts)
+        insert = partial(self._insert, channel_id + 1, stamp_ns)
+        if self._pool is None:
+            insert(data)
+        else:
+            self._pool.put(partial(self._compress, bytes(data)), insert)
+
+    def close(self, information: str) -> None:
+        """Write the bag's metadata and the index, and commit."""
+        if self._pool is not None:
+            self._pool.drain()
+            self._pool.close()
+        self._connection.execute(
+            'INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)', (VERSION, information)
+        )
+        self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
+        self._connection.execute('COMMIT')
+        self._connection.close()
+
+    def abort(self) -> None:
+        """Stop all work and let go of the file."""
+        if self._pool is not None:
+            self._pool.close()
+        self._connection.close()
+
+    def _insert(self, topic_id: int, stamp_ns: int, data: bytes | memoryview) -> None:
+        self._connection.execute(
+            'INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)',
+            (topic_id, stamp_ns, data),
+        )

@@ -1,0 +1,212 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""An output that exists either completely or not at all.
+
+Everything is written inside the hidden directory ``.{name}.partial`` beside the output, locked as
+long as its writer lives, and renamed to the output when complete. The lock goes with the process,
+however it ends: a partial directory without one is what a killed run left, and the next run clears
+it away.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_REPLACED = 'replaced'
+_BAG_FILES = ('.mcap', '.bag')
+_DIRECTORY_FILES = (*_BAG_FILES, '.db3', '.db3-shm', '.db3-wal', '.zstd')
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+# File systems without locks; there a second run at the same time goes unnoticed.
+_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
+
+
+def output_error(path: Path, error: OSError) -> OutputError:
+    """The one-line error for what the operating system says about an output."""
+    reason = error.strerror or str(error)
+    if error.errno in _FULL:
+        return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
+    if error.errno in _FORBIDDEN:
+        return OutputError(
+            path, f'cannot be written ({reason})', 'choose a folder you may write to'
+        )
+    return OutputError(path, f'cannot be written ({reason})', 'check the path and the disk')
+
+
+@contextmanager
+def reported(path: Path) -> Iterator[None]:
+    """Turn the operating system's errors about an output into OutputError."""
+    try:
+        yield
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+class Staging:
+    """A place for an output under construction.
+
+    Attributes:
+        path: The output.
+        content: Where to build it: a path inside the partial directory that does not exist yet.
+
+    Raises:
+        OutputExistsError: The output exists and may not be replaced.
+        OutputError: Another run is writing it, or the disk refuses.
+        UsageError: The path names no possible output.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self.path = _named(path)
+        self._overwrite = overwrite
+        self._partial = self.path.with_name(f'.{self.path.name}.partial')
+        self.content = self._partial / 'content'
+        self._created: list[Path] = []
+        self._lock = -1
+        _check_free(self.path, overwrite=overwrite)
+        try:
+            with reported(self.path):
+                self._created = _make_parents(self.path.parent)
+                self._lock = self._acquire()
+                self._clear()
+        except BaseException:
+            self.discard()
+            raise
+
+    def publish(self) -> None:
+        """Rename the complete content to the output.
+
+        Raises:
+            OutputExistsError: The output appeared meanwhile, or is none that may be replaced.
+            OutputError: The disk refuses.
+        """
+        _check_free(self.path, overwrite=self._overwrite)
+        with reported(self.path):
+            if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
+                self.path.rename(self._partial / _REPLACED)
+            self.content.rename(self.path)
+        self._created.clear()
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove what is there of the content and let go of the place; never raises OSError."""
+        lock, self._lock = self._lock, -1
+        if lock >= 0:
+            with suppress(OSError):
+                self._restore()
+            # Deleting comes before unlocking: another run must not find the place half cleared.
+            shutil.rmtree(self._partial, ignore_errors=True)
+            os.close(lock)
+        for folder in reversed(self._created):
+            with suppress(OSError):
+                folder.rmdir()
+        self._created.clear()
+
+    def _acquire(self) -> int:
+        while True:
+            with suppress(FileExistsError):
+                self._partial.mkdir()
+            fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                self._lock_exclusively(fd)
+                # A directory that its owner removed between our open and our lock is not ours.
+                if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
+                    return fd
+            except FileNotFoundError:
+                pass
+            except BaseException:
+                os.close(fd)
+                raise
+            os.close(fd)
+
+    def _lock_exclusively(self, fd: int) -> None:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                self.path, 'another run is writing this', 'wait for it, or choose another name'
+            ) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+
+    def _clear(self) -> None:
+        self._restore()
+        for entry in self._partial.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
+
+    def _restore(self) -> None:
+        # A run that was killed between its two renames had moved the old bag here.
+        replaced = self._partial / _REPLACED
+        if os.path.lexists(replaced) and not os.path.lexists(self.path):
+            replaced.rename(self.path)
+
+
+def _named(path: Path) -> Path:
+    if path.name in {'', '..'}:
+        path = path.resolve()
+    if not path.name:
+        raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
+    return path
+
+
+def _check_free(path: Path, *, overwrite: bool) -> None:
+    with reported(path):
+        if not os.path.lexists(path):
+            return
+        if not overwrite:
+            raise OutputExistsError(path)
+        if path.is_symlink():
+            raise OutputExistsError(path, 'it is a symbolic link; give the path it points to')
+        if not _looks_like_bag(path):
+            raise OutputExistsError(
+                path, 'it is no bag, so --overwrite does not touch it; choose another name'
+            )
+
+
+def _looks_like_bag(path: Path) -> bool:
+    if path.is_file():
+        return path.suffix in _BAG_FILES
+    if not path.is_dir():
+        return False
+    names = set()
+    for entry in path.iterdir():
+        if entry.is_symlink() or not entry.is_file():
+            return False
+        names.add(entry.name)
+    files = {name for name in names if name.endswith(_DIRECTORY_FILES)}
+    if names - files - {'metadata.yaml'}:
+        return False
+    # A split ROS 1 bag has no metadata.yaml; an empty directory has nothing to lose.
+    return 'metadata.yaml' in names or all(name.endswith('.bag') for name in names)
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    created: list[Path] = []
+    try:
+        for path in reversed(missing):
+            path.mkdir(exist_ok=True)
+            created.append(path)
+    except BaseException:
+        for path in reversed(created):
+            with suppress(OSError):
+                path.rmdir()
+        raise
+    return created

@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Open a bag to write: whatever its storage, split or not, it appears only when complete.
+
+What OUT becomes:
+
+==================  ======================  =====================================================
+OUT                 storage                 on disk
+==================  ======================  =====================================================
+``drive.mcap``      mcap                    that file
+``drive.bag``       ros1                    that file
+``drive``           mcap or sqlite3         rosbag2 directory: metadata.yaml, drive_0.mcap, ...
+``drive``           ros1, no split          ``drive.bag``, as rosbag record -O does
+``drive``           ros1, split             directory: drive_0.bag, drive_1.bag, ...
+==================  ======================  =====================================================
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kitti_ros2.errors import UsageError
+from kitti_ros2.options import COMPRESSIONS
+
+from .contract import BagWriter, Channel, Parts, SegmentContext
+from .segments import SegmentedWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from rosbags.typesys.store import Typestore
+
+    from kitti_ros2.options import BagOptions
+
+__all__ = ['BagWriter', 'Channel', 'Parts', 'guess_storage', 'open_bag', 'output_path']
+
+_ENDINGS = {'.mcap': 'mcap', '.bag': 'ros1'}
+
+
+def guess_storage(path: Path, asked: str | None = None) -> str:
+    """The storage for an output path: the one asked for, else the ending's, else mcap.
+
+    Raises:
+        UsageError: The ending and the storage contradict each other, or one of them is unknown.
+    """
+    if asked is not None and asked not in COMPRESSIONS:
+        raise UsageError(f'there is no storage {asked!r}; choose one of {", ".join(COMPRESSIONS)}')
+    if path.suffix == '.db3':
+        raise UsageError(
+            f'{path}: a sqlite3 bag is a directory that holds the .db3 file;'
+            f' give {path.stem} and --storage sqlite3'
+        )
+    named = _ENDINGS.get(path.suffix)
+    if named is None:
+        return asked or 'mcap'
+    if asked not in {None, named}:
+        raise UsageError(
+            f'{path}: the ending {path.suffix} means storage {named}, not {asked};'
+            f' give {path.stem} for storage {asked}, or leave --storage out'
+        )
+    return named
+
+
+def output_path(path: Path, options: BagOptions) -> Path:
+    """Where a bag will be that is to be written to a path.
+
+    Raises:
+        UsageError: The path's ending contradicts the options.
+    """
+    storage = guess_storage(path, options.storage)
+    if path.suffix in _ENDINGS and options.split:
+        raise UsageError(
+            f'{path}: a bag that is split becomes several files in a directory;'
+            f' give {path.stem} and --storage {storage}'
+        )
+    if storage == 'ros1' and not options.split and path.suffix != '.bag' and path.name:
+        return path.with_name(f'{path.name}.bag')
+    return path
+
+
+def open_bag(
+    path: Path,
+    options: BagOptions,
+    typestore: Typestore,
+    *,
+    source_metadata: Mapping[str, str] | None = None,
+) -> BagWriter:
+    """Open a bag for writing; to be used as a context manager.
+
+    Args:
+        path: Where the bag shall be; see the table above and BagWriter.path.
+        options: Storage, compression, split, overwrite.
+        typestore: Knows the ROS 2 definitions of the types that will be written.
+        source_metadata: Where the data came from, kept in the bag where its storage can.
+
+    Raises:
+        UsageError: The path's ending contradicts the options.
+        OutputExistsError: Something is there already and may not be replaced.
+        OutputError: Another run is writing there, or the disk refuses.
+    """
+    # File names may hold bytes that are no UTF-8, which bags cannot.
+    source = {
+        key: value.encode('utf-8', 'replace').decode()
+        for key, value in (source_metadata or {}).items()
+    }
+    context = SegmentContext(options, typestore, source)
+    target = output_path(path, options)
+    return SegmentedWriter(target, context, single_file=target.suffix in _ENDINGS)

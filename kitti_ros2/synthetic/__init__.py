@@ -1,0 +1,13 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A synthetic recording: a little street, exact to the millimetre, in all four layouts.
+
+Points lie on the boxes' surfaces, boxes project onto the pixels that show them, and the GPS/IMU
+packets are the derivatives of the path: the demo's data, and a fixture for tests.
+"""
+
+from .drive import FrameStamps, SyntheticDrive
+from .options import SyntheticOptions
+from .write import write_synthetic
+
+__all__ = ['FrameStamps', 'SyntheticDrive', 'SyntheticOptions', 'write_synthetic']

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The synthetic recording in memory: every sample of every frame, made on demand.
+
+A frame is one instant: the scan is a snapshot, and the four images show it. The stamps of its
+samples differ by constant offsets, as KITTI's do: the images' come 10 ms after the sweep's middle.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..kitti.box_frames import rect_from_velo
+from ..samples import Scan
+from ..stamps import NS_PER_S
+from .cameras import Cameras, encode_png
+from .labels import label_solids
+from .lidar import cast_scan, ground_reflectance, scan_points
+from .options import SyntheticOptions
+from .path import Motion, motion_at, packet_of
+from .rig import CAR_T_VELO, make_calibration
+from .scene import PlacedSolid, build_street, place_solids
+
+if TYPE_CHECKING:
+    from ..geometry import Float64Array, Transform
+    from ..samples import Box, Calibration, Image, OxtsPacket
+    from .render import Canvas
+    from .textures import Picture
+
+START_NS = 1_317_042_000_123_456_789
+PERIOD_NS = 100_000_000
+LABEL_CAMERA = 2
+_JITTER_NS = 300_000
+_HALF_SWEEP_NS = 49_731_519
+_CAMERA_OFFSETS_NS = (10_412_837, 10_427_341, 10_003_129, 10_018_773)
+_OXTS_OFFSET_NS = 4_871_233
+_REFLECTANCE_SPREAD = 0.03
+
+
+class FrameStamps(NamedTuple):
+    """The stamps of one frame's samples, nanoseconds since 1970-01-01 UTC.
+
+    Attributes:
+        scan: Middle of the sweep, and the instant that the whole frame shows.
+        scan_start, scan_end: Of the sweep.
+        images: By camera.
+        oxts: Of the packet.
+    """
+
+    scan: int
+    scan_start: int
+    scan_end: int
+    images: tuple[int, ...]
+    oxts: int
+
+
+class SyntheticDrive:
+    """A drive of options.frames frames, numbered from 0.
+
+    Any sample can be asked for at any time, in any order, from any thread: it is a function of the
+    options and the frame, made anew by each call.
+
+    Attributes:
+        options: What it is made from.
+        calibration: The rig.
+    """
+
+    def __init__(self, options: SyntheticOptions | None = None) -> None:
+        self.options = options or SyntheticOptions()
+        self.calibration: Calibration = make_calibration(self.options.image_size)
+        self._rect_T_velo = rect_from_velo(self.calibration)
+        self._car_T_imu = _car_from_imu(self.calibration)
+        self._solids = build_street(self.options.seed, self.options.frames * PERIOD_NS / NS_PER_S)
+        rng = np.random.default_rng([self.options.seed, 7])
+        self._jitter_ns = rng.integers(-_JITTER_NS, _JITTER_NS, self.options.frames)
+        self._jitter_ns[0] = 0
+        focal = float(self.calibration.cameras[0].p_rect[0, 0])
+        self._last_placed: tuple[int, list[PlacedSolid]] = (-1, [])
+        self._cameras = Cameras(self.options.image_size, focal, self.options.seed)
+
+    def __len__(self) -> int:
+        return self.options.frames
+
+    def stamps(self, frame: int) -> FrameStamps:
+        """When the samples of a frame were taken."""
+        middle = START_NS + frame * PERIOD_NS + int(self._jitter_ns[frame])
+        return FrameStamps(
+            scan=middle,
+            scan_start=middle - _HALF_SWEEP_NS,
+            scan_end=middle + _HALF_SWEEP_NS,
+            images=tuple(middle + offset for offset in _CAMERA_OFFSETS_NS),
+            oxts=middle + _OXTS_OFFSET_NS,
+        )
+
+    def motion(self, frame: int) -> Motion:
+        """The truth: where the GPS/IMU unit is and how it moves."""
+        return motion_at((self.stamps(frame).scan - START_NS) / NS_PER_S, self._car_T_imu)
+
+    def packet(self, frame: int) -> OxtsPacket:
+        """What the GPS/IMU unit says."""
+        return packet_of(self.motion(frame))
+
+    def pose(self, frame: int) -> Transform:
+        """first_T_cam0: the rectified camera 0 in its own first frame."""
+        cam0_t_imu = self._rect_T_velo @ CAR_T_VELO.inverse() @ self._car_T_imu
+        first, now = self.motion(0).map_T_imu, self.motion(frame).map_T_imu
+        return cam0_t_imu @ first.inverse() @ now @ cam0_t_imu.inverse()
+
+    def placed(self, frame: int) -> list[PlacedSolid]:
+        """The boxes around the scanner, in velo_link, nearest first."""
+        known, placed = self._last_placed
+        if known != frame:
+            time = (self.stamps(frame).scan - START_NS) / NS_PER_S
+            placed = place_solids(self._solids, time, self.motion(frame).street_T_car)
+            self._last_placed = (frame, placed)
+        return placed
+
+    def scan(self, frame: int) -> Scan:
+        """The sweep of a frame."""
+        placed = self.placed(frame)
+        ranges, hits = cast_scan(placed, self.options.lidar_columns)
+        rng = np.random.default_rng([self.options.seed, 8, frame])
+        street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
+        albedos = np.array([*(one.solid.look.reflectance for one in placed), 0.0])
+        reflectance = np.where(
+            hits < 0, ground_reflectance(ranges, street_t_velo), albedos[hits]
+        ) + rng.normal(0.0, _REFLECTANCE_SPREAD, ranges.shape)
+        noise = None
+        if self.options.range_noise_m > 0:
+            noise = rng.normal(0.0, self.options.range_noise_m, ranges.shape)
+        stamps = self.stamps(frame)
+        points = scan_points(ranges, reflectance, noise)
+        return Scan(points, start_ns=stamps.scan_start, end_ns=stamps.scan_end)
+
+    def picture(self, frame: int, camera: int) -> Picture:
+        """The pixels of an image: (height, width) for cameras 0 and 1, else (..., 3), BGR."""
+        street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
+        projection = self.projection(camera)
+        return self._cameras.photograph(
+            camera, frame, self.placed(frame), projection, street_t_velo
+        )
+
+    def image(self, frame: int, camera: int) -> Image:
+        """An image as its PNG file."""
+        return encode_png(self.picture(frame, camera))
+
+    def instances(self, frame: int, camera: int) -> Canvas:
+        """Which of placed(frame) each pixel of an image shows, plus one, and its depth."""
+        return self._cameras.instances(self.placed(frame), self.projection(camera))
+
+    def boxes(self, frame: int) -> list[Box]:
+        """The labels of a frame, with frame and track id; of what camera 2 sees."""
+        placed = self.placed(frame)
+        canvas = self._cameras.instances(placed, self.projection(LABEL_CAMERA))
+        p_rect = self.calibration.cameras[LABEL_CAMERA].p_rect
+        return label_solids(placed, canvas, p_rect, self._rect_T_velo, frame)
+
+    def projection(self, camera: int) -> Float64Array:
+        """(3, 4), velo_link to a camera's pixels: P_i R0_rect Tr_velo_to_cam."""
+        projection: Float64Array = (
+            self.calibration.cameras[camera].p_rect @ self._rect_T_velo.matrix()
+        )
+        return projection
+
+
+def _car_from_imu(calibration: Calibration) -> Transform:
+    if calibration.velo_T_imu is None:
+        raise ValueError('the synthetic rig has a velo_T_imu')
+    return CAR_T_VELO @ calibration.velo_T_imu

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What can be chosen about the synthetic recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import UsageError
+
+MAX_FRAMES = 10_000
+FULL_SIZE = (1242, 375)
+
+
+@dataclass(frozen=True)
+class SyntheticOptions:
+    """A recording is a function of these: the same options give the same bytes.
+
+    Attributes:
+        frames: How many, at 10 Hz.
+        seed: Of the street: what stands where, in which colour.
+        image_size: (width, height) in pixels; the projections scale with it.
+        lidar_columns: Firings per turn; each is 64 rays.
+        range_noise_m: Standard deviation of the ranges; 0 puts points exactly on the surfaces.
+    """
+
+    frames: int = 20
+    seed: int = 0
+    image_size: tuple[int, int] = FULL_SIZE
+    lidar_columns: int = 2000
+    range_noise_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.frames <= MAX_FRAMES:
+            raise UsageError(f'frames is {self.frames}; expected 1 to {MAX_FRAMES}')
+        if self.seed < 0:
+            raise UsageError(f'seed is {self.seed}; expected 0 or more')
+        width, height = self.image_size
+        if not (16 <= width <= 8192 and 16 <= height <= 8192):
+            raise UsageError(f'image_size is {width}x{height}; expected 16 to 8192 pixels a side')
+        if not 16 <= self.lidar_columns <= 20_000:
+            raise UsageError(f'lidar_columns is {self.lidar_columns}; expected 16 to 20000')
+        if not 0.0 <= self.range_noise_m <= 1.0:
+            raise UsageError(f'range_noise_m is {self.range_noise_m}; expected 0 to 1')

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the synthetic car drives: a winding lane in closed form, with exact derivatives.
+
+The *street* frame lies on the ground (z = 0, z up): the ego lane is y = A sin(k x), other lanes
+are the same curve shifted in y. The street lies on a slope: map_R_street turns it into map axes
+(x east, y north, z up), so that roll, pitch and height change along the way although the car
+stands flat on its road and every box upright beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan, atan2, cos, degrees, exp, log, pi, radians, sin, tan
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from ..geometry import Transform, rotation_from_rpy, rotation_to_rpy
+from ..samples import OxtsPacket
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from ..geometry import Float64Array
+
+_Float = TypeVar('_Float', np.float32, np.float64)
+
+SPEED = 8.0
+GRAVITY = 9.81
+EARTH_RADIUS = 6378137.0
+ORIGIN = (49.0093, 8.4381, 114.7)
+"""Latitude and longitude in degrees and altitude in metres of the unit in frame 0."""
+
+MAP_R_STREET = rotation_from_rpy(0.011, -0.024, 0.57)
+
+_ACCURACY_AND_MODES = {
+    'pos_accuracy': 0.05,
+    'vel_accuracy': 0.02,
+    'navstat': 4,
+    'numsats': 9,
+    'posmode': 6,
+    'velmode': 6,
+    'orimode': 6,
+}
+_AMPLITUDE = 5.0
+_WAVE_NUMBER = 2 * pi / 150.0
+_SPEED_WAVE = 0.9
+_SPEED_RATE = 0.55
+
+
+def lane_y(x: float) -> float:
+    """The ego lane's y at x, street frame."""
+    return _AMPLITUDE * sin(_WAVE_NUMBER * x)
+
+
+def lane_y_array(x: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
+    """lane_y of an array, in its own precision."""
+    y: npt.NDArray[_Float] = np.sin(x * x.dtype.type(_WAVE_NUMBER)) * x.dtype.type(_AMPLITUDE)
+    return y
+
+
+def lane_yaw(x: float) -> float:
+    """The ego lane's heading at x, street frame."""
+    return atan(_AMPLITUDE * _WAVE_NUMBER * cos(_WAVE_NUMBER * x))
+
+
+def ego_x(time: float) -> float:
+    """How far along the street the car is at a time in seconds."""
+    return SPEED * time + _SPEED_WAVE * sin(_SPEED_RATE * time)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The GPS/IMU unit at one moment; vectors in map axes, from its place at time 0.
+
+    Attributes:
+        street_T_car: The car in the street frame.
+        map_T_imu: Pose of the unit.
+        velocity: (3,) m/s.
+        acceleration: (3,) m/s^2, without gravity.
+        angular_velocity: (3,) rad/s.
+    """
+
+    street_T_car: Transform
+    map_T_imu: Transform
+    velocity: Float64Array
+    acceleration: Float64Array
+    angular_velocity: Float64Array
+
+
+def motion_at(time: float, car_T_imu: Transform) -> Motion:
+    """The motion of the unit, mounted at car_T_imu, at a time in seconds."""
+    street_t_car, velocity, acceleration, yaw_rate, yaw_acceleration = _car_motion(time)
+    street_t_imu = street_t_car @ car_T_imu
+    first_t_car = _car_motion(0.0)[0]
+    arm = street_t_imu.translation - street_t_car.translation
+    across = np.array([-arm[1], arm[0], 0.0])
+    inward = np.array([-arm[0], -arm[1], 0.0])
+    moved = street_t_imu.translation - (first_t_car @ car_T_imu).translation
+    return Motion(
+        street_T_car=street_t_car,
+        map_T_imu=Transform(MAP_R_STREET @ street_t_imu.rotation, MAP_R_STREET @ moved),
+        velocity=MAP_R_STREET @ (velocity + yaw_rate * across),
+        acceleration=MAP_R_STREET
+        @ (acceleration + yaw_acceleration * across + yaw_rate**2 * inward),
+        angular_velocity=MAP_R_STREET @ np.array([0.0, 0.0, yaw_rate]),
+    )
+
+
+def _car_motion(time: float) -> tuple[Transform, Float64Array, Float64Array, float, float]:
+    """street_T_car, velocity, acceleration, yaw rate and yaw acceleration, in the street frame."""
+    x = ego_x(time)
+    dx = SPEED + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * time)
+    ddx = -_SPEED_WAVE * _SPEED_RATE**2 * sin(_SPEED_RATE * time)
+    y1 = _AMPLITUDE * _WAVE_NUMBER * cos(_WAVE_NUMBER * x)
+    y2 = -(_WAVE_NUMBER**2) * lane_y(x)
+    y3 = -(_WAVE_NUMBER**2) * y1
+    steep = 1 + y1 * y1
+    yaw_rate = y2 * dx / steep
+    yaw_acceleration = (y3 * dx * dx + y2 * ddx) / steep - 2 * y1 * (y2 * dx / steep) ** 2
+    pose = Transform(rotation_from_rpy(0.0, 0.0, atan(y1)), np.array([x, lane_y(x), 0.0]))
+    velocity = np.array([dx, y1 * dx, 0.0])
+    acceleration = np.array([ddx, y1 * ddx + y2 * dx * dx, 0.0])
+    return pose, velocity, acceleration, yaw_rate, yaw_acceleration
+
+
+def packet_of(motion: Motion) -> OxtsPacket:
+    """The unit's packet: position by Mercator with the scale of frame 0, as the devkit inverts."""
+    rotation = motion.map_T_imu.rotation
+    roll, pitch, yaw = rotation_to_rpy(rotation)
+    level = rotation_from_rpy(0.0, 0.0, yaw).T
+    felt = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
+    latitude, longitude, altitude = _geodetic(motion.map_T_imu.translation)
+    forward, left, up = level @ motion.velocity
+    values = [latitude, longitude, altitude, roll, pitch, yaw]
+    values += [motion.velocity[1], motion.velocity[0], forward, left, up]
+    values += [*(rotation.T @ felt), *(level @ felt)]
+    values += [*(rotation.T @ motion.angular_velocity), *(level @ motion.angular_velocity)]
+    return OxtsPacket(
+        *(float(value) for value in values),  # type: ignore[arg-type]
+        **_ACCURACY_AND_MODES,  # type: ignore[arg-type]
+    )
+
+
+def _geodetic(position: Float64Array) -> tuple[float, float, float]:
+    """Latitude, longitude (degrees) and altitude of a place in map."""
+    latitude, longitude, altitude = ORIGIN
+    metres = EARTH_RADIUS * cos(radians(latitude))
+    northing = log(tan(pi / 4 + radians(latitude) / 2)) + position[1] / metres
+    return (
+        degrees(2 * atan2(exp(northing), 1.0) - pi / 2),
+        longitude + degrees(position[0] / metres),
+        altitude + float(position[2]),
+    )

@@ -1,0 +1,21 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What several tests build on."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from kitti_ros2.synthetic import SyntheticOptions
+
+SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
+"""The recording of the shared fixtures."""
+
+
+def png_bytes(width: int, height: int, channels: int = 3) -> bytes:
+    """A black PNG."""
+    shape = (height, width, channels) if channels > 1 else (height, width)
+    done, data = cv2.imencode('.png', np.zeros(shape, np.uint8))
+    assert done
+    return data.tobytes()

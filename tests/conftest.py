@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures of all tests: the synthetic recording in every layout, and real KITTI where it is."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.samples import Layout
+from kitti_ros2.synthetic import write_synthetic
+
+from builders import SMALL  # isort: skip
+
+SHARED = Path(__file__).resolve().parents[2] / 'shared'
+
+
+@pytest.fixture(scope='session')
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[Layout, Path]:
+    """The folder to convert, by layout; small, and not to be changed."""
+    root = tmp_path_factory.mktemp('synthetic')
+    return {layout: write_synthetic(root / layout.value, layout, SMALL) for layout in Layout}
+
+
+@pytest.fixture(params=list(Layout), ids=[layout.value for layout in Layout])
+def recording_path(request: pytest.FixtureRequest, recordings: dict[Layout, Path]) -> Path:
+    """The same, one layout after the other."""
+    return recordings[request.param]
+
+
+@pytest.fixture
+def recording(recording_path: Path):
+    """The recording open for reading, one layout after the other."""
+    return open_recording(recording_path)
+
+
+@pytest.fixture
+def drive(recordings: dict[Layout, Path], tmp_path: Path) -> Path:
+    """A raw drive of one's own, to break."""
+    date = tmp_path / recordings[Layout.RAW].parent.name
+    shutil.copytree(recordings[Layout.RAW].parent, date)
+    return date / recordings[Layout.RAW].name
+
+
+@pytest.fixture(scope='session')
+def real_kitti() -> Path:
+    """Real KITTI files; they are not part of the project."""
+    folder = SHARED / 'kitti'
+    if not folder.is_dir():
+        pytest.skip(f'no real KITTI samples at {folder}')
+    return folder
+
+
+@pytest.fixture(scope='session')
+def make_drive(real_kitti: Path, tmp_path_factory: pytest.TempPathFactory):
+    """A function that lays out a drive of n real frames; gaps as STREAM:FIRST-LAST."""
+    tool = SHARED / 'tools' / 'make_drive.py'
+    if not tool.is_file():
+        pytest.skip(f'no drive maker at {tool}')
+
+    def make(frames: int, *missing: str) -> Path:
+        out = tmp_path_factory.mktemp('drive')
+        words = [sys.executable, tool, out, str(frames)]
+        if missing:
+            words += ['--missing', *missing]
+        done = subprocess.run(words, check=True, capture_output=True, text=True)  # noqa: S603
+        return Path(done.stdout.strip())
+
+    return make

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time stamps, poses and oxts packets: each parser against its writer, and against bad lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kitti_ros2.errors import BadFileError
+from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
+from kitti_ros2.kitti.poses_file import format_poses, parse_poses
+from kitti_ros2.kitti.stamps_file import (
+    format_times,
+    format_timestamps,
+    parse_times,
+    parse_timestamps,
+)
+from kitti_ros2.samples import OxtsPacket
+
+NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
+
+
+@given(st.lists(st.integers(0, 4 * 10**18)))
+def test_timestamps_and_back(stamps):
+    assert parse_timestamps(format_timestamps(stamps), 'x').values == stamps
+
+
+@given(st.lists(st.integers(0, 9_999_999).map(lambda n: n * 100_000)))
+def test_times_and_back(offsets):
+    assert parse_times(format_times(offsets), 'x').values == offsets
+
+
+@given(st.lists(st.lists(NUMBERS, min_size=12, max_size=12), max_size=5))
+def test_poses_and_back(rows):
+    text = format_poses(np.array(row).reshape(3, 4) for row in rows)
+    again = parse_poses(text, 'x').values
+    assert format_poses(again) == text
+    assert len(again) == len(rows)
+
+
+PACKETS = st.builds(
+    OxtsPacket,
+    *[NUMBERS] * COLUMNS.index('navstat'),
+    *[st.integers(0, 20)] * 5,
+)
+
+
+@given(PACKETS)
+def test_packet_and_back(packet):
+    text = format_packet(packet)
+    again = parse_packet(text, 'x')
+    assert format_packet(again) == text
+    for name in COLUMNS:
+        assert getattr(again, name) == pytest.approx(getattr(packet, name), rel=1e-13)
+
+
+def test_columns_are_the_devkit_s():
+    assert len(COLUMNS) == 30
+    assert COLUMNS.index('ax') == 11
+    assert COLUMNS.index('az') == 13
+    assert COLUMNS.index('wx') == 17
+    assert COLUMNS.index('pos_accuracy') == 23
+
+
+def test_a_bad_line_costs_that_line_only():
+    text = '2011-09-26 13:02:25.951199337\nyesterday\n\n2011-09-26 13:02:26.154281661\n\n\n'
+    lines = parse_timestamps(text, 'd/timestamps.txt')
+    assert len(lines) == 4
+    assert [value is None for value in lines.values] == [False, True, True, False]
+    assert str(lines.errors[1]).startswith("d/timestamps.txt:2: 'yesterday' is no time stamp")
+
+
+def test_windows_line_ends_are_read():
+    text = '2011-09-26 13:02:25.951199337\r\n2011-09-26 13:02:26.154281661\r\n'
+    assert parse_timestamps(text, 'x').values == [1317042145951199337, 1317042146154281661]
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'), [(['1'] * 11, '11 values'), (['1'] * 11 + ['one'], "'one' is no number")]
+)
+def test_bad_pose(words, said):
+    lines = parse_poses(' '.join(['1'] * 12) + '\n' + ' '.join(words), 'p.txt')
+    assert said in str(lines.errors[1])
+    assert 'p.txt:2' in str(lines.errors[1])
+    assert lines.values[0] is not None
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['1'] * 29, '29 values'),
+        ([], '0 values'),
+        (['1'] * 29 + ['x'], "'x' is no number"),
+        (['nan'] + ['1'] * 29, 'no finite number'),
+    ],
+)
+def test_bad_packet(words, said):
+    with pytest.raises(BadFileError, match=said) as caught:
+        parse_packet(' '.join(words), 'o.txt', 7)
+    assert str(caught.value).startswith('o.txt:7: ')
+
+
+def test_the_source_line_does_not_make_packets_differ():
+    packet = parse_packet(' '.join(['1'] * 30), 'x')
+    assert replace(packet, source=None) == packet

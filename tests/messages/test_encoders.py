@@ -1,0 +1,287 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Each encoder against its decoder, through CDR bytes."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from kitti_ros2.geometry import Transform, rotation_from_rpy
+from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize, typestore
+from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
+from kitti_ros2.messages.image import (
+    decode_compressed,
+    decode_image,
+    decode_png,
+    encode_compressed,
+    encode_image,
+)
+from kitti_ros2.messages.oxts import (
+    decode_fix,
+    decode_imu,
+    decode_velocity,
+    encode_fix,
+    encode_imu,
+    encode_velocity,
+)
+from kitti_ros2.messages.pose import (
+    decode_odometry,
+    decode_path,
+    encode_odometry,
+    encode_path,
+    encode_tf,
+)
+from kitti_ros2.messages.scan import decode_scan, encode_scan, rings, times
+from kitti_ros2.messages.source import (
+    decode_description,
+    decode_sweep,
+    decode_text,
+    encode_description,
+    encode_sweep,
+    encode_text,
+)
+from kitti_ros2.messages.transforms import decode_static, encode_static
+from kitti_ros2.kitti.png_file import parse_image
+from kitti_ros2.samples import OxtsPacket, Pose, Scan, TextFile, Trajectory
+
+from builders import png_bytes  # isort: skip
+
+STAMP = 1317042145951199337
+STAMPS = st.integers(0, 2**31 * 10**9 - 1)
+ANGLES = st.floats(-3.1, 3.1)
+METRES = st.floats(-1e5, 1e5)
+TRANSFORMS = st.builds(
+    lambda rpy, t: Transform(rotation_from_rpy(*rpy), np.array(t)),
+    st.tuples(ANGLES, st.floats(-1.5, 1.5), ANGLES),
+    st.tuples(METRES, METRES, METRES),
+)
+POINTS = arrays.arrays(
+    np.float32,
+    st.integers(0, 40).map(lambda n: (n, 4)),
+    elements=st.floats(width=32),
+)
+
+
+def through_cdr(message):
+    return deserialize(join(serialize(message)), message.__msgtype__)
+
+
+def packet(**values: float) -> OxtsPacket:
+    zeros = {field.name: 0 for field in fields(OxtsPacket) if field.name != 'source'}
+    return OxtsPacket(**(zeros | values))
+
+
+PACKETS = st.builds(
+    packet,
+    lat=st.floats(-85, 85), lon=st.floats(-180, 180), alt=METRES,
+    roll=st.floats(-1, 1), pitch=st.floats(-1, 1), yaw=ANGLES,
+    vf=st.floats(-50, 50), vl=st.floats(-5, 5), vu=st.floats(-5, 5),
+    ax=st.floats(-20, 20), ay=st.floats(-20, 20), az=st.floats(-20, 20),
+    wx=ANGLES, wy=ANGLES, wz=ANGLES, af=METRES, wf=METRES,
+    pos_accuracy=st.floats(0, 100), posmode=st.integers(0, 20),
+)  # fmt: skip
+
+
+@given(STAMPS)
+def test_header_stamp_and_back(stamp_ns):
+    assert stamp_ns_of(make_header(stamp_ns, 'x')) == stamp_ns
+
+
+@given(POINTS, STAMPS)
+def test_scan_and_back_to_the_byte(points, stamp_ns):
+    message = through_cdr(encode_scan(Scan(points), stamp_ns, 'velo_link'))
+    assert message.data.tobytes() == points.tobytes()
+    assert decode_scan(message).points.tobytes() == points.tobytes()
+    assert message.is_dense == bool(np.isfinite(points).all())
+    assert (message.height, message.width, message.point_step) == (1, len(points), 16)
+    assert message.row_step == len(points) * 16
+    assert stamp_ns_of(message.header) == stamp_ns
+
+
+@given(POINTS)
+def test_bulk_messages_are_what_rosbags_serialises(points):
+    """The fast path, which never copies the payload, against the plain one."""
+    message = encode_scan(Scan(points), STAMP, 'velo_link')
+    plain = bytes(typestore().serialize_cdr(message, message.__msgtype__))
+    assert join(serialize(message)) == plain
+
+
+@pytest.mark.parametrize('frame', ['', 'a', 'ab', 'abc', 'abcd'])
+def test_bulk_images_are_what_rosbags_serialises(frame):
+    image = parse_image(png_bytes(7, 5), 'x')
+    for message in (encode_compressed(image, STAMP, frame), encode_image(image, STAMP, frame)):
+        plain = bytes(typestore().serialize_cdr(message, message.__msgtype__))
+        assert join(serialize(message)) == plain
+
+
+@given(STAMPS)
+def test_restamp_changes_the_stamp_only(stamp_ns):
+    message = encode_scan(Scan(np.ones((2, 4), np.float32)), STAMP, 'velo_link')
+    expected = encode_scan(Scan(np.ones((2, 4), np.float32)), stamp_ns, 'velo_link')
+    assert join(restamp(serialize(message), stamp_ns)) == join(serialize(expected))
+
+
+def test_ring_and_time():
+    """Two lasers, each counter-clockwise from ahead; the sweep begins and ends behind."""
+    azimuths = np.radians([1, 90, 179, -179, -90, -1, 1, 90, 179, -179, -90, -1])
+    points = np.zeros((12, 4), np.float32)
+    points[:, 0], points[:, 1] = np.cos(azimuths), np.sin(azimuths)
+    scan = Scan(points, STAMP, STAMP + 100_000_000)
+    assert rings(points).tolist() == [1] * 6 + [0] * 6
+    expected = [0.0503, 0.075, 0.0997, 0.0003, 0.025, 0.0497] * 2
+    np.testing.assert_allclose(times(scan), expected, atol=1e-4)
+    message = through_cdr(encode_scan(scan, STAMP, 'velo_link', ring_and_time=True))
+    assert [field.name for field in message.fields][4:] == ['ring', 'time']
+    assert message.point_step == 22
+    assert decode_scan(message).points.tobytes() == points.tobytes()
+    rich = message.data.view(
+        np.dtype({'names': ['ring', 'time'], 'formats': ['<u2', '<f4'], 'offsets': [16, 18], 'itemsize': 22})
+    )
+    assert rich['ring'].tolist() == [1] * 6 + [0] * 6
+    np.testing.assert_allclose(rich['time'], expected, atol=1e-4)
+
+
+@pytest.mark.parametrize('channels', [1, 3])
+def test_image_and_back(channels):
+    image = parse_image(png_bytes(7, 5, channels), 'x')
+    compressed = through_cdr(encode_compressed(image, STAMP, 'cam'))
+    assert decode_compressed(compressed) == image.png
+    assert compressed.format == 'png'
+    raw = through_cdr(encode_image(image, STAMP, 'cam'))
+    np.testing.assert_array_equal(decode_image(raw), decode_png(image))
+    assert raw.encoding == {1: 'mono8', 3: 'bgr8'}[channels]
+    assert (raw.width, raw.height, raw.step) == (7, 5, 7 * channels)
+
+
+def test_an_image_that_does_not_decode():
+    good = png_bytes(40, 30)
+    broken = parse_image(good[:45] + bytes(30) + good[75:], 'x')
+    with pytest.raises(ValueError, match='cannot be decoded'):
+        encode_image(broken, STAMP, 'cam')
+
+
+@given(PACKETS)
+def test_oxts_messages_and_back(made):
+    imu = decode_imu(through_cdr(encode_imu(made, STAMP, 'imu_link')))
+    fix = decode_fix(through_cdr(encode_fix(made, STAMP, 'imu_link')))
+    velocity = decode_velocity(
+        through_cdr(encode_velocity(made, STAMP, 'imu_link')), made.roll, made.pitch
+    )
+    for name, value in (imu | fix | velocity).items():
+        assert value == pytest.approx(getattr(made, name), abs=1e-7), name
+
+
+def test_imu_takes_the_body_axes_not_the_levelled_ones():
+    made = packet(ax=1.0, ay=2.0, az=9.8, af=-1.0, al=-2.0, au=-9.8, wx=0.1, wf=-0.1)
+    imu = encode_imu(made, STAMP, 'imu_link')
+    assert (imu.linear_acceleration.x, imu.linear_acceleration.z) == (1.0, 9.8)
+    assert imu.angular_velocity.x == 0.1
+
+
+def test_velocity_is_turned_into_the_body():
+    """Driving up a slope (nose up is negative pitch), a levelled climb is straight ahead."""
+    pitch = -0.1
+    made = packet(vf=10 * np.cos(0.1), vu=10 * np.sin(0.1), pitch=pitch)
+    linear = encode_velocity(made, STAMP, 'imu_link').twist.linear
+    np.testing.assert_allclose((linear.x, linear.y, linear.z), (10, 0, 0), atol=1e-12)
+
+
+def test_fix_covariance_is_the_square_of_the_accuracy():
+    fix = encode_fix(packet(pos_accuracy=0.5, posmode=6), STAMP, 'imu_link')
+    assert fix.position_covariance[0] == 0.25
+    assert fix.status.status == 2
+    assert encode_fix(packet(posmode=0), STAMP, 'imu_link').status.status == -1
+
+
+@given(TRANSFORMS)
+def test_pose_and_back(transform):
+    again = transform_of(make_pose(transform))
+    np.testing.assert_allclose(again.matrix(), transform.matrix(), atol=1e-9)
+
+
+VELOCITIES = arrays.arrays(np.float64, 3, elements=st.floats(-50, 50))
+
+
+@given(TRANSFORMS, TRANSFORMS, VELOCITIES, VELOCITIES, st.floats(0.01, 10))
+def test_odometry_and_back(map_t_imu, base_t_imu, velocity, rates, sigma):
+    pose = Pose(map_t_imu, velocity, rates, sigma, sigma)
+    message = through_cdr(encode_odometry(pose, base_t_imu, STAMP, ('map', 'base_link')))
+    again = decode_odometry(message, base_t_imu)
+    np.testing.assert_allclose(again.map_T_imu.matrix(), map_t_imu.matrix(), atol=1e-6)
+    assert again.position_sigma == pytest.approx(sigma)
+    if velocity.any() or rates.any():
+        np.testing.assert_allclose(again.velocity, velocity, atol=1e-6)
+        np.testing.assert_allclose(again.angular_velocity, rates, atol=1e-9)
+
+
+def test_odometry_accounts_for_the_lever_arm():
+    """Turning in place about base_link: the imu ahead of it moves sideways, base_link does not."""
+    base_t_imu = Transform.from_translation((1.0, 0.0, 0.0))
+    pose = Pose(Transform.identity(), np.array([0.0, 0.5, 0.0]), np.array([0.0, 0.0, 0.5]))
+    linear = encode_odometry(pose, base_t_imu, STAMP, ('map', 'base_link')).twist.twist.linear
+    np.testing.assert_allclose((linear.x, linear.y, linear.z), 0, atol=1e-12)
+
+
+def test_tf_is_of_base_link():
+    base_t_imu = Transform.from_translation((-0.05, 0.32, 0.93))
+    pose = Pose(Transform.from_translation((10.0, 0.0, 0.0)))
+    [transform] = encode_tf(pose, base_t_imu, STAMP, ('map', 'base_link')).transforms
+    place = transform.transform.translation
+    assert (transform.header.frame_id, transform.child_frame_id) == ('map', 'base_link')
+    np.testing.assert_allclose((place.x, place.y, place.z), (10.05, -0.32, -0.93))
+
+
+@given(st.lists(st.tuples(STAMPS, TRANSFORMS), max_size=4), TRANSFORMS)
+def test_path_and_back(poses, base_t_imu):
+    stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
+    trajectory = Trajectory(stamps, [transform for _, transform in poses])
+    message = through_cdr(encode_path(trajectory, base_t_imu, STAMP, 'map'))
+    again = decode_path(message, base_t_imu)
+    np.testing.assert_array_equal(again.stamps_ns, stamps)
+    for one, other in zip(again.map_T_imu, trajectory.map_T_imu, strict=True):
+        np.testing.assert_allclose(one.matrix(), other.matrix(), atol=1e-6)
+
+
+@given(st.lists(TRANSFORMS, max_size=4))
+def test_static_transforms_and_back(transforms):
+    links = [('a', f'b{i}', transform) for i, transform in enumerate(transforms)]
+    again = decode_static(through_cdr(encode_static(links, STAMP)))
+    for (parent, child, one), (other_parent, other_child, other) in zip(again, links, strict=True):
+        assert (parent, child) == (other_parent, other_child)
+        np.testing.assert_allclose(one.matrix(), other.matrix(), atol=1e-9)
+
+
+TEXTS = st.text(st.characters(blacklist_categories=['Cs'], blacklist_characters='\0'))
+
+
+@given(TEXTS.filter(lambda name: '\n' not in name), TEXTS)
+def test_text_and_back_to_the_byte(name, text):
+    file = TextFile(name, text)
+    assert decode_text(through_cdr(encode_text(file))) == file
+
+
+@given(st.none() | STAMPS, st.none() | STAMPS)
+def test_sweep_and_back(start, end):
+    message = encode_sweep(Scan(np.empty((0, 4), np.float32), start, end))
+    if message is None:
+        assert start is None
+        assert end is None
+    else:
+        assert decode_sweep(through_cdr(message)) == (start, end)
+
+
+def test_description_and_back():
+    values = {'layout': 'raw', 'files': {'scan': {'digits': 10}}, 'epoch_ns': STAMP}
+    assert decode_description(through_cdr(encode_description(values))) == values
+
+
+def test_a_cloud_of_other_fields_is_refused():
+    message = encode_scan(Scan(np.ones((1, 4), np.float32)), STAMP, 'velo_link')
+    with pytest.raises(ValueError, match='fields'):
+        decode_scan(replace(message, fields=message.fields[:3]))

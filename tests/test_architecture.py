@@ -1,0 +1,211 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rooms of the package and who may enter them, asserted on the source text with ast."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = 'kitti_ros2'
+SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
+
+GROUND = frozenset({'errors', 'stamps', 'geometry', 'samples'})
+BELOW_JOBS = GROUND | {'options', 'schedule', 'encoder', 'kitti', 'messages', 'bags'}
+JOBS = frozenset({'convert', 'importer', 'inspection', 'playback'})
+
+# Each room and the rooms it may import. A room is a module or a sub-package of kitti_ros2.
+ROOMS = {
+    '': frozenset(),
+    'errors': frozenset(),
+    'stamps': frozenset({'errors'}),
+    'geometry': frozenset({'errors', 'stamps'}),
+    'samples': GROUND - {'samples'},
+    'options': GROUND,
+    'kitti': GROUND | {'options'},
+    'messages': GROUND | {'options'},
+    'bags': GROUND | {'options', 'kitti', 'messages'},
+    'schedule': GROUND | {'options'},
+    'encoder': GROUND | {'options', 'schedule', 'messages'},
+    'convert': BELOW_JOBS,
+    'importer': BELOW_JOBS,
+    'inspection': BELOW_JOBS,
+    'playback': GROUND | {'options', 'schedule'},
+    'synthetic': GROUND | {'options', 'kitti'},
+    'node': BELOW_JOBS | {'synthetic'} | JOBS,
+    'pictures': BELOW_JOBS | {'synthetic'} | JOBS,
+}
+ROOMS['cli'] = frozenset(ROOMS)
+ROOMS['__main__'] = frozenset({'cli'})
+
+# Each guest from outside and the rooms it may be seen in.
+GUESTS = {
+    'rclpy': {'node'},
+    'rosbags': {'messages', 'bags'},
+    'mcap': {'messages', 'bags'},
+    'foxglove': {'messages', 'bags'},
+    'cv2': {'messages', 'pictures', 'synthetic'},
+    'typer': {'cli'},
+    'rich': {'cli'},
+}
+
+FORBIDDEN_NAMES = {'util', 'utils'}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported name: where it stands, and the module that it comes from."""
+
+    importer: str
+    line: int
+    target: str
+
+
+def modules(source: Path) -> dict[str, Path]:
+    """Map each dotted module name of the package folder to its file."""
+    found = {}
+    for path in sorted(source.rglob('*.py')):
+        parts = path.relative_to(source.parent).with_suffix('').parts
+        found['.'.join(parts[:-1] if parts[-1] == '__init__' else parts)] = path
+    return found
+
+
+def imports(name: str, path: Path, known: set[str]) -> list[Import]:
+    """List every import of a module, also those in functions and under TYPE_CHECKING."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'), str(path))):
+        if isinstance(node, ast.Import):
+            found += [Import(name, node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = _absolute(name, path, node)
+            for alias in node.names:
+                inner = f'{base}.{alias.name}'
+                found.append(Import(name, node.lineno, inner if inner in known else base))
+    return found
+
+
+def _absolute(name: str, path: Path, node: ast.ImportFrom) -> str:
+    if not node.level:
+        return node.module or ''
+    package = name.split('.') if path.stem == '__init__' else name.split('.')[:-1]
+    package = package[: len(package) - node.level + 1]
+    return '.'.join([*package, *([node.module] if node.module else [])])
+
+
+def room_of(module: str) -> str:
+    """Name the room that a module of the package belongs to ('' is the package itself)."""
+    return [*module.split('.'), ''][1]
+
+
+def violations(source: Path) -> list[str]:
+    """Name every breach of the rules in a package folder."""
+    files = modules(source)
+    found = [found for name in files if (found := _misnamed(name))]
+    graph: dict[str, set[str]] = {}
+    for name, path in files.items():
+        entries = imports(name, path, set(files))
+        found += [breach for entry in entries if (breach := _breach(entry))]
+        graph[name] = {entry.target for entry in entries if entry.target in files} - {name}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        found.append('circular import: ' + ' -> '.join(error.args[1]))
+    return list(dict.fromkeys(found))
+
+
+def _misnamed(name: str) -> str | None:
+    if FORBIDDEN_NAMES & set(name.split('.')):
+        return f'{name}: a room for anything; name it by the question it answers'
+    if room_of(name) not in ROOMS:
+        return f'{name}: a room that ROOMS does not know; give it its place there'
+    return None
+
+
+def _breach(entry: Import) -> str | None:
+    room = room_of(entry.importer)
+    where = f'{entry.importer}:{entry.line}: imports {entry.target}'
+    top = entry.target.split('.')[0]
+    if top != PACKAGE:
+        rooms = GUESTS.get(top, {room})
+        return None if room in rooms else f'{where}; only {" and ".join(sorted(rooms))} may'
+    target = room_of(entry.target)
+    if not {room, target} <= set(ROOMS):
+        return None  # said once, by _misnamed
+    if target in {room, ''} or target in ROOMS[room]:
+        return None
+    return f'{where}; {room or PACKAGE} may not import {target}'
+
+
+def test_package_keeps_the_rules() -> None:
+    assert (SOURCE / 'errors.py').is_file(), 'the check looks at the wrong folder'
+    assert violations(SOURCE) == []
+
+
+def test_rooms_are_a_strict_order() -> None:
+    """Nobody may import a room that may, directly or not, import him."""
+    TopologicalSorter(ROOMS).prepare()
+    assert not any('cli' in allowed for room, allowed in ROOMS.items() if room != '__main__')
+    assert [room for room, allowed in ROOMS.items() if 'pictures' in allowed] == ['cli']
+    assert 'messages' not in ROOMS['kitti']
+    assert 'kitti' not in ROOMS['messages']
+
+
+def make_package(folder: Path, **files: str) -> Path:
+    """Write a package of the same name; a double underscore in a key stands for a slash."""
+    source = folder / PACKAGE
+    for name, text in {'__init__': '', **files}.items():
+        path = source / (name if name == '__init__' else name.replace('__', '/', 1))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (path.parent / '__init__.py').touch()
+        path.with_suffix('.py').write_text(text, encoding='utf-8')
+    return source
+
+
+def test_checker_accepts_what_is_allowed(tmp_path: Path) -> None:
+    source = make_package(
+        tmp_path,
+        errors='',
+        samples='from .errors import KittiRos2Error',
+        kitti__raw='import numpy as np\nfrom .. import errors\nfrom ..samples import Scan',
+        messages__scan='import cv2\nfrom rosbags.typesys import get_typestore',
+        bags__write='import mcap.writer\nfrom kitti_ros2.messages import scan',
+        cli__to_bag='def main():\n    from kitti_ros2.bags.write import write\n    import rich',
+    )
+    assert violations(source) == []
+
+
+@pytest.mark.parametrize(
+    ('files', 'complaint'),
+    [
+        ({'errors': 'from . import samples', 'samples': ''}, 'errors may not import samples'),
+        ({'kitti__raw': 'from ..messages import scan'}, 'kitti may not import messages'),
+        ({'messages__scan': 'import kitti_ros2.kitti.raw'}, 'messages may not import kitti'),
+        ({'samples': 'def f():\n    from .bags import write'}, 'samples may not import bags'),
+        ({'convert': 'from .importer import a', 'importer': ''}, 'convert may not import importer'),
+        ({'synthetic': 'from kitti_ros2.bags import x'}, 'synthetic may not import bags'),
+        ({'node__player': 'from ..pictures import bev'}, 'node may not import pictures'),
+        ({'convert': 'from .cli import progress'}, 'convert may not import cli'),
+        ({'__init__': 'from .errors import A', 'errors': ''}, f'{PACKAGE} may not import errors'),
+        ({'playback': 'import rclpy.node'}, 'only node may'),
+        ({'kitti__png': 'import cv2'}, 'only messages and pictures and synthetic may'),
+        ({'convert': 'from rosbags.rosbag2 import Reader'}, 'only bags and messages may'),
+        ({'convert': 'import foxglove'}, 'only bags and messages may'),
+        ({'bags__write': 'from rich.progress import Progress'}, 'only cli may'),
+        ({'kitti__utils': ''}, 'a room for anything'),
+        ({'helpers': ''}, 'a room that ROOMS does not know'),
+        ({'kitti__a': 'from . import b', 'kitti__b': 'from .a import f'}, 'circular import'),
+        (
+            {'kitti____init__': 'from .a import f', 'kitti__a': 'from kitti_ros2.kitti import g'},
+            'circular import',
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else '',
+)
+def test_checker_sees_a_violation(files: dict[str, str], complaint: str, tmp_path: Path) -> None:
+    found = violations(make_package(tmp_path, **files))
+    assert len(found) == 1
+    assert complaint in found[0]

@@ -1,0 +1,296 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""package.xml, setup.py, README.md and .ci/run say the same, and name everything there is."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import runpy
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import kitti_ros2
+
+REPO = Path(__file__).resolve().parents[1]
+
+# Looked up in rosdistro's rosdep/python.yaml, and among the packages released into Jazzy.
+ROSDEP_KEYS = {
+    'diagnostic_msgs',
+    'geometry_msgs',
+    'launch',
+    'nav_msgs',
+    'python3-defusedxml',
+    'python3-hypothesis',
+    'python3-numpy',
+    'python3-opencv',
+    'python3-pytest',
+    'python3-rich',
+    'python3-rosbags-pip',
+    'python3-typer',
+    'python3-yaml',
+    'rclpy',
+    'ros2bag',
+    'rosbag2_storage_mcap',
+    'rosgraph_msgs',
+    'sensor_msgs',
+    'std_msgs',
+    'std_srvs',
+    'tf2_msgs',
+    'vision_msgs',
+    'visualization_msgs',
+}
+
+# The rosdep key that brings a requirement of setup.py to a workspace.
+KEY_OF = {
+    'defusedxml': 'python3-defusedxml',
+    'numpy': 'python3-numpy',
+    'opencv-python-headless': 'python3-opencv',
+    'pyyaml': 'python3-yaml',
+    'rich': 'python3-rich',
+    'rosbags': 'python3-rosbags-pip',
+    'typer': 'python3-typer',
+}
+
+# Where the name to import differs from the name to install.
+INSTALLED_AS = {
+    'cv2': 'opencv-python-headless',
+    'foxglove': 'foxglove-sdk',
+    'yaml': 'pyyaml',
+}
+
+CLI_IS_THERE = (REPO / 'kitti_ros2/cli/to_bag.py').is_file()
+
+
+@pytest.fixture(scope='module')
+def manifest() -> ET.Element:
+    return ET.parse(REPO / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def setup_arguments() -> dict[str, Any]:
+    """Run setup.py with a stand-in for setuptools that only notes what it is given."""
+    noted: dict[str, Any] = {}
+    standin = ModuleType('setuptools')
+    standin.setup = lambda **arguments: noted.update(arguments)  # type: ignore[attr-defined]
+    standin.find_packages = lambda **arguments: arguments  # type: ignore[attr-defined]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, 'setuptools', standin)
+        runpy.run_path(str(REPO / 'setup.py'))
+    return noted
+
+
+@pytest.fixture(scope='module')
+def requirements(setup_arguments: dict[str, Any]) -> dict[str, Requirement]:
+    parsed = [Requirement(line) for line in setup_arguments['install_requires']]
+    return {canonicalize_name(requirement.name): requirement for requirement in parsed}
+
+
+def readme_commands() -> list[str]:
+    text = (REPO / 'README.md').read_text(encoding='utf-8')
+    return re.findall(r'^```bash\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+
+
+class ImportedNames(ast.NodeVisitor):
+    """Collects the top-level names that a module imports when it runs."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+
+    def visit_Import(self, node: ast.Import) -> None:
+        self.names |= {alias.name.split('.')[0] for alias in node.names}
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        if node.module and not node.level:
+            self.names.add(node.module.split('.')[0])
+
+    def visit_If(self, node: ast.If) -> None:
+        if ast.unparse(node.test) != 'TYPE_CHECKING':
+            self.generic_visit(node)
+
+
+def installed_names() -> set[str]:
+    """Name, as one would install them, the packages from outside that the package imports."""
+    collector = ImportedNames()
+    for path in (REPO / 'kitti_ros2').rglob('*.py'):
+        collector.visit(ast.parse(path.read_text(encoding='utf-8')))
+    outside = collector.names - set(sys.stdlib_module_names) - {'kitti_ros2'}
+    return {canonicalize_name(INSTALLED_AS.get(name, name)) for name in outside}
+
+
+def test_package_xml_is_format_3(manifest: ET.Element) -> None:
+    assert manifest.tag == 'package'
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == 'kitti_ros2'
+    assert re.fullmatch(r'\d+\.\d+\.\d+', manifest.findtext('version', ''))
+    assert manifest.findtext('license') == 'Apache-2.0'
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    maintainer = manifest.find('maintainer')
+    assert maintainer is not None
+    assert maintainer.text
+    assert '@' in maintainer.get('email', '')
+
+
+def test_rosdep_keys_are_real_and_sorted_into_kinds(manifest: ET.Element) -> None:
+    keys = [element.text for element in manifest if element.tag.endswith('_depend')]
+    assert len(keys) == len(set(keys))
+    assert set(keys) == ROSDEP_KEYS
+    tests = {element.text for element in manifest.iterfind('test_depend')}
+    assert tests == {'python3-hypothesis', 'python3-pytest'}
+
+
+def test_workspace_gets_every_requirement(
+    manifest: ET.Element, requirements: dict[str, Requirement]
+) -> None:
+    """By its rosdep key, or by the pip line of README.md with the same bounds as in setup.py."""
+    keys = {element.text for element in manifest.iterfind('exec_depend')}
+    readme = (REPO / 'README.md').read_text(encoding='utf-8')
+    for name, requirement in requirements.items():
+        if name in KEY_OF:
+            assert KEY_OF[name] in keys
+        else:
+            bounds = sorted(str(part) for part in requirement.specifier)
+            line = re.search(rf"'{name}([^']*)'", readme)
+            assert line, f'README.md does not say how a workspace gets {name}'
+            assert sorted(line[1].split(',')) == bounds
+
+
+def test_setup_takes_its_facts_from_package_xml(
+    manifest: ET.Element, setup_arguments: dict[str, Any]
+) -> None:
+    for fact in ('name', 'version', 'description', 'license', 'maintainer'):
+        assert setup_arguments[fact] == manifest.findtext(fact)
+
+
+def test_version_is_the_one_of_package_xml(manifest: ET.Element) -> None:
+    version = manifest.findtext('version')
+    try:
+        assert metadata.version('kitti_ros2') == version, 'another version is installed: reinstall'
+    except metadata.PackageNotFoundError:
+        pytest.skip('the package is not installed')
+    assert kitti_ros2.__version__ == version
+    with pytest.raises(AttributeError, match='no attribute'):
+        _ = kitti_ros2.no_such_name
+
+
+def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
+    scripts = setup_arguments['entry_points']['console_scripts']
+    assert scripts == ['kitti-ros2 = kitti_ros2.cli:main']
+    assert setup_arguments['python_requires'] == '>=3.10'
+    assert setup_arguments['package_data'] == {'kitti_ros2': ['py.typed']}
+    assert (REPO / 'kitti_ros2/py.typed').is_file()
+
+
+def test_every_folder_with_modules_is_a_package(setup_arguments: dict[str, Any]) -> None:
+    assert setup_arguments['packages'] == {'include': ['kitti_ros2', 'kitti_ros2.*']}
+    folders = {path.parent for path in (REPO / 'kitti_ros2').rglob('*.py')}
+    assert [str(folder) for folder in folders if not (folder / '__init__.py').is_file()] == []
+
+
+def test_every_share_file_is_installed(setup_arguments: dict[str, Any]) -> None:
+    installed = dict(setup_arguments['data_files'])
+    marker = installed['share/ament_index/resource_index/packages']
+    assert marker == ['resource/kitti_ros2']
+    assert (REPO / marker[0]).read_bytes() == b''
+    assert installed['share/kitti_ros2'] == ['package.xml']
+    for folder in ('launch', 'config'):
+        present = {str(p.relative_to(REPO)) for p in (REPO / folder).rglob('*') if p.is_file()}
+        present = {name for name in present if '__pycache__' not in name}
+        assert set(installed.get(f'share/kitti_ros2/{folder}', [])) == present
+    for path in (REPO / 'launch').glob('*.py'):
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+        assert 'generate_launch_description' in functions
+
+
+def test_scripts_go_where_ros2_run_looks() -> None:
+    text = (REPO / 'setup.cfg').read_text(encoding='utf-8')
+    assert '[develop]\nscript_dir=$base/lib/kitti_ros2\n' in text
+    assert '[install]\ninstall_scripts=$base/lib/kitti_ros2\n' in text
+
+
+def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
+    groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
+    assert set(groups) == {'', 'ros', 'test'}
+    for lines in groups.values():
+        assert lines == sorted(lines)
+        for line in lines:
+            operators = {part.operator for part in Requirement(line).specifier}
+            assert operators == {'>=', '<'}, line
+
+
+def test_rclpy_never_comes_uninvited(requirements: dict[str, Requirement]) -> None:
+    """A wheel of rclpy beside a workspace's own would shadow it."""
+    assert not [name for name in requirements if name.startswith('ros-')]
+
+
+def test_imports_are_declared(manifest: ET.Element, requirements: dict[str, Requirement]) -> None:
+    workspace = {canonicalize_name(e.text or '') for e in manifest.iterfind('exec_depend')}
+    workspace.add(canonicalize_name('builtin_interfaces'))  # comes with every message package
+    assert installed_names() - set(requirements) - workspace == set()
+
+
+@pytest.mark.skipif(not CLI_IS_THERE, reason='there is no to-bag yet')
+def test_requirements_are_needed(requirements: dict[str, Requirement]) -> None:
+    coming = {'defusedxml'}  # for tracklet_labels.xml, whose reader comes with the labels
+    assert set(requirements) - installed_names() - coming == set()
+
+
+def test_readme_commands_are_single_lines() -> None:
+    commands = readme_commands()
+    assert len(commands) == 2
+    assert [command.count('\n') for command in commands] == [1, 1]
+    assert commands[0].endswith('.venv/bin/kitti-ros2 demo\n')
+    assert '.[test]' in commands[1]
+    assert commands[1].endswith('-m pytest\n')
+
+
+@pytest.mark.parametrize('number', [1, 2])
+def test_ci_runs_the_readme_commands(number: int) -> None:
+    script = REPO / '.ci/run'
+    printed = subprocess.run(
+        ['bash', str(script), '--command', str(number)], capture_output=True, text=True, check=True
+    )
+    assert printed.stdout == readme_commands()[number - 1]
+    text = script.read_text(encoding='utf-8')
+    assert f'"$(readme_command {number})"' in text
+
+
+@pytest.mark.skipif(not CLI_IS_THERE, reason='there is no to-bag yet')
+def test_readme_lists_the_options_of_to_bag() -> None:
+    text = (REPO / 'README.md').read_text(encoding='utf-8')
+    table = text.split('### Options of `to-bag`')[1].split('\n#')[0]
+    listed = set(re.findall(r'^\| (.*?) \|', table, re.MULTILINE)) - {'option'}
+    listed = {option for cell in listed for option in re.findall(r'--[a-z][a-z-]*', cell)}
+    helped = subprocess.run(
+        [sys.executable, '-c', 'from kitti_ros2.cli import main; main()', 'to-bag', '--help'],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=REPO,
+        env={**os.environ, 'COLUMNS': '200', 'NO_COLOR': '1', 'TERM': 'dumb'},
+    )
+    real = set(re.findall(r'--[a-z][a-z-]*', helped.stdout)) - {'--help'}
+    real = {option for option in real if option.replace('--no-', '--') not in real - {option}}
+    assert listed == real
+
+
+def test_every_code_file_has_its_licence_header() -> None:
+    header = (
+        '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
+    )
+    files = [REPO / 'setup.py', REPO / 'setup.cfg', REPO / '.ci/run']
+    for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config'):
+        files += [*(REPO / folder).rglob('*.py'), *(REPO / folder).rglob('*.yaml')]
+    bare = [str(path) for path in files if header not in path.read_text(encoding='utf-8')[:200]]
+    assert bare == []
