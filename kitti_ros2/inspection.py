@@ -14,7 +14,12 @@ from .bags.summary import summarize_topic
 from .errors import KittiRos2Error
 from .geometry import rotation_to_rpy
 from .kitti.recording import format_numbers
-from .messages.camera_info import decode_camera_info, encode_camera_info, image_frame_camera
+from .messages.camera_info import (
+    CameraInfo,
+    decode_camera_info,
+    encode_camera_info,
+    image_frame_camera,
+)
 from .messages.cdr import deserialize
 from .messages.topics import make_rig
 from .messages.transforms import decode_static, static_links
@@ -23,8 +28,6 @@ from .options import MessageOptions
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
-
-    from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CameraInfo as CameraInfo
 
     from .bags.reader import BagSummary
     from .bags.summary import TopicSummary

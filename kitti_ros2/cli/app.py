@@ -19,12 +19,15 @@ app = typer.Typer(
     context_settings={'help_option_names': ['-h', '--help']},
 )
 
+_INTERRUPTED = 130
+
 
 def run(words: list[str]) -> int:
     """Parse words and run what they ask for; returns the exit code.
 
     Raises:
         UsageError: The words cannot be meant.
+        KeyboardInterrupt: Ctrl-C.
     """
     command = typer.main.get_command(app)
     try:
@@ -40,6 +43,8 @@ def run(words: list[str]) -> int:
             typer.echo(message(), err=True)
             return 2
         raise UsageError(f'{message().rstrip(".")}; see {path} --help') from error
+    if result == _INTERRUPTED:
+        raise KeyboardInterrupt  # typer has swallowed it
     return result if isinstance(result, int) else 0
 
 

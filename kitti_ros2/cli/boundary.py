@@ -30,7 +30,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         return _run(words)
     except KeyboardInterrupt:
-        _complain('interrupted; nothing was left behind')
+        _complain('interrupted; no unfinished bag is left behind')
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader of our output went away, as head does; Python would complain once more at exit.

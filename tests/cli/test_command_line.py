@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line as a user meets it: exit codes, one line for each error, help."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from kitti_ros2.cli import main
+from kitti_ros2.cli.settings import load_config, make_settings, parse_bytes
+from kitti_ros2.errors import UsageError
+from kitti_ros2.samples import Layout
+
+from builders import SMALL  # isort: skip
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = [sys.executable, '-c', 'import sys; from kitti_ros2.cli import main; sys.exit(main())']
+
+
+def one_line(text: str) -> str:
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith('kitti-ros2: ')
+    assert 'Traceback' not in text
+    return lines[0]
+
+
+def test_to_bag_says_what_it_guessed_and_did(recording_path, tmp_path, capsys):
+    out = tmp_path / 'out.mcap'
+    assert main(['to-bag', str(recording_path), str(out)]) == 0
+    said = capsys.readouterr()
+    assert f'layout {recording_path.name if recording_path.name in [x.value for x in Layout] else "raw"}' in said.out
+    assert f'{out}: ' in said.out
+    assert f'{SMALL.frames} frames' in said.out
+    assert '--images raw' in said.out
+    assert not said.err
+    assert out.is_file()
+
+
+def test_quiet_says_nothing_when_all_is_well(recordings, tmp_path, capsys):
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']) == 0
+    assert capsys.readouterr() == ('', '')
+
+
+def test_losses_are_named_and_the_exit_code_says_so(drive, tmp_path, capsys):
+    (drive / 'velodyne_points' / 'data' / '0000000001.bin').write_bytes(b'short')
+    assert main(['to-bag', str(drive), str(tmp_path / 'o.mcap'), '-q']) == 1
+    said = capsys.readouterr().err
+    assert '0000000001.bin: 5 bytes, cut inside a point; expected a multiple of 16 bytes' in said
+    assert '2 messages could not be had; exit code 1' in said
+    assert (tmp_path / 'o.mcap').is_file()
+
+
+def test_strict_leaves_nothing(drive, tmp_path, capsys):
+    (drive / 'velodyne_points' / 'data' / '0000000001.bin').write_bytes(b'short')
+    (tmp_path / 'to').mkdir()
+    assert main(['to-bag', str(drive), str(tmp_path / 'to' / 'o.mcap'), '-q', '--strict']) == 2
+    assert '0000000001.bin' in one_line(capsys.readouterr().err)
+    assert not list((tmp_path / 'to').iterdir())
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['to-bag'], "Missing argument 'src'"),
+        (['to-bag', 'x'], "Missing argument 'out'"),
+        (['to-bag', '{tmp}/absent', '{tmp}/o.mcap'], '{tmp}/absent: no such folder'),
+        (['to-bag', '{tmp}', '{tmp}/o.mcap'], 'the folder is empty'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--bogus'], 'No such option: --bogus'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--images', 'jpeg'], "compressed or raw or both, not 'jpeg'"),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'], 'raw or object or odometry'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
+        (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none or lz4 or bz2'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "'noon' is no start or end"),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '900'], 'takes no sample'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--split-size', 'much'], 'a size such as 2GB'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--config', '{tmp}/no.yaml'], 'no.yaml: No such file'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--base-to-imu', '1,2'], 'three finite numbers'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--epoch', 'today'], 'UTC time'),
+        (['to-bag', '{raw}', '{raw}/o.mcap'], 'inside the recording'),
+        (['info', '{tmp}/absent'], 'no such file or folder'),
+        (['info', '{tmp}'], 'the folder is empty'),
+        (['nonsense'], "No such command 'nonsense'"),
+        (['demo', '{tmp}/d', '--frames', '0'], 'expected 1 to'),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(recordings, tmp_path, capsys, words, said):
+    places = {'tmp': tmp_path, 'raw': recordings[Layout.RAW]}
+    assert main([word.format(**places) for word in words]) == 2
+    captured = capsys.readouterr()
+    assert said.format(**places) in one_line(captured.err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_output_that_exists_and_overwrite(recordings, tmp_path, capsys):
+    words = ['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']
+    assert main(words) == 0
+    assert main(words) == 2
+    assert 'exists already; ' in one_line(capsys.readouterr().err)
+    assert main([*words, '--overwrite']) == 0
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    with pytest.raises(Exception, match='no such folder'):
+        main(['--debug', 'to-bag', str(tmp_path / 'absent'), str(tmp_path / 'o')])
+
+
+def test_an_unforeseen_error_is_one_line_too(recordings, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('kitti_ros2.cli.to_bag.convert', lambda *_, **__: 1 / 0)
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']) == 2
+    assert 'internal error, ZeroDivisionError' in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('words', [['--help'], ['to-bag', '--help'], ['info', '-h'], ['demo', '-h']])
+def test_help_fits_80_columns(words, capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert 'Usage: kitti-ros2' in said
+    assert max(map(len, said.splitlines())) <= 80
+
+
+def test_info_of_a_recording_fits_80_columns(recording_path, capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+    assert main(['info', str(recording_path)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert any(line.startswith('scan') and f' {SMALL.frames} ' in line for line in said)
+    assert max(len(line) for line in said if not line.startswith(('note', str(recording_path)))) <= 80
+
+
+@pytest.mark.parametrize('name', ['o.mcap', 'o', 'o.bag'])
+def test_info_of_what_to_bag_wrote(recordings, tmp_path, capsys, name):
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(tmp_path / name), '-q']) == 0
+    assert main(['info', str(tmp_path / name), '--json']) == 0
+    seen = json.loads(capsys.readouterr().out)
+    counts = {series['name']: series['count'] for series in seen['series']}
+    assert counts['/kitti/velo/points'] == SMALL.frames
+    assert counts['/tf_static'] == 1
+    assert [camera['name'] for camera in seen['cameras']] == [
+        f'/kitti/camera_{name}/camera_info'
+        for name in ('color_left', 'color_right', 'gray_left', 'gray_right')
+    ]
+    baselines = [camera['baseline_m'] for camera in seen['cameras']]
+    assert baselines[0] == pytest.approx(0, abs=1e-9)
+    assert baselines[3] == pytest.approx(0.54, abs=0.01)
+    assert {link['child'] for link in seen['links']} >= {'imu_link', 'velo_link'}
+
+
+def test_info_counts_what_is_missing(drive, capsys):
+    (drive / 'image_02' / 'data' / '0000000001.png').unlink()
+    assert main(['info', str(drive)]) == 1
+    said = capsys.readouterr()
+    assert 'skipped image_2 (1)' in said.err
+    assert 'camera_color_right' in said.out
+
+
+def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '80')
+    assert main(['demo', 'd', '--frames', '2']) == 0
+    said = capsys.readouterr().out
+    assert '/kitti/velo/points' in said
+    assert 'What to do next' in said
+    assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
+    assert main(['demo', 'd', '--frames', '2']) == 2
+    assert main(['demo', 'd', '--frames', '2', '--overwrite', '-q']) == 0
+
+
+def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_path):
+    config = tmp_path / 'c.yaml'
+    config.write_text('streams: [scan, oxts]\nend: 1\nimages: raw\n')
+    out = tmp_path / 'o.mcap'
+    words = ['to-bag', str(recordings[Layout.RAW]), str(out), '-q', '--config', str(config)]
+    assert main([*words, '--end', '2']) == 0
+    from kitti_ros2.bags.reader import summarize_bag  # noqa: PLC0415
+
+    counts = {topic.name: topic.count for topic in summarize_bag(out).topics}
+    assert counts['/kitti/velo/points'] == 3
+    assert not any('camera' in topic for topic in counts)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('imges: raw', "unknown option 'imges'"),
+        ('- a\n- b', 'no mapping'),
+        ('a: [1,\nb: 2', ':2: no YAML'),
+        ('images: 3', "compressed or raw or both, not 3"),
+        ('tf: maybe', 'true or false'),
+    ],
+)
+def test_bad_config_files(tmp_path, text, said):
+    path = tmp_path / 'c.yaml'
+    path.write_text(text)
+    with pytest.raises(UsageError, match=said):
+        make_settings(load_config(path))
+
+
+def test_the_installed_config_holds_every_option_at_its_default():
+    values = load_config(ROOT / 'config' / 'to_bag.yaml')
+    defaults = make_settings({})
+    settings = make_settings(values)
+    for part in ('read', 'messages', 'selection', 'storage', 'strict'):
+        assert getattr(settings, part) == getattr(defaults, part), part
+    assert settings.bag('mcap') == defaults.bag('mcap')
+    from kitti_ros2.cli import settings as module  # noqa: PLC0415
+
+    assert set(yaml.safe_load((ROOT / 'config' / 'to_bag.yaml').read_text())) == set(module._PARSERS)
+
+
+@pytest.mark.parametrize(
+    ('text', 'size'), [('10', 10), ('2GB', 2 * 10**9), ('1.5 MB', 1_500_000), ('1GiB', 2**30), ('3k', 3000)]
+)
+def test_sizes(text, size):
+    assert parse_bytes(text) == size
+
+
+def test_ctrl_c_leaves_nothing_behind(recordings, tmp_path):
+    """Interrupted while it decodes: no bag, no left-overs, one line, exit code 130."""
+    out = tmp_path / 'to' / 'o.mcap'
+    out.parent.mkdir()
+    slow = (
+        'import sys, time, kitti_ros2.encoder as e; old = e.Encoder.encode\n'
+        'def encode(self, entry):\n    time.sleep(0.3)\n    return old(self, entry)\n'
+        'e.Encoder.encode = encode\n'
+        'from kitti_ros2.cli import main; sys.exit(main())'
+    )
+    words = [sys.executable, '-c', slow, 'to-bag', str(recordings[Layout.RAW]), str(out)]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    while not list(out.parent.iterdir()):
+        time.sleep(0.05)
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert 'interrupted' in one_line(said)
+    assert not list(out.parent.iterdir())
+
+
+def test_no_permission_is_one_line(recordings, tmp_path):
+    if os.geteuid() == 0:
+        pytest.skip('root may write anywhere')
+    locked = tmp_path / 'locked'
+    locked.mkdir(mode=0o555)
+    done = subprocess.run(
+        [*RUN, 'to-bag', str(recordings[Layout.RAW]), str(locked / 'o.mcap')],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert 'Permission denied' in done.stderr.splitlines()[-1]
