@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI -> bag: one chronological pass, each sample read when it is due and dropped when written."""
+"""KITTI -> bag: one chronological pass, each sample read when it is due and then dropped."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from .schedule import make_schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator
+    from concurrent.futures import Future
     from pathlib import Path
 
     from .bags.writer import BagWriter
@@ -58,7 +59,7 @@ class Report:
     notes: tuple[str, ...]
 
 
-def convert(  # noqa: PLR0913 - four options objects, each of its own room
+def convert(
     recording: Recording,
     out: Path,
     messages: MessageOptions,
@@ -162,12 +163,9 @@ def _one_line(error: KittiRos2Error | OSError) -> str:
 
 
 def _ordered_map(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:
-    """map in order on a pool of threads, at most a few items ahead; workers 0 does it in place."""
-    if not workers:
-        yield from map(function, items)
-        return
+    """Map in order on a pool of threads, at most a few items ahead."""
     with ThreadPoolExecutor(workers) as pool:
-        ahead = deque()
+        ahead: deque[Future[R]] = deque()
         for item in items:
             ahead.append(pool.submit(function, item))
             if len(ahead) > workers * _AHEAD_PER_WORKER:

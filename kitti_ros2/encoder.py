@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording's samples as serialised messages: what the converter writes and the player publishes."""
+"""A recording's samples as serialised messages, for the converter to write or a node to publish."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class MessageOptions:
     preset: Preset = Preset.DEFAULT
     publish_tf: bool = True
     ring_and_time: bool = False
-    base_to_imu: tuple[float, float, float] = (-0.05, 0.32, 0.93)
+    base_to_imu: tuple[float, ...] = (-0.05, 0.32, 0.93)
 
     def __post_init__(self) -> None:
         place = self.base_to_imu

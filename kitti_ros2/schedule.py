@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from .errors import UsageError
 from .samples import IMAGE_STREAMS, Stream
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
     from .options import Bound, SelectionOptions
     from .samples import Int64Array, Recording
+
+_Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
+"""A stream, and the numbers and stamps of its samples."""
 
 _STREAMS = tuple(Stream)
 _ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
@@ -79,22 +83,27 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
     """
     wanted = _wanted_streams(selection.streams)
     numbers, moments = _window(recording, selection)
-    rows = []
-    for stream, index in recording.streams.items():
-        if stream in wanted:
-            taken = np.ones(len(index), dtype=bool)
-            for values, (lowest, highest) in ((index.numbers, numbers), (index.stamps_ns, moments)):
-                taken &= (values >= lowest) & (values <= highest)
-            rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
+    rows: list[_Row] = []
+    for stream in [stream for stream in recording.streams if stream in wanted]:
+        index = recording.streams[stream]
+        taken = _within(index.numbers, numbers) & _within(index.stamps_ns, moments)
+        rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
     if not len(stamps):
         raise UsageError(f'{recording.name}: the selection takes no sample; {_extent(recording)}')
     first = int(stamps.min())
     present = {row[0] for row in rows}
-    for stream in _ONCE:
-        if stream in wanted and stream not in present and _has_once(recording, stream, present):
-            rows.append((stream, np.zeros(1, np.int64), np.array([first], dtype=np.int64)))
+    once = np.array([first], dtype=np.int64)
+    rows += [
+        (stream, np.zeros(1, np.int64), once)
+        for stream in _ONCE
+        if stream in wanted and stream not in present and _has_once(recording, stream, present)
+    ]
     return _in_order(rows)
+
+
+def _within(values: Int64Array, bounds: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    return (values >= bounds[0]) & (values <= bounds[1])
 
 
 def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> bool:
@@ -103,7 +112,7 @@ def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> boo
     return stream is Stream.RECORDING or Stream.POSE in present
 
 
-def _in_order(rows: Sequence[tuple[Stream, Int64Array, Int64Array]]) -> Schedule:
+def _in_order(rows: Sequence[_Row]) -> Schedule:
     streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
     numbers = np.concatenate([row[1] for row in rows])
     stamps = np.concatenate([row[2] for row in rows])
@@ -153,7 +162,8 @@ def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
     # Streams without a common frame number are cut where the reference stream has that frame.
     reference = next(s for s in (Stream.SCAN, *_STREAMS) if s in recording.streams)
     index = recording.streams[reference]
-    position = np.searchsorted(index.numbers, bound.frame, side='right' if side else 'left') - side
+    frame = bound.frame or 0
+    position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
     if position < 0:
         return _ALL[0]
     return int(index.stamps_ns[position]) if position < len(index) else _ALL[1]

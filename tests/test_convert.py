@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +30,10 @@ from kitti_ros2.options import (
 from kitti_ros2.samples import Layout, Stream
 
 from builders import SMALL  # isort: skip
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 CONTAINERS = {'mcap': 'out.mcap', 'directory': 'out', 'sqlite3': 'out', 'ros1': 'out.bag'}
 STORAGES = {'mcap': 'mcap', 'directory': 'mcap', 'sqlite3': 'sqlite3', 'ros1': 'ros1'}
@@ -155,7 +158,14 @@ def test_static_transforms_are_sent_once_and_again_when_they_change(recordings, 
     words = changed.read_text().split('Tr_velo_to_cam: ')
     first = words[1].split()
     first[3] = '1.0e-01'
-    changed.write_text(words[0] + 'Tr_velo_to_cam: ' + ' '.join(first[:12]) + '\nTr_imu_to_velo: ' + ' '.join(first[13:]) + '\n')
+    changed.write_text(
+        words[0]
+        + 'Tr_velo_to_cam: '
+        + ' '.join(first[:12])
+        + '\nTr_imu_to_velo: '
+        + ' '.join(first[13:])
+        + '\n'
+    )
     found = read(run(own, tmp_path / 'object.mcap').path)
     stamps = [stamp for stamp, _ in found['/tf_static']]
     scans = [stamp for stamp, _ in found[POINTS]]
@@ -222,6 +232,10 @@ def test_a_gap_costs_its_messages_and_shifts_nothing(drive, tmp_path):
 IMAGE = 'image_02/data/0000000001.png'
 SCAN = 'velodyne_points/data/0000000001.bin'
 PACKET = 'oxts/data/0000000001.txt'
+IMAGE_TOPICS = {
+    '/kitti/camera_color_left/camera_info',
+    '/kitti/camera_color_left/image_rect/compressed',
+}
 PACKET_TOPICS = {
     '/kitti/oxts/imu', '/kitti/oxts/fix', '/kitti/oxts/vel', '/kitti/source/oxts', '/tf',
     '/kitti/ground_truth/odometry',
@@ -234,9 +248,9 @@ PACKET_TOPICS = {
         (SCAN, lambda d: d[:-3], 'cut inside a point', {POINTS, '/kitti/source/sweep'}),
         (SCAN, lambda _: b'', 'empty', {POINTS, '/kitti/source/sweep'}),
         (IMAGE, lambda d: d[:-9], 'the PNG is cut',
-         {'/kitti/camera_color_left/camera_info', '/kitti/camera_color_left/image_rect/compressed'}),
+         IMAGE_TOPICS),
         (IMAGE, lambda _: b'', 'empty',
-         {'/kitti/camera_color_left/camera_info', '/kitti/camera_color_left/image_rect/compressed'}),
+         IMAGE_TOPICS),
         (PACKET, lambda d: b' '.join(d.split()[:29]), '29 values', PACKET_TOPICS),
         (PACKET, lambda d: d.replace(b'.', b'x', 1), 'no number', PACKET_TOPICS),
         (PACKET, lambda _: b'\xff\xfe', 'no text', PACKET_TOPICS),
@@ -249,7 +263,7 @@ def test_a_bad_file_costs_its_own_messages(drive, tmp_path, name, edit, said, to
     report = run(drive, tmp_path / 'out.mcap')
     assert {loss.stream for loss in report.losses} == topics
     assert all(said in loss.message and str(path) in loss.message for loss in report.losses)
-    lost = Counter({topic: 1 for topic in topics})
+    lost = Counter(topics)
     assert Counter(whole.counts) - Counter(report.counts) == lost
     with pytest.raises(KittiRos2Error, match='--strict'):
         run(drive, tmp_path / 'strict.mcap', strict=True)
@@ -325,6 +339,10 @@ def test_an_existing_bag_is_kept(recordings, tmp_path):
 def test_the_same_recording_gives_the_same_bag(recordings, tmp_path):
     for name in ('one', 'two'):
         (tmp_path / name).mkdir()
-        run(recordings[Layout.RAW], tmp_path / name / 'out.mcap', messages=MessageOptions(images=Images.BOTH))
+        run(
+            recordings[Layout.RAW],
+            tmp_path / name / 'out.mcap',
+            messages=MessageOptions(images=Images.BOTH),
+        )
     one, two = ((tmp_path / name / 'out.mcap').read_bytes() for name in ('one', 'two'))
     assert one == two

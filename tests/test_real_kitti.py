@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,6 +21,9 @@ from kitti_ros2.messages.source import decode_sweep
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.options import BagOptions, MessageOptions, ReadOptions, SelectionOptions
 from kitti_ros2.samples import Stream
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 POINTS = '/kitti/velo/points'
 CONTAINERS = {'mcap': 'o.mcap', 'sqlite3': 'o', 'ros1': 'o.bag'}
@@ -106,7 +109,7 @@ def reference_crop(static, info, points):
 
 def test_crops_through_the_decoded_messages(real_kitti, tmp_path):
     found = read(run(source(real_kitti, 'object'), tmp_path / 'o.mcap').path)
-    statics = {stamp: message for stamp, message in found['/tf_static']}
+    statics = dict(found['/tf_static'])
     static = None
     reference = []
     for number, ((stamp, cloud), (_, info)) in enumerate(
@@ -139,8 +142,8 @@ def test_stamps_are_the_dataset_s_nanoseconds(real_kitti, tmp_path):
     found = read(run(real_kitti / 'raw', tmp_path / 'o.mcap', '0005').path)
     [(stamp, sweep)] = found['/kitti/source/sweep']
     start, end = decode_sweep(sweep)
-    assert start == 1317042272335337762
-    assert stamp == found[POINTS][0][0] == pytest.approx((start + end) / 2, abs=1000)
+    assert stamp == found[POINTS][0][0] == 1317042272335337762
+    assert stamp == pytest.approx((start + end) / 2, abs=1000)
     assert found['/kitti/camera_color_left/camera_info'][0][0] == 1317042272345808896
 
 
@@ -162,7 +165,11 @@ def test_first_packet_of_drive_0001(real_kitti, tmp_path):
     stamp, fix = found['/kitti/oxts/fix'][0]
     assert stamp == 1317042145964389445
     place = decode_fix(fix)
-    assert (place['lat'], place['lon'], place['alt']) == (49.015003823272, 8.4342971002335, 116.43032836914)
+    assert (place['lat'], place['lon'], place['alt']) == (
+        49.015003823272,
+        8.4342971002335,
+        116.43032836914,
+    )
     az = [imu.linear_acceleration.z for _, imu in found['/kitti/oxts/imu']]
     assert np.mean(az) == pytest.approx(9.801, abs=5e-4)
 

@@ -46,7 +46,10 @@ def test_seconds_and_stamps(recordings):
     recording = open_recording(recordings[Layout.RAW])
     scans = recording.streams[Stream.SCAN]
     first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
-    for bound in (Bound(offset_ns=int(scans.stamps_ns[2]) - first), Bound(stamp_ns=int(scans.stamps_ns[2]))):
+    for bound in (
+        Bound(offset_ns=int(scans.stamps_ns[2]) - first),
+        Bound(stamp_ns=int(scans.stamps_ns[2])),
+    ):
         assert select(recording, start=bound).numbers_of(Stream.SCAN) == [2, 3, 4]
         assert select(recording, end=bound).numbers_of(Stream.SCAN) == [0, 1, 2]
 

@@ -44,7 +44,14 @@ def test_fraction_of_any_length(text, fraction):
 
 @pytest.mark.parametrize(
     'text',
-    ['', '13:02:25', '2011-13-26 13:02:25.0', '2011-09-26 13:02:25.1234567890', '1317042145.95', 'x'],
+    [
+        '',
+        '13:02:25',
+        '2011-13-26 13:02:25.0',
+        '2011-09-26 13:02:25.1234567890',
+        '1317042145.95',
+        'x',
+    ],
 )
 def test_what_is_no_stamp(text):
     with pytest.raises(ValueError):  # noqa: PT011 - the message is the standard library's at times

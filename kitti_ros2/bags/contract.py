@@ -93,7 +93,7 @@ class BagWriter(Protocol):
             parts: The message as CDR, little endian.
 
         Raises:
-            OutputError: The disk refuses.
+            OutputError: The disk refuses; the bag is given up, and every later call says so.
         """
         ...
 

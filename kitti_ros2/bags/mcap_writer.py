@@ -33,9 +33,13 @@ class McapSegment:
         self._metadata: list[MetadataIndex] = []
         self._file = VectoredFile(path)
         self._chunks = open_chunks(self._file, context.options)
-        self._file.write([MAGIC, encode(Header('ros2', f'kitti_ros2 {__version__}'))])
-        if context.source_metadata:
-            self._write_metadata('kitti_ros2', dict(context.source_metadata))
+        try:
+            self._file.write([MAGIC, encode(Header('ros2', f'kitti_ros2 {__version__}'))])
+            if context.source_metadata:
+                self._write_metadata('kitti_ros2', dict(context.source_metadata))
+        except BaseException:
+            self.abort()
+            raise
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
         """Write the channel's record, and its schema's where the type is new."""

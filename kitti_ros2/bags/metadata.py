@@ -87,18 +87,7 @@ def bag_information(
         'starting_time': {'nanoseconds_since_epoch': start_ns},
         'message_count': sum(tally.total for tally in files.values()),
         'topics_with_message_count': [
-            {
-                'topic_metadata': {
-                    'name': channel.topic,
-                    'type': channel.msgtype,
-                    'serialization_format': 'cdr',
-                    'offered_qos_profiles': dump_qos_v9([qos_profile(channel)]),
-                    'type_description_hash': typestore.hash_rihs01(channel.msgtype),
-                },
-                'message_count': sum(
-                    tally.counts[index] for tally in files.values() if index < len(tally.counts)
-                ),
-            }
+            _topic_information(typestore, channel, _count(files, index))
             for index, channel in enumerate(channels)
         ],
         'compression_format': options.compression if message_mode else '',
@@ -118,6 +107,24 @@ def information_text(information: Mapping[str, Any]) -> str:
 def metadata_yaml(information: Mapping[str, Any]) -> str:
     """The text of metadata.yaml."""
     return _yaml({'rosbag2_bagfile_information': information})
+
+
+def _topic_information(typestore: Typestore, channel: Channel, count: int) -> dict[str, Any]:
+    return {
+        'topic_metadata': {
+            'name': channel.topic,
+            'type': channel.msgtype,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': dump_qos_v9([qos_profile(channel)]),
+            'type_description_hash': typestore.hash_rihs01(channel.msgtype),
+        },
+        'message_count': count,
+    }
+
+
+def _count(files: Mapping[str, Tally], index: int) -> int:
+    # Files that were closed before a channel came do not know it.
+    return sum(tally.counts[index] for tally in files.values() if index < len(tally.counts))
 
 
 def _file_information(name: str, tally: Tally) -> dict[str, Any]:

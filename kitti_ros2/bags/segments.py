@@ -60,13 +60,14 @@ class SegmentedWriter:
         self._segment: SegmentWriter | None = None
         self._size = 0
         self._done = False
+        self._failure: OutputError | None = None
         self._staging = Staging(path, overwrite=context.options.overwrite)
         self.path = self._staging.path
         try:
             with self._reported():
                 if not single_file:
                     self._staging.content.mkdir()
-                self._segment = self._next_segment()
+                self._next_segment()
         except BaseException:
             self.abort()
             raise
@@ -93,7 +94,10 @@ class SegmentedWriter:
                 self._make_room(stamp_ns, sum(map(len, parts)))
             self._opened().write(channel_id, stamp_ns, parts)
         except (OSError, sqlite3.Error) as error:
-            raise self._error(error) from error
+            # A caller that goes on after this must not end with a bag that lacks a message.
+            self._failure = self._error(error)
+            self.abort()
+            raise self._failure from error
         tally = self._tallies[-1]
         tally.counts[channel_id] += 1
         tally.start_ns = min(tally.start_ns, stamp_ns)
@@ -101,6 +105,8 @@ class SegmentedWriter:
 
     def close(self) -> None:
         """Complete the bag and put it where it belongs."""
+        if self._failure is not None:
+            raise self._failure
         if self._done:
             return
         try:
@@ -119,10 +125,12 @@ class SegmentedWriter:
             return
         self._done = True
         segment, self._segment = self._segment, None
-        if segment is not None:
-            with suppress(OSError, sqlite3.Error):
-                segment.abort()
-        self._staging.discard()
+        try:
+            if segment is not None:
+                with suppress(OSError, sqlite3.Error):
+                    segment.abort()
+        finally:
+            self._staging.discard()
 
     def __enter__(self) -> Self:
         return self
@@ -139,6 +147,8 @@ class SegmentedWriter:
             self.abort()
 
     def _opened(self) -> SegmentWriter:
+        if self._failure is not None:
+            raise self._failure
         if self._segment is None:
             raise ValueError(f'{self.path}: the bag is closed')
         return self._segment
@@ -150,14 +160,13 @@ class SegmentedWriter:
         content = self._staging.content
         return content if self._single_file else content / (self._name(index) + _UNFINISHED)
 
-    def _next_segment(self) -> SegmentWriter:
+    def _next_segment(self) -> None:
         segment = self._open(self._built(len(self._tallies)), self._context)
+        self._segment = segment
         self._tallies.append(Tally([0] * len(self._channels)))
         self._size = 0
-        self._segment = segment
         for channel_id, channel in enumerate(self._channels):
             segment.add_channel(channel_id, channel)
-        return segment
 
     def _make_room(self, stamp_ns: int, size: int) -> None:
         tally = self._tallies[-1]

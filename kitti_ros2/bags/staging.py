@@ -142,7 +142,18 @@ class Staging:
 
     def _clear(self) -> None:
         self._restore()
-        for entry in self._partial.iterdir():
+        found = {entry.name for entry in self._partial.iterdir()}
+        if found - {self.content.name, _REPLACED}:
+            # Not made here, so not ours to delete; discard must not either.
+            os.close(self._lock)
+            self._lock = -1
+            raise OutputError(
+                self.path,
+                f'{self._partial} is in the way and holds {min(found)}',
+                'move it away, or choose another name',
+            )
+        for name in found:
+            entry = self._partial / name
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry)
             else:

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sub-commands and their options; what they do is imported only when one is called."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
 from ..errors import UsageError
+from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
 app = typer.Typer(
     name='kitti-ros2',
@@ -18,8 +17,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={'help_option_names': ['-h', '--help']},
 )
-
-_INTERRUPTED = 130
 
 
 def run(words: list[str]) -> int:
@@ -41,11 +38,11 @@ def run(words: list[str]) -> int:
         path = context.command_path if context is not None else 'kitti-ros2'
         if type(error).__name__ == 'NoArgsIsHelpError':
             typer.echo(message(), err=True)
-            return 2
+            return EXIT_USAGE
         raise UsageError(f'{message().rstrip(".")}; see {path} --help') from error
-    if result == _INTERRUPTED:
+    if result == EXIT_INTERRUPTED:
         raise KeyboardInterrupt  # typer has swallowed it
-    return result if isinstance(result, int) else 0
+    return result if isinstance(result, int) else EXIT_OK
 
 
 def _version(asked: bool) -> None:
@@ -71,11 +68,11 @@ def root(
 
 
 LayoutOption = Annotated[
-    str | None,
+    Optional[str],
     typer.Option('--layout', help='raw, object, odometry or tracking [default: guess]'),
 ]
 SequenceOption = Annotated[
-    str | None, typer.Option('--sequence', help='Which drive, split or sequence of SRC, e.g. 00')
+    Optional[str], typer.Option('--sequence', help='Which drive, split or sequence of SRC, e.g. 00')
 ]
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only what went wrong.')]
 
@@ -89,69 +86,71 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     layout: LayoutOption = None,
     sequence: SequenceOption = None,
     images: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(
             help='compressed (the PNG itself), raw (pixels) or both [default: compressed]'
         ),
     ] = None,
     storage: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT's ending, or mcap]"),
     ] = None,
     compression: Annotated[
-        str | None, typer.Option(help='none, lz4, zstd or (ros1) bz2 [default: none]')
+        Optional[str], typer.Option(help='none, lz4, zstd or (ros1) bz2 [default: none]')
     ] = None,
     compression_level: Annotated[
-        int | None, typer.Option(help="[default: the compressor's own]")
+        Optional[int], typer.Option(help="[default: the compressor's own]")
     ] = None,
     split_size: Annotated[
-        str | None, typer.Option(help='Begin a new file after so many bytes, e.g. 2GB')
+        Optional[str], typer.Option(help='Begin a new file after so many bytes, e.g. 2GB')
     ] = None,
     split_duration: Annotated[
-        str | None, typer.Option(help='Begin a new file after so many seconds, e.g. 60s')
+        Optional[str], typer.Option(help='Begin a new file after so many seconds, e.g. 60s')
     ] = None,
     topics: Annotated[
-        list[str] | None, typer.Option(help="Only these topics; * matches, e.g. '/kitti/oxts/*'")
+        Optional[list[str]], typer.Option(help="Only these topics; * matches, e.g. '/kitti/oxts/*'")
     ] = None,
     streams: Annotated[
-        list[str] | None,
+        Optional[list[str]],
         typer.Option(help='Only these: scan, image, image_2, oxts, pose, labels, calibration, ...'),
     ] = None,
     start: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help="First frame (12), seconds (3.5s) or time ('2011-09-26 13:02:26')"),
     ] = None,
-    end: Annotated[str | None, typer.Option(help='Last one, included; written as --start')] = None,
+    end: Annotated[
+        Optional[str], typer.Option(help='Last one, included; written as --start')
+    ] = None,
     preset: Annotated[
-        str | None, typer.Option(help='Topic and frame names: default or kitti2bag')
+        Optional[str], typer.Option(help='Topic and frame names: default or kitti2bag')
     ] = None,
     tf: Annotated[
-        bool | None,
+        Optional[bool],
         typer.Option('--tf/--no-tf', help='Write map -> base_link on /tf [default: tf]'),
     ] = None,
     ring_time: Annotated[
-        bool | None,
+        Optional[bool],
         typer.Option('--ring-time/--no-ring-time', help='Points also have ring and time'),
     ] = None,
     base_to_imu: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help="x,y,z of imu_link in base_link, m, e.g. '-0.05,0.32,0.93'"),
     ] = None,
     epoch: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help="When recordings without time begin, e.g. '2011-09-26 00:00:00'"),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(help='A YAML file of these options; the command line wins')
+        Optional[Path], typer.Option(help='A YAML file of these options; the command line wins')
     ] = None,
     strict: Annotated[
-        bool | None,
+        Optional[bool],
         typer.Option(
             '--strict/--no-strict', help='Stop at the first bad file, leave nothing behind'
         ),
     ] = None,
     overwrite: Annotated[
-        bool | None, typer.Option('--overwrite/--no-overwrite', help='Replace an existing bag')
+        Optional[bool], typer.Option('--overwrite/--no-overwrite', help='Replace an existing bag')
     ] = None,
     quiet: QuietOption = False,
 ) -> int:

@@ -8,11 +8,7 @@ import os
 import sys
 
 from ..errors import KittiRos2Error
-
-EXIT_OK = 0
-EXIT_LOSSES = 1
-EXIT_USAGE = 2
-EXIT_INTERRUPTED = 130
+from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
 _DEBUG = '--debug'
 

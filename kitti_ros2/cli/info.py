@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
 from ..stamps import format_stamp
-from .boundary import EXIT_LOSSES, EXIT_OK
+from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .settings import make_settings
 from .text import format_bytes, format_count, format_duration
 from .to_bag import show_losses

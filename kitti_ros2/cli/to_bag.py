@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..options import Images
 from ..schedule import make_schedule
-from .boundary import EXIT_LOSSES, EXIT_OK
+from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .progress import conversion_progress
 from .settings import load_config, make_settings
 from .text import format_bytes, format_count, format_duration

@@ -34,7 +34,8 @@ def parse_packet(
 
     Args:
         text: The line.
-        path, line: For the errors.
+        path: For the errors.
+        line: For the errors, from 1.
         source: Kept in the packet.
 
     Raises:

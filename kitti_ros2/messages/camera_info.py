@@ -32,14 +32,22 @@ if TYPE_CHECKING:
     from ..geometry import Float64Array
     from ..samples import Calibration, CameraCalibration
 
+__all__ = [
+    'CameraInfo',
+    'decode_camera_info',
+    'encode_camera_info',
+    'image_frame_camera',
+    'projection',
+    'rectified_offset',
+]
+
 LEFT_OF = {1: 0, 3: 2}
 """The left camera of each right camera's stereo pair."""
 
 
 def rectified_offset(camera: CameraCalibration) -> Float64Array:
-    """(3,) metres t = K^-1 P[:, 3]: a point of the rectified camera 0 is at p + t in this camera."""
-    offset: Float64Array = np.linalg.solve(camera.p_rect[:, :3], camera.p_rect[:, 3])
-    return offset
+    """(3,) metres t = K^-1 P[:, 3]: a point p of the rectified camera 0 is p + t in this camera."""
+    return np.asarray(np.linalg.solve(camera.p_rect[:, :3], camera.p_rect[:, 3]), np.float64)
 
 
 def image_frame_camera(calibration: Calibration, index: int) -> int:

@@ -72,5 +72,4 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8]:
     pixels = cv2.imdecode(np.frombuffer(image.png, dtype=np.uint8), flag)
     if pixels is None or pixels.shape[:2] != (image.height, image.width):
         raise ValueError('the PNG cannot be decoded')
-    decoded: npt.NDArray[np.uint8] = pixels
-    return decoded
+    return np.asarray(pixels, dtype=np.uint8)

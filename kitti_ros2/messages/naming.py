@@ -71,7 +71,7 @@ def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:
 
 
 def base_t_imu(options: MessageOptions) -> Transform:
-    """Where imu_link is on base_link; the preset's own unless the options differ from the default."""
+    """Where imu_link is on base_link: as the options say, else as the preset has it."""
     place = options.base_to_imu
     if options.preset is Preset.KITTI2BAG and place == type(options)().base_to_imu:
         place = KITTI2BAG_BASE_T_IMU

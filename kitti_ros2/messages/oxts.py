@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.typesys.stores.ros2_jazzy import (
@@ -76,15 +76,18 @@ def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
     """Latitude, longitude, altitude; pos_accuracy is a sigma, so its square is the variance."""
     return NavSatFix(
         header=make_header(stamp_ns, frame_id),
-        status=NavSatStatus(
-            _STATUS_BY_MODE.get(packet.posmode, NavSatStatus.STATUS_FIX), NavSatStatus.SERVICE_GPS
-        ),
+        status=_status(packet),
         latitude=packet.lat,
         longitude=packet.lon,
         altitude=packet.alt,
         position_covariance=np.diag([packet.pos_accuracy**2] * 3).ravel(),
         position_covariance_type=NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
     )
+
+
+def _status(packet: OxtsPacket) -> Any:  # noqa: ANN401 - rosbags types the field by an older class
+    status = _STATUS_BY_MODE.get(packet.posmode, NavSatStatus.STATUS_FIX)
+    return NavSatStatus(status, NavSatStatus.SERVICE_GPS)
 
 
 def decode_fix(message: NavSatFix) -> dict[str, float]:
@@ -98,7 +101,7 @@ def decode_fix(message: NavSatFix) -> dict[str, float]:
 
 
 def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistStamped:
-    """Velocity and rates in body axes; KITTI's vf vl vu are levelled, so roll and pitch are undone."""
+    """Velocity and rates in body axes; vf vl vu are levelled, so roll and pitch are undone."""
     return TwistStamped(
         header=make_header(stamp_ns, frame_id),
         twist=Twist(
@@ -109,7 +112,7 @@ def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistSt
 
 
 def decode_velocity(message: TwistStamped, roll: float, pitch: float) -> dict[str, float]:
-    """The packet columns a TwistStamped holds, given the body's roll and pitch: vf vl vu, wx wy wz."""
+    """The packet columns a TwistStamped holds, given roll and pitch: vf vl vu, wx wy wz."""
     levelled = rotation_from_rpy(roll, pitch, 0.0) @ vector_of(message.twist.linear)
     values = (*levelled, *vector_of(message.twist.angular))
     names = ('vf', 'vl', 'vu', 'wx', 'wy', 'wz')

@@ -87,7 +87,7 @@ def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
 
 
 def times(scan: Scan) -> Float32Array:
-    """Seconds of each point since the sweep's start, (N,) float32; 0 where no start and end is told.
+    """Seconds of each point since the sweep's start, (N,) float32; 0 without a start and end.
 
     The scanner turns counter-clockwise and faces forward in the middle of its sweep.
     """

@@ -169,7 +169,7 @@ def _camera_rows(
 
 
 def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
-    """The rows whose names match one of the patterns (shell wildcards); all where there are none."""
+    """The rows whose names match one of the patterns (shell wildcards); all without patterns."""
     if not patterns:
         return table
     return [row for row in table if any(fnmatchcase(row.name, pattern) for pattern in patterns)]

@@ -18,6 +18,7 @@ import yaml
 from kitti_ros2.cli import main
 from kitti_ros2.cli.settings import load_config, make_settings, parse_bytes
 from kitti_ros2.errors import UsageError
+from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.samples import Layout
 
 from builders import SMALL  # isort: skip
@@ -38,7 +39,7 @@ def test_to_bag_says_what_it_guessed_and_did(recording_path, tmp_path, capsys):
     out = tmp_path / 'out.mcap'
     assert main(['to-bag', str(recording_path), str(out)]) == 0
     said = capsys.readouterr()
-    assert f'layout {recording_path.name if recording_path.name in [x.value for x in Layout] else "raw"}' in said.out
+    assert f'layout {open_recording(recording_path).layout.value}' in said.out
     assert f'{out}: ' in said.out
     assert f'{SMALL.frames} frames' in said.out
     assert '--images raw' in said.out
@@ -76,7 +77,10 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['to-bag', '{tmp}/absent', '{tmp}/o.mcap'], '{tmp}/absent: no such folder'),
         (['to-bag', '{tmp}', '{tmp}/o.mcap'], 'the folder is empty'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--bogus'], 'No such option: --bogus'),
-        (['to-bag', '{raw}', '{tmp}/o.mcap', '--images', 'jpeg'], "compressed or raw or both, not 'jpeg'"),
+        (
+            ['to-bag', '{raw}', '{tmp}/o.mcap', '--images', 'jpeg'],
+            "compressed or raw or both, not 'jpeg'",
+        ),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'], 'raw or object or odometry'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
         (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none or lz4 or bz2'),
@@ -120,7 +124,9 @@ def test_an_unforeseen_error_is_one_line_too(recordings, tmp_path, capsys, monke
     assert 'internal error, ZeroDivisionError' in one_line(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('words', [['--help'], ['to-bag', '--help'], ['info', '-h'], ['demo', '-h']])
+@pytest.mark.parametrize(
+    'words', [['--help'], ['to-bag', '--help'], ['info', '-h'], ['demo', '-h']]
+)
 def test_help_fits_80_columns(words, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     assert main(words) == 0
@@ -134,7 +140,9 @@ def test_info_of_a_recording_fits_80_columns(recording_path, capsys, monkeypatch
     assert main(['info', str(recording_path)]) == 0
     said = capsys.readouterr().out.splitlines()
     assert any(line.startswith('scan') and f' {SMALL.frames} ' in line for line in said)
-    assert max(len(line) for line in said if not line.startswith(('note', str(recording_path)))) <= 80
+    assert (
+        max(len(line) for line in said if not line.startswith(('note', str(recording_path)))) <= 80
+    )
 
 
 @pytest.mark.parametrize('name', ['o.mcap', 'o', 'o.bag'])
@@ -194,7 +202,7 @@ def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_pat
         ('imges: raw', "unknown option 'imges'"),
         ('- a\n- b', 'no mapping'),
         ('a: [1,\nb: 2', ':2: no YAML'),
-        ('images: 3', "compressed or raw or both, not 3"),
+        ('images: 3', 'compressed or raw or both, not 3'),
         ('tf: maybe', 'true or false'),
     ],
 )
@@ -214,11 +222,14 @@ def test_the_installed_config_holds_every_option_at_its_default():
     assert settings.bag('mcap') == defaults.bag('mcap')
     from kitti_ros2.cli import settings as module  # noqa: PLC0415
 
-    assert set(yaml.safe_load((ROOT / 'config' / 'to_bag.yaml').read_text())) == set(module._PARSERS)
+    assert set(yaml.safe_load((ROOT / 'config' / 'to_bag.yaml').read_text())) == set(
+        module._PARSERS
+    )
 
 
 @pytest.mark.parametrize(
-    ('text', 'size'), [('10', 10), ('2GB', 2 * 10**9), ('1.5 MB', 1_500_000), ('1GiB', 2**30), ('3k', 3000)]
+    ('text', 'size'),
+    [('10', 10), ('2GB', 2 * 10**9), ('1.5 MB', 1_500_000), ('1GiB', 2**30), ('3k', 3000)],
 )
 def test_sizes(text, size):
     assert parse_bytes(text) == size

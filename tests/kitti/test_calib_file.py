@@ -81,7 +81,10 @@ def test_odometry_folds_the_rectification_into_tr(calibration):
 
 def test_loaders_read_object_files_by_line_number():
     calibration = Calibration(
-        {2: camera(700.0, 600.0, 170.0, 0.06)}, np.eye(3), Transform.identity(), Transform.identity()
+        {2: camera(700.0, 600.0, 170.0, 0.06)},
+        np.eye(3),
+        Transform.identity(),
+        Transform.identity(),
     )
     keys = [line.split(' ')[0] for line in format_object(calibration).splitlines()]
     assert keys == [
@@ -111,7 +114,7 @@ def test_raw_text_and_back():
 
 
 def test_tracking_keys_have_no_colon_and_lines_end_in_blanks():
-    text = 'P2: ' + ' '.join(['1', '0', '0', '0', '0', '1', '0', '0', '0', '0', '1', '0']) + '  \n'
+    text = 'P2: ' + '1 0 0 0 0 1 0 0 0 0 1 0  \n'
     text += 'R_rect 1 0 0 0 1 0 0 0 1  \nTr_velo_cam 1 0 0 5 0 1 0 6 0 0 1 7  \n\n'
     calibration = parse_calibration(text, PATH, PATH.name)
     assert calibration.cam0_T_velo.translation.tolist() == [5, 6, 7]
@@ -145,7 +148,11 @@ def break_line(key: str, line: str) -> str:
 @pytest.mark.parametrize(
     ('text', 'part', 'said'),
     [
-        (break_line('P2', 'P2: 7.0e+02 0.0'), 'P2', 'calib/000000.txt:3: P2: 2 values; expected 12'),
+        (
+            break_line('P2', 'P2: 7.0e+02 0.0'),
+            'P2',
+            'calib/000000.txt:3: P2: 2 values; expected 12',
+        ),
         (break_line('P2', 'P2: a b'), 'P2', '2 values'),
         (break_line('P2', 'P2: ' + 'x ' * 12), 'P2', "'x' is no number"),
         (break_line('P2', 'P2: ' + '0 ' * 12), 'P2', 'singular'),

@@ -57,7 +57,7 @@ def test_absent_path_and_file(tmp_path):
 
 def test_a_folder_that_fits_two_layouts_asks(tmp_path):
     put(tmp_path, 'training/velodyne/000000.bin', 'training/velodyne/0000/000000.bin')
-    with pytest.raises(AmbiguousLayoutError, match='object and tracking.*--layout object'):
+    with pytest.raises(AmbiguousLayoutError, match=r'object and tracking.*--layout object'):
         guess_layout(tmp_path)
     recording = open_recording(tmp_path, ReadOptions(layout=Layout.TRACKING))
     assert recording.layout is Layout.TRACKING
@@ -81,13 +81,16 @@ def test_several_sequences_ask_for_one(tmp_path):
     with pytest.raises(AmbiguousSequenceError, match='--sequence 00'):
         open_recording(tmp_path)
     assert open_recording(tmp_path, ReadOptions(sequence='1')).name == '01'
-    with pytest.raises(UsageError, match="'7'.*00, 01"):
+    with pytest.raises(UsageError, match=r"'7'.*00, 01"):
         open_recording(tmp_path, ReadOptions(sequence='7'))
 
 
 def test_raw_drives_are_chosen_by_their_number(tmp_path):
     for number in (1, 5):
-        put(tmp_path, f'2011_09_26/2011_09_26_drive_000{number}_sync/velodyne_points/data/0000000000.bin')
+        put(
+            tmp_path,
+            f'2011_09_26/2011_09_26_drive_000{number}_sync/velodyne_points/data/0000000000.bin',
+        )
     assert open_recording(tmp_path, ReadOptions(sequence='5')).name.endswith('0005_sync')
 
 

@@ -55,7 +55,9 @@ def chain(links, target: str, source: str) -> Transform:
 
 def pixels_by_messages(calibration, index: int, points, frames: Frames):
     """Where a subscriber sees points of velo_link: by the decoded TF and CameraInfo alone."""
-    links = decode_static(through_cdr(encode_static(static_links(calibration, BASE_T_IMU, frames), 0)))
+    links = decode_static(
+        through_cdr(encode_static(static_links(calibration, BASE_T_IMU, frames), 0))
+    )
     frame = frames.camera(image_frame_camera(calibration, index))
     info = through_cdr(encode_camera_info(calibration, index, (1242, 375), 0, frame))
     _, _, r, p = decode_camera_info(info)

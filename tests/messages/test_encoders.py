@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.geometry import Transform, rotation_from_rpy
+from kitti_ros2.kitti.png_file import parse_image
 from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize, typestore
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
 from kitti_ros2.messages.image import (
@@ -47,7 +48,6 @@ from kitti_ros2.messages.source import (
     encode_text,
 )
 from kitti_ros2.messages.transforms import decode_static, encode_static
-from kitti_ros2.kitti.png_file import parse_image
 from kitti_ros2.samples import OxtsPacket, Pose, Scan, TextFile, Trajectory
 
 from builders import png_bytes  # isort: skip
@@ -141,7 +141,14 @@ def test_ring_and_time():
     assert message.point_step == 22
     assert decode_scan(message).points.tobytes() == points.tobytes()
     rich = message.data.view(
-        np.dtype({'names': ['ring', 'time'], 'formats': ['<u2', '<f4'], 'offsets': [16, 18], 'itemsize': 22})
+        np.dtype(
+            {
+                'names': ['ring', 'time'],
+                'formats': ['<u2', '<f4'],
+                'offsets': [16, 18],
+                'itemsize': 22,
+            }
+        )
     )
     assert rich['ring'].tolist() == [1] * 6 + [0] * 6
     np.testing.assert_allclose(rich['time'], expected, atol=1e-4)

@@ -1,0 +1,229 @@
+#!/usr/bin/env python3
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast and how small kitti-ros2 to-bag is, beside yardsticks timed in the same run.
+
+    python benchmarks/to_bag.py SRC [--long LONGER_SRC] [--repeat N] [--dir FOLDER]
+
+SRC is a KITTI drive. Each line is a ratio of medians; what is compared takes turns, so that a busy
+moment meets all of them. LONGER_SRC, a longer drive of the same kind, shows whether memory grows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from kitti_ros2.convert import convert
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+MAIN = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
+
+
+@dataclass(frozen=True)
+class Run:
+    """One timed run: seconds, and the bytes it wrote where that matters."""
+
+    seconds: float
+    size_bytes: int = 0
+
+    @property
+    def rate(self) -> float:
+        """Bytes per second."""
+        return self.size_bytes / self.seconds
+
+
+def timed(work: Callable[[], int]) -> Run:
+    """Time work, which returns the bytes it wrote."""
+    os.sync()  # what an earlier run left to be written is not this one's burden
+    started = time.perf_counter()
+    size_bytes = work()
+    return Run(time.perf_counter() - started, size_bytes)
+
+
+def tree_bytes(folder: Path) -> int:
+    """Size of all files below a folder."""
+    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+
+
+class Bench:
+    """The work that is timed, on one drive, each time into a fresh output."""
+
+    def __init__(self, src: Path, folder: Path) -> None:
+        self.src = src
+        self.folder = folder
+        self.recording = open_recording(src)
+        self.root = self.recording.root
+        self.pngs = sorted(
+            path for path in self.root.rglob('*.png') if self.recording.name in path.parts
+        )
+
+    def fresh(self, name: str) -> Path:
+        """An output path with nothing at it."""
+        path = self.folder / name
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
+        return path
+
+    def copy(self) -> Run:
+        """Copy the drive with its calibration, by cp -r."""
+        out = self.fresh('copy')
+        run = timed(lambda: subprocess.run(['cp', '-r', self.root, out], check=True).returncode)
+        size_bytes = tree_bytes(out)
+        self.fresh('copy')
+        return Run(run.seconds, size_bytes)
+
+    def convert(self, images: Images) -> Run:
+        """The conversion alone, in this process."""
+        out = self.fresh('out.mcap')
+
+        def work() -> int:
+            recording = open_recording(self.src)
+            messages = MessageOptions(images=images)
+            return convert(recording, out, messages, SelectionOptions(), BagOptions()).size_bytes
+
+        run = timed(work)
+        self.fresh('out.mcap')
+        return run
+
+    def process(self, src: Path | None = None, *options: str) -> tuple[Run, float]:
+        """The whole command, start included; also its peak memory in MB."""
+        out = self.fresh('out.mcap')
+        words = [
+            sys.executable,
+            '-c',
+            MAIN,
+            'to-bag',
+            str(src or self.src),
+            str(out),
+            '-q',
+            *options,
+        ]
+        peak = 0.0
+
+        def work() -> int:
+            nonlocal peak
+            _, status, usage = os.wait4(os.posix_spawn(words[0], words, os.environ), 0)
+            if os.waitstatus_to_exitcode(status):
+                raise SystemExit(f'{" ".join(words)} failed')
+            peak = usage.ru_maxrss / 1000
+            return out.stat().st_size
+
+        run = timed(work)
+        self.fresh('out.mcap')
+        return run, peak
+
+    def decode(self) -> Run:
+        """A bare loop over the drive's PNGs, one core."""
+
+        def work() -> int:
+            for path in self.pngs:
+                cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+            return 0
+
+        return timed(work)
+
+
+def command_seconds(*words: str) -> float:
+    """How long a command takes."""
+    started = time.perf_counter()
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - started
+
+
+def median(values: list[float]) -> float:
+    """The median, rounded for print."""
+    return statistics.median(values)
+
+
+def report(name: str, value: float, bound: str, note: str) -> None:
+    """One line."""
+    print(f'{name:<42}{value:8.2f}   {bound:<10} {note}', flush=True)
+
+
+def measure_pass_through(bench: Bench, repeat: int) -> None:
+    """Against cp -r."""
+    copies, alone, whole = [], [], []
+    for _ in range(repeat):
+        copies.append(bench.copy().rate)
+        alone.append(bench.convert(Images.COMPRESSED).rate)
+        whole.append(bench.process()[0].rate)
+    copy = median(copies)
+    note = f'cp -r {copy / 1e6:.0f} MB/s'
+    report('PNG pass-through / cp -r', median(alone) / copy, '>= 0.8', note)
+    report(
+        'the same, whole process', median(whole) / copy, '>= 0.6', f'{median(whole) / 1e6:.0f} MB/s'
+    )
+
+
+def measure_raw(bench: Bench, repeat: int) -> None:
+    """Against decoding alone on every core."""
+    cores = os.cpu_count() or 1
+    decodes, raws = [], []
+    for _ in range(repeat):
+        decodes.append(bench.decode().seconds)
+        raws.append(bench.convert(Images.RAW).seconds)
+    ideal = median(decodes) / cores
+    frames = len(bench.recording.streams[max(bench.recording.streams, key=lambda s: s.camera or 0)])
+    note = f'{frames / median(raws):.0f} frames/s, cores {cores}'
+    report('--images raw / bare decoding on all cores', ideal / median(raws), '>= 0.8', note)
+
+
+def measure_memory(bench: Bench, longer: Path | None) -> None:
+    """Peak of the whole process, and whether a longer drive needs more."""
+    for name, options in (('', ()), (' --images raw', ('--images', 'raw'))):
+        peak = bench.process(None, *options)[1]
+        report(f'peak memory{name}, MB', peak, '<= 300', str(bench.src.name))
+        if longer is not None:
+            grown = bench.process(longer, *options)[1]
+            report(f'the longer drive{name} / this one', grown / peak, '<= 1.1', f'{grown:.0f} MB')
+
+
+def measure_help(repeat: int) -> None:
+    """Against importing numpy."""
+    python = sys.executable
+    helps, numpys = [], []
+    for _ in range(repeat):
+        numpys.append(command_seconds(python, '-c', 'import numpy'))
+        helps.append(command_seconds(python, '-c', MAIN, '--help'))
+    note = f'{median(helps) * 1000:.0f} ms'
+    report('kitti-ros2 --help / import numpy', median(helps) / median(numpys), '<= 3', note)
+
+
+def main() -> None:
+    """Run all measures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('src', type=Path)
+    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
+    parser.add_argument('--repeat', type=int, default=7)
+    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=args.dir or args.src.resolve().parent.parent) as folder:
+        bench = Bench(args.src, Path(folder))
+        bench.copy()  # warms the page cache, for all alike
+        measure_pass_through(bench, args.repeat)
+        measure_raw(bench, max(3, args.repeat // 2))
+        measure_memory(bench, args.long)
+        measure_help(args.repeat)
+
+
+if __name__ == '__main__':
+    main()

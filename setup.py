@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Installs the package, for pip and for colcon alike; package.xml is the source of its facts."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from setuptools import find_packages, setup
+
+HERE = Path(__file__).resolve().parent
+FACTS = ET.parse(HERE / 'package.xml').getroot()  # noqa: S314 - a file of our own
+NAME = FACTS.findtext('name', '')
+MAINTAINER = FACTS.find('maintainer')
+
+# What the converter needs, for pip; a workspace has its own (package.xml). The lower bounds work
+# with Python 3.10; the upper ones stop at the next release that may break its promises.
+REQUIREMENTS = [
+    'defusedxml>=0.7.1,<0.8',
+    'isal>=1.7,<2',
+    'lz4>=4.3,<5',
+    'mcap>=1.3,<2',
+    'numpy>=1.26,<3',
+    'opencv-python-headless>=4.10,<6',
+    'pyyaml>=6.0.1,<7',
+    'rich>=13.7,<16',
+    'rosbags>=0.11.3,<0.12',
+    'typer>=0.15.4,<0.30',
+    'zstandard>=0.22,<0.26',
+]
+
+EXTRAS = {
+    # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
+    'ros': [
+        'ros-jazzy-common-interfaces>=5.3.6,<6',
+        'ros-jazzy-rclpy[fastrtps]>=7.1.6,<8',
+    ],
+    'test': [
+        'hypothesis>=6.100,<7',
+        'mcap-ros2-support>=0.5.5,<0.7',
+        'mypy>=1.15,<3',
+        'packaging>=23,<27',
+        'pytest>=8,<10',
+        'ruff>=0.17,<0.18',
+        'types-PyYAML>=6.0.12,<7',
+        'types-defusedxml>=0.7.0,<0.8',
+    ],
+}
+
+
+def share(folder: str, pattern: str) -> list[tuple[str, list[str]]]:
+    """Pair the files of a folder with the share folder that they are installed to."""
+    found = sorted(str(path.relative_to(HERE)) for path in (HERE / folder).glob(pattern))
+    return [(f'share/{NAME}/{folder}', found)] if found else []
+
+
+setup(
+    name=NAME,
+    version=FACTS.findtext('version'),
+    description=FACTS.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=FACTS.findtext('license'),
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get('email'),
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *share('launch', '*.launch.py'),
+        *share('config', '*.yaml'),
+    ],
+    python_requires='>=3.10',
+    install_requires=REQUIREMENTS,
+    extras_require=EXTRAS,
+    entry_points={'console_scripts': ['kitti-ros2 = kitti_ros2.cli:main']},
+    zip_safe=False,
+)

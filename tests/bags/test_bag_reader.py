@@ -1,0 +1,303 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of others, bags that were cut off, and things that are no bags."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tarfile
+
+import pytest
+import yaml
+import zstandard
+from bag_samples import CHANNELS, START_NS, jazzy, make_samples, write_bag
+from mcap.writer import CompressionType, IndexType, Writer
+
+from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.errors import BadBagError
+from kitti_ros2.options import BagOptions
+
+
+@pytest.fixture(scope='module')
+def samples():
+    return make_samples(rounds=3, cloud_bytes=3_000_000)
+
+
+def read(path):
+    with open_messages(path) as messages:
+        return [(each.topic, each.stamp_ns, bytes(each.data)) for each in messages]
+
+
+def triples(samples):
+    return [(each.channel.topic, each.stamp_ns, each.data) for each in samples]
+
+
+@pytest.mark.parametrize(
+    ('name', 'container', 'topics', 'messages', 'compression'),
+    [
+        ('example-lz4.bag', 'ros1', 9, 8647, 'lz4'),
+        ('tilt_laser.bag', 'ros1', 9, 4093, 'none'),
+        ('no-messages.bag', 'ros1', 0, 0, 'none'),
+        ('nav2_turtlebot.mcap', 'mcap', 4, 8197, 'zstd'),
+        ('rosbag2_empty_sqlite3', 'rosbag2 sqlite3', 2, 0, 'none'),
+        ('rosbag2_talker_sqlite3', 'rosbag2 sqlite3', 3, 20, 'none'),
+        ('rosbag2_talker_sqlite3/talker.db3', 'sqlite3', 3, 20, 'none'),
+        ('rosbag2_talker_mcap', 'rosbag2 mcap', 3, 20, 'zstd'),
+        ('rosbag2_split_mcap', 'rosbag2 mcap', 8, 6074, 'zstd'),
+    ],
+)
+def test_real_bags(real_bags, name, container, topics, messages, compression):
+    summary = summarize_bag(real_bags / name)
+    assert summary.complete
+    assert summary.warnings == ()
+    assert (summary.container, summary.compression) == (container, compression)
+    assert (len(summary.topics), summary.message_count) == (topics, messages)
+    found = read(real_bags / name)
+    assert len(found) == messages
+    assert [each[1] for each in found] == sorted(each[1] for each in found)
+    if messages:
+        assert (found[0][1], found[-1][1]) == (summary.start_ns, summary.end_ns)
+
+
+@pytest.mark.parametrize(
+    'name', ['tilt_laser.bag', 'example-lz4.bag', 'nav2_turtlebot.mcap', 'rosbag2_talker_mcap']
+)
+def test_real_messages_can_be_decoded(real_bags, name):
+    """ROS 1 messages as well, which come as CDR."""
+    with open_messages(real_bags / name) as messages:
+        kinds = set()
+        for message in messages:
+            decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
+            kinds.add(decoded.__msgtype__)
+            if message.topic == '/imu_data':
+                assert abs(decoded.header.stamp.sec * 10**9 - message.stamp_ns) < 10**10
+    assert kinds == {each.msgtype for each in summarize_bag(real_bags / name).topics if each.count}
+
+
+def test_real_point_clouds(real_bags, tmp_path):
+    with tarfile.open(real_bags / 'realsense_pointcloud2_mcap.tar.xz') as archive:
+        names = archive.getnames()
+        archive.extractall(tmp_path, filter='data')
+    (metadata,) = [tmp_path / name for name in names if name.endswith('metadata.yaml')]
+    summary = summarize_bag(metadata.parent)
+    assert summary.complete
+    with open_messages(metadata.parent) as messages:
+        clouds = 0
+        for message in messages:
+            if message.msgtype == 'sensor_msgs/msg/PointCloud2':
+                cloud = messages.typestore.deserialize_cdr(message.data, message.msgtype)
+                assert cloud.point_step == 16
+                clouds += 1
+    assert clouds == sum(
+        each.count for each in summary.topics if each.msgtype == 'sensor_msgs/msg/PointCloud2'
+    )
+    assert clouds
+
+
+def test_rates_and_gaps(tmp_path):
+    stamps = [0, 100, 200, 300, 700, 800]
+    with open_bag(tmp_path / 'bag.mcap', BagOptions(), jazzy()) as bag:
+        channel = bag.add_channel(Channel('/a', 'std_msgs/msg/String'))
+        bag.add_channel(Channel('/empty', 'std_msgs/msg/String'))
+        for stamp_ms in stamps:
+            bag.write(channel, START_NS + stamp_ms * 10**6, [b'x'])
+    topic, empty = summarize_bag(bag.path).topics
+    assert (topic.count, topic.start_ns, topic.end_ns) == (6, START_NS, START_NS + 8 * 10**8)
+    assert topic.median_period_ns == 10**8
+    assert (topic.largest_gap_ns, topic.largest_gap_at_ns) == (4 * 10**8, START_NS + 3 * 10**8)
+    assert topic.mean_rate_hz == 5 / 0.8
+    assert (empty.count, empty.start_ns, empty.mean_rate_hz) == (0, None, None)
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+@pytest.mark.parametrize('part', [0.999, 0.7, 0.4, 0.01])
+def test_cut_mcap_is_read_as_far_as_it_goes(compression, part, samples, tmp_path):
+    path = write_bag(tmp_path / 'bag.mcap', BagOptions(compression=compression), samples)
+    with path.open('r+b') as file:
+        file.truncate(int(path.stat().st_size * part))
+    summary = summarize_bag(path)
+    assert not summary.complete
+    assert len(summary.warnings) == 1
+    assert str(path) in summary.warnings[0]
+    with open_messages(path) as messages:
+        found = [(each.topic, each.stamp_ns, bytes(each.data)) for each in messages]
+        assert not messages.complete
+        for each in messages:
+            messages.typestore.deserialize_cdr(each.data, each.msgtype)
+    assert found == triples(samples)[: len(found)]
+    assert summary.message_count == len(found)
+    if part == 0.999:
+        assert len(found) == len(samples)
+
+
+def test_damaged_chunk_of_a_cut_file_is_passed_over(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag.mcap', BagOptions(), samples)
+    data = bytearray(path.read_bytes()[:-10])
+    data[1_000_000] ^= 255
+    path.write_bytes(data)
+    summary = summarize_bag(path)
+    assert not summary.complete
+    assert 'wrong checksum' in summary.warnings[0]
+    found = read(path)
+    assert 0 < len(found) == summary.message_count < len(samples)
+
+
+def test_damaged_chunk_of_a_finished_file_is_an_error(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag.mcap', BagOptions(), samples)
+    data = bytearray(path.read_bytes())
+    data[1_000_000] ^= 255
+    path.write_bytes(data)
+    with pytest.raises(BadBagError, match='damaged'):
+        read(path)
+
+
+@pytest.mark.parametrize('chunked', [True, False])
+@pytest.mark.parametrize('index', [IndexType.ALL, IndexType.NONE])
+@pytest.mark.parametrize('profile', ['ros2', ''])
+def test_mcap_of_other_writers(chunked, index, profile, tmp_path):
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as file:
+        writer = Writer(
+            file,
+            use_chunking=chunked,
+            index_types=index,
+            compression=CompressionType.LZ4,
+            use_summary_offsets=False,
+        )
+        writer.start(profile=profile, library='another')
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
+        channel = writer.register_channel('/text', 'cdr', schema)
+        for number in range(10):
+            writer.add_message(channel, number, b'\0\1\0\0\1\0\0\0\0', number)
+        writer.finish()
+    assert summarize_bag(path).message_count == 10
+    assert [stamp_ns for _, stamp_ns, _ in read(path)] == list(range(10))
+
+
+def test_mcap_without_cdr_says_so(tmp_path):
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel('/text', 'json', 0)
+        writer.add_message(channel, 1, b'{}', 1)
+        writer.finish()
+    assert summarize_bag(path).message_count == 1
+    with pytest.raises(BadBagError, match='json'):
+        open_messages(path)
+
+
+def test_one_cut_file_of_a_split_bag(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(split_duration_ns=10**8), samples)
+    last = max(path.glob('*.mcap'))
+    last.write_bytes(last.read_bytes()[:-100])
+    summary = summarize_bag(path)
+    assert not summary.complete
+    assert summary.message_count == len(samples)
+    assert read(path) == triples(samples)
+
+
+def test_file_compressed_directory(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
+    (plain,) = path.glob('*.db3')
+    packed = plain.with_name(f'{plain.name}.zstd')
+    packed.write_bytes(zstandard.compress(plain.read_bytes()))
+    plain.unlink()
+    information = yaml.safe_load((path / 'metadata.yaml').read_text())
+    inner = information['rosbag2_bagfile_information']
+    inner |= {'compression_mode': 'FILE', 'compression_format': 'zstd'}
+    inner['relative_file_paths'] = [packed.name]
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(information))
+    summary = summarize_bag(path)
+    assert (summary.message_count, summary.compression) == (len(samples), 'zstd')
+    assert read(path) == triples(samples)
+
+
+def test_metadata_that_miscounts_is_said(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(), samples)
+    metadata = path / 'metadata.yaml'
+    metadata.write_text(
+        metadata.read_text().replace(f'message_count: {len(samples)}', 'message_count: 7')
+    )
+    (warning,) = summarize_bag(path).warnings
+    assert 'counts 7 messages' in warning
+
+
+def make_bad(kind, path, samples):
+    if kind == 'empty':
+        path.touch()
+    elif kind == 'text':
+        path.write_text('no bag at all\n' * 9)
+    elif kind == 'directory':
+        path.mkdir()
+    elif kind == 'unfinished directory':
+        write_bag(path.with_suffix(''), BagOptions(), samples).rename(path)
+        (path / 'metadata.yaml').unlink()
+    elif kind == 'bad yaml':
+        path.mkdir()
+        (path / 'metadata.yaml').write_text('a: [')
+    elif kind == 'other yaml':
+        path.mkdir()
+        (path / 'metadata.yaml').write_text('just text')
+    elif kind == 'missing file':
+        write_bag(path.with_suffix(''), BagOptions(), samples).rename(path)
+        next(path.glob('*.mcap')).unlink()
+    elif kind == 'other database':
+        with sqlite3.connect(path) as connection:
+            connection.execute('CREATE TABLE mine(id INTEGER)')
+        connection.close()
+    else:
+        write_cut(kind, path, samples)
+
+
+def write_cut(kind, path, samples):
+    storage = 'sqlite3' if 'sqlite3' in kind else 'ros1'
+    source = write_bag(path.with_name('source'), BagOptions(storage=storage), samples)
+    file = next(source.glob('*.db3')) if storage == 'sqlite3' else source
+    data = file.read_bytes()
+    path.write_bytes(
+        data[: int(len(data) * {'most': 0.9, 'half': 0.5, 'head': 0.0002}[kind.split()[1]])]
+    )
+
+
+BAD = {
+    'absent': 'no such file',
+    'empty': 'empty',
+    'text': 'another kind',
+    'directory': 'metadata.yaml',
+    'unfinished directory': 'reindex',
+    'bad yaml': 'no metadata',
+    'other yaml': 'no metadata',
+    'missing file': 'lacks',
+    'other database': 'sqlite3',
+    'sqlite3 half': 'sqlite3',
+    'ros1 most': 'cut off',
+    'ros1 half': 'cut off',
+    'ros1 head': 'cut off',
+}
+
+
+@pytest.mark.parametrize(('kind', 'complaint'), BAD.items(), ids=BAD)
+def test_what_is_no_bag_is_one_line(kind, complaint, samples, tmp_path):
+    ending = '.bag' if 'ros1' in kind else '.db3' if 'sqlite3' in kind or 'database' in kind else ''
+    path = tmp_path / f'bad{ending or ".mcap"}'
+    if kind != 'absent':
+        make_bad(kind, path, samples[: 2 * len(CHANNELS)])
+    with pytest.raises(BadBagError, match=complaint) as caught:
+        summarize_bag(path)
+    assert '\n' not in str(caught.value)
+    assert str(path) in str(caught.value)
+    with pytest.raises(BadBagError) as caught:
+        read(path)
+    assert '\n' not in str(caught.value)
+
+
+def test_recorder_that_did_not_close_its_database(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
+    (file,) = path.glob('*.db3')
+    shutil.copy(file, f'{file}-wal')
+    summary = summarize_bag(file)
+    assert not summary.complete
+    assert 'did not close' in summary.warnings[0]
