@@ -23,8 +23,8 @@ REQUIREMENTS = [
     'opencv-python-headless>=4.10,<6',
     'pyyaml>=6.0.1,<7',
     'rich>=13.7,<16',
-    'rosbags>=0.11.3,<0.12',
-    'typer>=0.15.4,<0.30',
+    'rosbags>=0.11.9,<0.12',
+    'typer>=0.15.4,<0.29',  # 0.29 loads pydantic, a tenth of a second at every start
     'zstandard>=0.22,<0.26',
 ]
 

@@ -7,9 +7,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-import zstandard
-from lz4 import frame as lz4_frame
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -26,9 +23,13 @@ def compressor(name: str, level: int | None) -> Callable[[bytes], bytes]:
     """
     if name == 'zstd':
         return partial(_zstd, _ZSTD_LEVEL if level is None else level)
-    return partial(lz4_frame.compress, compression_level=_LZ4_LEVEL if level is None else level)
+    from lz4 import frame  # noqa: PLC0415 - as below
+
+    return partial(frame.compress, compression_level=_LZ4_LEVEL if level is None else level)
 
 
 def _zstd(level: int, data: bytes) -> bytes:
+    import zstandard  # noqa: PLC0415 - most bags are not compressed
+
     # A compressor is not to be shared between threads, and cheap to make.
     return zstandard.ZstdCompressor(level=level).compress(data)

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 from mcap.records import Channel as ChannelRecord
 from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, Schema
 
-from kitti_ros2 import __version__
-
 from .mcap_chunk import open_chunks
 from .mcap_summary import MAGIC, encode, summary_section
 from .metadata import qos_text
@@ -34,7 +32,7 @@ class McapSegment:
         self._file = VectoredFile(path)
         self._chunks = open_chunks(self._file, context.options)
         try:
-            self._file.write([MAGIC, encode(Header('ros2', f'kitti_ros2 {__version__}'))])
+            self._file.write([MAGIC, encode(Header('ros2', 'kitti_ros2'))])
             if context.source_metadata:
                 self._write_metadata('kitti_ros2', dict(context.source_metadata))
         except BaseException:

@@ -12,16 +12,6 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2.metadata import dump_qos_v9
-
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
@@ -35,31 +25,31 @@ VERSION = 9
 ROS_DISTRO = 'jazzy'
 
 # What rmw calls RMW_DURATION_INFINITE and rosbag2 writes for "no deadline" and "no lifespan".
-_INFINITE = QosTime(9223372036, 854775807)
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 _PLAIN = re.compile(r'[A-Za-z_/][\w/.]*', re.ASCII)
 _WORDS = {'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'}
 _UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]')
 
 
-def qos_profile(channel: Channel) -> Qos:
-    """The QoS that a channel's publisher offers, as rosbags spells it."""
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1 if channel.latched else channel.depth,
-        QosReliability.RELIABLE if channel.reliable else QosReliability.BEST_EFFORT,
-        QosDurability.TRANSIENT_LOCAL if channel.latched else QosDurability.VOLATILE,
-        _INFINITE,
-        _INFINITE,
-        QosLiveliness.AUTOMATIC,
-        _INFINITE,
-        avoid_ros_namespace_conventions=False,
-    )
+def qos_profile(channel: Channel) -> dict[str, Any]:
+    """The QoS that a channel's publisher offers, spelt as rosbag2 9 does."""
+    return {
+        'history': 'keep_last',
+        'depth': 1 if channel.latched else channel.depth,
+        'reliability': 'reliable' if channel.reliable else 'best_effort',
+        'durability': 'transient_local' if channel.latched else 'volatile',
+        'deadline': _INFINITE,
+        'lifespan': _INFINITE,
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': _INFINITE,
+        'avoid_ros_namespace_conventions': False,
+    }
 
 
 def qos_text(channel: Channel) -> str:
     """The offered_qos_profiles of a channel as YAML text, as storages keep it."""
-    return _yaml(dump_qos_v9([qos_profile(channel)])).rstrip()
+    return _yaml([qos_profile(channel)]).rstrip()
 
 
 def bag_information(
@@ -115,7 +105,7 @@ def _topic_information(typestore: Typestore, channel: Channel, count: int) -> di
             'name': channel.topic,
             'type': channel.msgtype,
             'serialization_format': 'cdr',
-            'offered_qos_profiles': dump_qos_v9([qos_profile(channel)]),
+            'offered_qos_profiles': [qos_profile(channel)],
             'type_description_hash': typestore.hash_rihs01(channel.msgtype),
         },
         'message_count': count,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BadFileError, LackingCalibrationError
@@ -28,7 +29,7 @@ from ..samples import (
     Trajectory,
 )
 from .camera_info import encode_camera_info, image_frame_camera
-from .cdr import Parts, serialize
+from .cdr import Parts, restamp, serialize
 from .image import encode_compressed, encode_image
 from .naming import Frames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
@@ -86,8 +87,8 @@ class Topic:
         name: Topic name.
         msgtype: Message type, such as sensor_msgs/msg/Imu.
         stream: The stream it is made from.
-        encode: Sample to a message of a rosbags class; None where the sample has nothing for it,
-            a list where it has several.
+        encode: Sample to a message of a rosbags class, or to one already serialised; None where
+            the sample has nothing for it, a list where it has several.
         latched: Whether it is transient local, for subscribers that come late.
         change_key: What the message depends on; one equal to the last is not sent again.
     """
@@ -112,9 +113,8 @@ class Topic:
             raise BadFileError(moment.path, str(error), f'data for {self.name}') from None
         if messages is None:
             return []
-        return [
-            serialize(item) for item in (messages if isinstance(messages, list) else [messages])
-        ]
+        found = messages if isinstance(messages, list) else [messages]
+        return [item if isinstance(item, tuple) else serialize(item) for item in found]
 
 
 def make_rig(cameras: Mapping[int, str], options: MessageOptions) -> Rig:
@@ -259,10 +259,14 @@ def _camera_info(image: Image, moment: Moment) -> object:
         part = f'P{moment.camera}'
         reason = calibration.lacks.get(part) or next(iter(calibration.lacks.values()), 'no ' + part)
         raise LackingCalibrationError(f'{reason}; it is needed for camera_info')
-    return encode_camera_info(
-        calibration,
-        moment.camera,
-        (image.width, image.height),
-        moment.stamp_ns,
-        _image_frame(moment),
-    )
+    size = (image.width, image.height)
+    template = _camera_info_template(calibration, moment.camera, size, _image_frame(moment))
+    return restamp(template, moment.stamp_ns)
+
+
+@lru_cache(maxsize=64)
+def _camera_info_template(
+    calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str
+) -> Parts:
+    """A camera's message, which from image to image differs in its stamp alone."""
+    return serialize(encode_camera_info(calibration, camera, size, 0, frame_id))
