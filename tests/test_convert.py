@@ -16,7 +16,8 @@ from kitti_ros2.errors import KittiRos2Error, OutputExistsError
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import stamp_ns_of
-from kitti_ros2.messages.image import decode_compressed, decode_png
+from kitti_ros2.messages.image import decode_compressed
+from kitti_ros2.messages.png import decode_png
 from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.options import (

@@ -18,12 +18,16 @@ import struct
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from isal.isal_zlib import crc32  # zlib's CRC, at many times its speed
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
 from .compressors import compressor
 from .ordered_pool import OrderedPool
+
+try:
+    from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
+except ImportError:  # a workspace may do without
+    from zlib import crc32
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -52,6 +52,10 @@ def run_to_bag(
     if settings.read.layout is None and not quiet:
         _say(f'{src}: layout {recording.layout.value}, {recording.name}')
     schedule = make_schedule(recording, settings.selection)
+    if settings.messages.images is not Images.COMPRESSED:
+        from .memory import keep_freed_memory
+
+        keep_freed_memory()
     started = time.monotonic()
     with conversion_progress(len(schedule), schedule.frames, show=not quiet) as progress:
         report = convert(

@@ -15,6 +15,7 @@ from rosbags.typesys.stores.ros2_jazzy import (
 )
 
 from .header import make_header
+from .png import decode_png
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -58,18 +59,3 @@ def decode_image(message: ImageMsg) -> npt.NDArray[np.uint8]:
     channels = {name: count for count, name in _ENCODINGS.items()}[message.encoding]
     shape = (message.height, message.width, channels)
     return message.data.reshape(shape[: 2 + (channels > 1)])
-
-
-def decode_png(image: Image) -> npt.NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) uint8 pixels, BGR.
-
-    Raises:
-        ValueError: The PNG cannot be decoded.
-    """
-    import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
-
-    flag = cv2.IMREAD_GRAYSCALE if image.channels == 1 else cv2.IMREAD_COLOR
-    pixels = cv2.imdecode(np.frombuffer(image.png, dtype=np.uint8), flag)
-    if pixels is None or pixels.shape[:2] != (image.height, image.width):
-        raise ValueError('the PNG cannot be decoded')
-    return np.asarray(pixels, dtype=np.uint8)

@@ -19,7 +19,6 @@ from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, tran
 from kitti_ros2.messages.image import (
     decode_compressed,
     decode_image,
-    decode_png,
     encode_compressed,
     encode_image,
 )
@@ -31,6 +30,7 @@ from kitti_ros2.messages.oxts import (
     encode_imu,
     encode_velocity,
 )
+from kitti_ros2.messages.png import decode_png
 from kitti_ros2.messages.pose import (
     decode_odometry,
     decode_path,
