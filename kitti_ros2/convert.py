@@ -15,7 +15,7 @@ from .encoder import Encoder
 from .errors import KittiRos2Error
 from .messages.cdr import typestore
 from .options import Images
-from .samples import Loss, Stream
+from .samples import Loss
 from .schedule import make_schedule
 
 if TYPE_CHECKING:
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from .bags.writer import BagWriter
     from .encoder import Failure, Message
     from .options import BagOptions, MessageOptions, SelectionOptions
-    from .samples import Calibration, Recording
-    from .schedule import Schedule
+    from .samples import Recording
 
 T = TypeVar('T')
 R = TypeVar('R')
@@ -101,8 +100,6 @@ def convert(
         for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
             tally.take(*outcome, writer, channels)
             progress(done, tally.size_bytes)
-    for loss in _calibration_losses(recording, schedule):
-        tally.lose(loss)
     return Report(
         path=writer.path,
         counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
@@ -111,7 +108,7 @@ def convert(
         first_ns=int(schedule.stamps_ns[0]),
         last_ns=int(schedule.stamps_ns[-1]),
         losses=tally.losses(),
-        notes=tuple(recording.notes) + _calibration_notes(recording, schedule),
+        notes=tuple(recording.notes) + encoder.notes(),
     )
 
 
@@ -172,29 +169,3 @@ def _ordered_map(function: Callable[[T], R], items: Iterable[T], workers: int) -
                 yield ahead.popleft().result()
         while ahead:
             yield ahead.popleft().result()
-
-
-def _calibrations(recording: Recording, schedule: Schedule) -> Iterator[Calibration]:
-    """Each calibration that was due, once."""
-    for number in schedule.numbers_of(Stream.CALIBRATION):
-        yield recording.calibration(number)
-
-
-def _calibration_losses(recording: Recording, schedule: Schedule) -> list[Loss]:
-    """What the static tree lacks; a camera's own part is counted with its camera_info."""
-    losses = []
-    for calibration in _calibrations(recording, schedule):
-        for part, reason in calibration.lacks.items():
-            if not part.startswith('P'):
-                losses.append(Loss(Stream.CALIBRATION.value, 1, reason))
-    return losses
-
-
-def _calibration_notes(recording: Recording, schedule: Schedule) -> tuple[str, ...]:
-    """Which parts of the calibration are stated defaults."""
-    parts = Counter(
-        part for calibration in _calibrations(recording, schedule) for part in calibration.nominal
-    )
-    return tuple(
-        f'{part}: not in the calibration, a nominal value is used' for part in sorted(parts)
-    )

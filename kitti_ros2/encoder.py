@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .errors import KittiRos2Error
+from .errors import KittiRos2Error, LackingError
 from .messages.topics import Moment, make_rig, make_table, select_topics
-from .samples import Stream
+from .samples import Calibration, Description, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from .options import MessageOptions, SelectionOptions
     from .samples import Recording, Sample
     from .schedule import Entry, Schedule
+
+_CAMERA_PART = re.compile(r'P\d')
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class Encoder:
         self._recording = recording
         self._rig = make_rig(recording.cameras, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
+        self._nominal: set[str] = set()
 
     def encode(self, entry: Entry) -> tuple[list[Message], list[Failure]]:
         """The messages of one sample, and what could not be made of it."""
@@ -81,6 +85,8 @@ class Encoder:
             sample = self._read(entry)
         except (KittiRos2Error, OSError) as error:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
+        if isinstance(sample, Calibration):
+            self._nominal.update(sample.nominal)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -89,6 +95,13 @@ class Encoder:
             entry.stream.camera or 0,
         )
         return self._serialize(rows, sample, moment)
+
+    def notes(self) -> tuple[str, ...]:
+        """What is worth a word of the samples encoded so far."""
+        return tuple(
+            f'{part}: not in the calibration, a nominal value is used'
+            for part in sorted(self._nominal)
+        )
 
     @staticmethod
     def _serialize(
@@ -104,7 +117,7 @@ class Encoder:
                 continue
             key = row.change_key(sample) if row.change_key else None
             messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
-        return messages, failures
+        return messages, failures + _lacking(sample)
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
@@ -112,3 +125,18 @@ class Encoder:
         if entry.stream is Stream.PATH:
             return self._recording.trajectory(self._pose_numbers)
         return self._recording.read(entry.stream, entry.number)
+
+
+def _lacking(sample: Sample) -> list[Failure]:
+    """What a calibration or description should hold and does not.
+
+    A camera's own part is counted with its camera_info.
+    """
+    if not isinstance(sample, (Calibration, Description)):
+        return []
+    kind = Stream.CALIBRATION if isinstance(sample, Calibration) else Stream.RECORDING
+    return [
+        Failure((kind.value,), LackingError(reason))
+        for part, reason in sample.lacks.items()
+        if not _CAMERA_PART.fullmatch(part)
+    ]

@@ -106,8 +106,8 @@ class MissingPackageError(KittiRos2Error):
         super().__init__(f'{feature} needs a package that is not installed; run: {install}')
 
 
-class LackingCalibrationError(KittiRos2Error):
-    """A message that cannot be made because a part of the calibration is not to be had."""
+class LackingError(KittiRos2Error):
+    """Something a message needs, or a bag should hold, that is not to be had."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)

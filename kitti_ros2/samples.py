@@ -181,10 +181,12 @@ class Description:
     Attributes:
         values: What a reader of the bag needs to lay the recording out again; plain JSON values.
         files: Text files of the whole recording, verbatim.
+        lacks: Those that cannot be read: name to the reason, a line.
     """
 
     values: Mapping[str, object]
     files: Sequence[TextFile] = ()
+    lacks: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

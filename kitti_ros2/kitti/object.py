@@ -61,12 +61,10 @@ class ObjectRecording(KittiRecording):
         path = self.split / names.CALIB / name
         return load_calibration(path, self.root)
 
-    def texts(self) -> list[TextFile]:
+    def text_paths(self) -> list[Path]:
         """The lists of frames in ImageSets."""
         folder = self.root / names.IMAGE_SETS
-        return self._read_texts(
-            folder / name for name in STORE.names(folder) if name.endswith(names.TXT)
-        )
+        return [folder / name for name in STORE.names(folder) if name.endswith(names.TXT)]
 
     def _find_expected_size(self, stream: Stream) -> None:  # noqa: ARG002 - sizes vary by day
         return None

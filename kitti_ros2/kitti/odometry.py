@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from ..geometry import Float64Array
     from ..options import ReadOptions
-    from ..samples import Calibration, Pose, TextFile
+    from ..samples import Calibration, Pose
 
 
 class OdometryRecording(KittiRecording):
@@ -107,9 +107,9 @@ class OdometryRecording(KittiRecording):
         """The calibration of the sequence."""
         return self._calibration
 
-    def texts(self) -> list[TextFile]:
+    def text_paths(self) -> list[Path]:
         """Times and poses."""
-        return self._read_texts((self._times_path, self._poses_path))
+        return [path for path in (self._times_path, self._poses_path) if STORE.is_file(path)]
 
     def _pose(self, number: int) -> Pose:
         matrix = self._poses.values[number]

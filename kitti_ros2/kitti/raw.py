@@ -20,7 +20,6 @@ from .recording import KittiRecording
 from .scan_file import parse_scan, parse_scan_text
 from .stamps_file import parse_timestamps
 from .store import STORE
-from .text_file import Lines
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from ..options import ReadOptions
     from ..samples import Calibration, OxtsPacket
     from .store import Listing
+    from .text_file import Lines
 
 _CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
 
@@ -58,6 +58,9 @@ class RawRecording(KittiRecording):
         if Stream.OXTS in self.streams:
             packets = self.streams[Stream.OXTS]
             self._add(Stream.POSE, packets.numbers, packets.stamps_ns, None)
+        self._sweeps = tuple(
+            self._sweep_stamps(name) for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
+        )
         if self._stampless and self.streams:
             self.notes.append(
                 f'{drive}: no {names.TIMESTAMPS} in any stream;'
@@ -111,32 +114,33 @@ class RawRecording(KittiRecording):
         """The calibration of the drive's date."""
         return self._calibration
 
-    def texts(self) -> list[TextFile]:
+    def text_paths(self) -> list[Path]:
         """Time stamps and data format of every stream, and the tracklets."""
         files = (names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END, names.DATAFORMAT)
         folders = (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)
         paths = [self.drive / folder / file for folder in folders for file in files]
-        return self._read_texts([*paths, self.drive / names.RAW_TRACKLETS])
+        return [path for path in (*paths, self.drive / names.RAW_TRACKLETS) if STORE.is_file(path)]
 
     def _scan(self, number: int) -> Scan:
         listing = self._listings[Stream.SCAN]
         path = listing.path(number)
         parse = parse_scan_text if listing.suffix == names.TXT else parse_scan
-        start, end = (
-            stamps.values[number] if number < len(stamps) else None for stamps in self._sweeps
-        )
+        start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
         return Scan(parse(STORE.read(path), path), start, end)
 
-    @cached_property
-    def _sweeps(self) -> tuple[Lines[int], Lines[int]]:
-        """Start and end of every sweep, empty where they are not told."""
-        folder = self.drive / names.RAW_SCANS
-        start, end = (
-            (self._stamps(folder / name) if STORE.is_file(folder / name) else None)
-            or Lines[int]([], {})
-            for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
-        )
-        return start, end
+    def _sweep_stamps(self, name: str) -> list[int | None]:
+        """The starts or ends of all sweeps; those that a scan lacks are losses."""
+        path = self.drive / names.RAW_SCANS / name
+        if not STORE.is_file(path):
+            return []
+        stamps = self._stamps(path)
+        values = stamps.values if stamps is not None else []
+        for error in stamps.errors.values() if stamps is not None else ():
+            self._lose(Stream.SCAN, [0], f'{error}; its sweep goes without')
+        scans = self.streams[Stream.SCAN].numbers.tolist() if Stream.SCAN in self.streams else []
+        beyond = [number for number in scans if number >= len(values)]
+        self._lose(Stream.SCAN, beyond, f'{path}: no line for the sweeps of frames {{}}')
+        return values
 
     def _packet(self, number: int) -> OxtsPacket:
         path = self._listings[Stream.OXTS].path(number)

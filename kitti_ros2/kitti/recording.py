@@ -32,7 +32,7 @@ from .scan_file import parse_scan
 from .store import STORE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from ..geometry import Transform
@@ -73,8 +73,8 @@ class KittiRecording:
             return {index: str(index) for index in present}
         return {index: CAMERA_NAMES.get(index, str(index)) for index in present}
 
-    def texts(self) -> list[TextFile]:
-        """Text files of the whole recording, verbatim."""
+    def text_paths(self) -> list[Path]:
+        """The text files of the whole recording that are there."""
         return []
 
     def calibration(self, number: int) -> Calibration:
@@ -102,7 +102,15 @@ class KittiRecording:
             'epoch_ns': self.options.epoch_ns,
             'files': folders,
         }
-        return Description(values, self.texts())
+        files: list[TextFile] = []
+        lacks: dict[str, str] = {}
+        for path in self.text_paths():
+            name = path.relative_to(self.root).as_posix()
+            try:
+                files.append(TextFile(name, STORE.read_text(path)))
+            except (BadFileError, OSError) as error:
+                lacks[name] = str(error)
+        return Description(values, files, lacks)
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
         """The poses of these numbers, those that cannot be read left out."""
@@ -244,18 +252,6 @@ class KittiRecording:
         if numbers:
             message = reason.replace('{}', format_numbers(numbers))
             self.losses.append(Loss(stream.value, len(numbers), message))
-
-    def _read_texts(self, paths: Iterable[Path]) -> list[TextFile]:
-        """Text files that are there, by their names relative to the root."""
-        texts = []
-        for path in paths:
-            if STORE.is_file(path):
-                try:
-                    text = STORE.read_text(path)
-                except (BadFileError, OSError):
-                    continue  # its content was already found bad where it is used
-                texts.append(TextFile(path.relative_to(self.root).as_posix(), text))
-        return texts
 
 
 def load_calibration(path: Path, root: Path) -> Calibration:

@@ -100,9 +100,9 @@ class TrackingRecording(KittiRecording):
         """The calibration of the sequence."""
         return self._calibration
 
-    def texts(self) -> list[TextFile]:
+    def text_paths(self) -> list[Path]:
         """The oxts and label files, whole."""
-        return self._read_texts((self._oxts_path, self._labels_path))
+        return [path for path in (self._oxts_path, self._labels_path) if STORE.is_file(path)]
 
     def _packet(self, number: int) -> OxtsPacket:
         line = self._oxts_lines[number]

@@ -13,7 +13,7 @@ from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadFileError, LackingCalibrationError
+from ..errors import BadFileError, LackingError
 from ..options import Images, MessageOptions
 from ..samples import (
     IMAGE_STREAMS,
@@ -105,7 +105,7 @@ class Topic:
 
         Raises:
             BadFileError: The sample cannot be decoded.
-            LackingCalibrationError: The message needs a part of the calibration that is not there.
+            LackingError: The message needs a part of the calibration that is not there.
         """
         try:
             messages = self.encode(sample, moment)
@@ -258,7 +258,7 @@ def _camera_info(image: Image, moment: Moment) -> object:
     if moment.camera not in calibration.cameras:
         part = f'P{moment.camera}'
         reason = calibration.lacks.get(part) or next(iter(calibration.lacks.values()), 'no ' + part)
-        raise LackingCalibrationError(f'{reason}; it is needed for camera_info')
+        raise LackingError(f'{reason}; it is needed for camera_info')
     size = (image.width, image.height)
     template = _camera_info_template(calibration, moment.camera, size, _image_frame(moment))
     return restamp(template, moment.stamp_ns)
