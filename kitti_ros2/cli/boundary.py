@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
 from ..errors import KittiRos2Error
-from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
 _DEBUG = '--debug'
 
@@ -23,6 +24,8 @@ def main(args: list[str] | None = None) -> int:
     words = list(sys.argv[1:] if args is None else args)
     debug = _DEBUG in words
     words = [word for word in words if word != _DEBUG]
+    if args is None:
+        signal.signal(signal.SIGTERM, _terminate)
     try:
         return _run(words)
     except KeyboardInterrupt:
@@ -45,6 +48,11 @@ def main(args: list[str] | None = None) -> int:
             f' traceback, and please report it'
         )
         return EXIT_USAGE
+
+
+def _terminate(*_: object) -> None:
+    """End as Ctrl-C does: through the context managers that clean up."""
+    sys.exit(EXIT_TERMINATED)
 
 
 def _run(words: list[str]) -> int:

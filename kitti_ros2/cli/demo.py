@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
 from .progress import count_progress
 from .settings import make_settings
+from .text import format_path
 from .to_bag import run_to_bag
 
 if TYPE_CHECKING:
@@ -54,5 +54,5 @@ def run_demo(
     code = run_to_bag(source, bag, {'layout': layout, 'sequence': sequence}, None, quiet=quiet)
     if not quiet:
         print_overview(overlook(bag))
-        sys.stdout.write(_NEXT.format(recording=os.path.relpath(source), bag=bag))
+        sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
     return code

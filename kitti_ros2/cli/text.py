@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 def format_bytes(count: float) -> str:
     """A size such as 434.9 MB."""
@@ -26,3 +28,11 @@ def format_duration(nanoseconds: int) -> str:
 def format_count(count: int, noun: str) -> str:
     """A count with its noun, such as 1 message or 2,104 messages."""
     return f'{count:,} {noun}{"" if count == 1 else "s"}'
+
+
+def format_path(path: Path) -> str:
+    """A path as the user would type it: relative where it is below the working folder."""
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -17,7 +17,7 @@ from ..schedule import make_schedule
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .progress import conversion_progress
 from .settings import load_config, make_settings
-from .text import format_bytes, format_count, format_duration
+from .text import format_bytes, format_count, format_duration, format_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -87,7 +87,7 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
     for note in report.notes:
         _say(f'note: {note}')
     _say(
-        f'{report.path}: {format_count(sum(written.values()), "message")} on'
+        f'{format_path(report.path)}: {format_count(sum(written.values()), "message")} on'
         f' {format_count(len(written), "topic")}, {format_bytes(report.size_bytes)},'
         f' {format_count(report.frames, "frame")},'
         f' {format_duration(report.last_ns - report.first_ns)} of recording;'
