@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
 from .messages.topics import Moment, make_rig, make_table, select_topics
-from .samples import Calibration, Description, Stream
+from .samples import Calibration, Description, FrameLabels, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from .samples import Recording, Sample
     from .schedule import Entry, Schedule
 
+_KINDS = {
+    Calibration: Stream.CALIBRATION,
+    Description: Stream.RECORDING,
+    FrameLabels: Stream.LABELS,
+}
 _CAMERA_PART = re.compile(r'P\d')
 
 
@@ -92,6 +97,7 @@ class Encoder:
             entry.stamp_ns,
             path,
             lambda: self._recording.calibration(entry.number),
+            lambda: self._recording.trails(entry.number),
             entry.stream.camera or 0,
         )
         return self._serialize(rows, sample, moment)
@@ -132,11 +138,10 @@ def _lacking(sample: Sample) -> list[Failure]:
 
     A camera's own part is counted with its camera_info.
     """
-    if not isinstance(sample, (Calibration, Description)):
+    if not isinstance(sample, (Calibration, Description, FrameLabels)):
         return []
-    kind = Stream.CALIBRATION if isinstance(sample, Calibration) else Stream.RECORDING
     return [
-        Failure((kind.value,), LackingError(reason))
+        Failure((_KINDS[type(sample)].value,), LackingError(reason))
         for part, reason in sample.lacks.items()
         if not _CAMERA_PART.fullmatch(part)
     ]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from .boxes import Box, Cuboid
     from .geometry import Float64Array, Transform
 
 Float32Array: TypeAlias = npt.NDArray[np.float32]
@@ -243,39 +244,25 @@ class Calibration:
 
 
 Sample: TypeAlias = (
-    'Description | Scan | Image | OxtsPacket | Pose | Trajectory | TextFile | Calibration'
+    'Description | Scan | Image | OxtsPacket | Pose | Trajectory | FrameLabels | Calibration'
 )
 
 
-@dataclass(frozen=True)
-class Box:
-    """One labelled object, as the KITTI object devkit's readme.txt defines it.
+@dataclass(frozen=True, eq=False)
+class FrameLabels:
+    """The labelled objects of one frame.
 
     Attributes:
-        kind: Class name; custom names are legal.
-        truncated: 0..1, or -1.
-        occluded: 0 visible, 1 partly, 2 largely, 3 unknown, or -1.
-        alpha: Observation angle, radians.
-        box_2d: left, top, right, bottom, pixels of the image, 0-based.
-        size_hwl: Height, width, length, metres; (-1, -1, -1) where there is no 3D box.
-        location: Bottom face's centre x, y, z in the rectified camera 0 frame, metres.
-        rotation_y: Heading about camera y, radians; 0 along +x.
-        score: Detection score, None for ground truth.
-        frame: File number, tracking only.
-        track_id: Identity across frames, tracking only; -1 for DontCare.
+        boxes: As a label file has them, in the file's order; None where a line is bad.
+        cuboids: As tracklets have them, in velo_link; a frame has these or boxes.
+        source: The frame's lines verbatim, under their file's name; None for tracklets.
+        lacks: Bad lines: where to the reason, a line.
     """
 
-    kind: str
-    truncated: float
-    occluded: int
-    alpha: float
-    box_2d: tuple[float, float, float, float]
-    size_hwl: tuple[float, float, float]
-    location: tuple[float, float, float]
-    rotation_y: float
-    score: float | None = None
-    frame: int | None = None
-    track_id: int | None = None
+    boxes: Sequence[Box | None] = ()
+    cuboids: Sequence[Cuboid] = ()
+    source: TextFile | None = None
+    lacks: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,6 +346,13 @@ class Recording(Protocol):
 
     def calibration(self, number: int) -> Calibration:
         """The calibration that holds for a frame; what it lacks is named in it."""
+        ...
+
+    def trails(self, number: int) -> Mapping[int, Float64Array]:
+        """Track id to where that track's middle was up to a frame, (N, 3) metres in map.
+
+        Tracks that the frame does not have are left out; all are, where there are no poses.
+        """
         ...
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:

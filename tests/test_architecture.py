@@ -14,7 +14,7 @@ import pytest
 PACKAGE = 'kitti_ros2'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
-GROUND = frozenset({'errors', 'stamps', 'geometry', 'samples'})
+GROUND = frozenset({'errors', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
 BELOW_JOBS = GROUND | {'options', 'schedule', 'encoder', 'kitti', 'messages', 'bags'}
 JOBS = frozenset({'convert', 'importer', 'inspection', 'playback'})
 
@@ -24,7 +24,9 @@ ROOMS = {
     'errors': frozenset(),
     'stamps': frozenset({'errors'}),
     'geometry': frozenset({'errors', 'stamps'}),
-    'samples': GROUND - {'samples'},
+    'boxes': frozenset({'errors', 'stamps', 'geometry'}),
+    'samples': GROUND - {'samples', 'labels'},
+    'labels': GROUND - {'labels'},
     'options': GROUND,
     'kitti': GROUND | {'options'},
     'messages': GROUND | {'options'},

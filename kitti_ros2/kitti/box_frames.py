@@ -14,24 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform
-
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..geometry import Float64Array
-    from ..samples import Calibration
-
-
-def rect_from_velo(calibration: Calibration) -> Transform:
-    """rect_T_velo: velo_link to the rectified camera 0.
-
-    Raises:
-        ValueError: The calibration lacks r0_rect or cam0_T_velo.
-    """
-    if calibration.r0_rect is None or calibration.cam0_T_velo is None:
-        raise ValueError('boxes need a calibration with r0_rect and cam0_T_velo')
-    return Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
+    from ..geometry import Float64Array, Transform
 
 
 def box_to_velo(

@@ -22,14 +22,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..samples import Box
+from ..boxes import DONT_CARE, Box, is_absurd
+from ..errors import BadFileError
+from ..samples import FrameLabels
 from .text_file import Lines, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-DONT_CARE = 'DontCare'
+    from ..samples import TextFile
+
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
 EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
 """What an empty object file can be given, for loaders that fail on a file without lines."""
@@ -56,6 +59,28 @@ def parse_boxes(text: str, path: Path | str) -> list[Box]:
     for error in lines.errors.values():
         raise error
     return [box for box in lines.values if box is not None]
+
+
+def frame_labels(
+    lines: Lines[Box], source: TextFile, path: Path, rows: Sequence[int] | None = None
+) -> FrameLabels:
+    """The labels of a frame from the lines of its file, or from some of them.
+
+    Args:
+        lines: Of the whole file.
+        source: The frame's lines, verbatim.
+        path: For the errors.
+        rows: Which lines are the frame's; None for all.
+    """
+    chosen = range(len(lines)) if rows is None else rows
+    boxes = [lines.values[row] if row < len(lines) else None for row in chosen]
+    lacks = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
+    for row, box in zip(chosen, boxes, strict=True):
+        if box is not None and is_absurd(box):
+            found = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
+            error = BadFileError(path, found, 'positive sizes', line=row + 1)
+            lacks[str(row)] = f'{error}; it gets no marker and no 3D detection'
+    return FrameLabels(boxes=boxes, source=source, lacks=lacks)
 
 
 def parse_box(line: str) -> Box:

@@ -11,8 +11,9 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from ..samples import Layout, Stream, TextFile
+from ..samples import FrameLabels, Layout, Stream, TextFile
 from . import names
+from .label_file import frame_labels, parse_labels
 from .recording import KittiRecording, load_calibration
 from .store import STORE
 
@@ -69,6 +70,8 @@ class ObjectRecording(KittiRecording):
     def _find_expected_size(self, stream: Stream) -> None:  # noqa: ARG002 - sizes vary by day
         return None
 
-    def _labels(self, number: int) -> TextFile:
+    def _labels(self, number: int) -> FrameLabels:
         path = self._listings[Stream.LABELS].path(number)
-        return TextFile(path.relative_to(self.root).as_posix(), STORE.read_text(path))
+        text = STORE.read_text(path)
+        source = TextFile(path.relative_to(self.root).as_posix(), text)
+        return frame_labels(parse_labels(text, path), source, path)

@@ -11,8 +11,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..errors import BadFileError
-from ..samples import Layout, Scan, Stream, TextFile
+from ..samples import FrameLabels, Layout, Scan, Stream, TextFile
 from . import names
 from .calib_file import parse_raw_calibration
 from .oxts_file import parse_packet
@@ -20,10 +22,12 @@ from .recording import KittiRecording
 from .scan_file import parse_scan, parse_scan_text
 from .stamps_file import parse_timestamps
 from .store import STORE
+from .tracklet_file import cuboids_by_frame, parse_tracklets
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..boxes import Cuboid
     from ..options import ReadOptions
     from ..samples import Calibration, OxtsPacket
     from .store import Listing
@@ -61,6 +65,7 @@ class RawRecording(KittiRecording):
         self._sweeps = tuple(
             self._sweep_stamps(name) for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
         )
+        self._add_tracklets()
         if self._stampless and self.streams:
             self.notes.append(
                 f'{drive}: no {names.TIMESTAMPS} in any stream;'
@@ -141,6 +146,44 @@ class RawRecording(KittiRecording):
         beyond = [number for number in scans if number >= len(values)]
         self._lose(Stream.SCAN, beyond, f'{path}: no line for the sweeps of frames {{}}')
         return values
+
+    @cached_property
+    def _cuboids(self) -> dict[int, list[Cuboid]]:
+        path = self.drive / names.RAW_TRACKLETS
+        if not STORE.is_file(path):
+            return {}
+        try:
+            return cuboids_by_frame(parse_tracklets(STORE.read(path), path))
+        except (BadFileError, OSError) as error:
+            self._lose(Stream.LABELS, [0], str(error))
+            return {}
+
+    def _add_tracklets(self) -> None:
+        """Take the tracklets, whose frames are stamped as the scans are, or else the images."""
+        if not self._cuboids:
+            return
+        folder = names.RAW_SCANS if Stream.SCAN in self.streams else names.RAW_IMAGES[2]
+        path = self.drive / folder / names.TIMESTAMPS
+        stamps = self._stamps(path) if STORE.is_file(path) else None
+        numbers = np.array(sorted(self._cuboids), dtype=np.int64)
+        if self._stampless:
+            self._add_nominal(Stream.LABELS, numbers, None)
+            return
+        values = [] if stamps is None else stamps.values
+        good = [n for n in numbers.tolist() if n < len(values) and values[n] is not None]
+        without = sorted(set(numbers.tolist()) - set(good))
+        self._lose(Stream.LABELS, without, f'{path}: no stamp for the tracklets of frames {{}}')
+        stamps_ns = np.array([values[number] for number in good], dtype=np.int64)
+        self._add(Stream.LABELS, np.array(good, dtype=np.int64), stamps_ns, None)
+
+    def _labels(self, number: int) -> FrameLabels:
+        return FrameLabels(cuboids=self._cuboids[number])
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """The file a sample is read from."""
+        if stream is Stream.LABELS:
+            return self.drive / names.RAW_TRACKLETS
+        return super().path(stream, number)
 
     def _packet(self, number: int) -> OxtsPacket:
         path = self._listings[Stream.OXTS].path(number)

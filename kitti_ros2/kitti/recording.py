@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError, KittiRos2Error, MissingFileError
+from ..labels import Trails, cuboids_of
 from ..samples import (
     Calibration,
     Description,
+    FrameLabels,
     Image,
     Layout,
     Loss,
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from ..geometry import Transform
+    from ..geometry import Float64Array, Transform
     from ..options import ReadOptions
     from ..samples import Int64Array
     from .store import Listing
@@ -141,6 +143,28 @@ class KittiRecording:
         }
         return readers[stream](number)
 
+    def trails(self, number: int) -> dict[int, Float64Array]:
+        """Where each of a frame's tracks was up to it; see samples.Recording."""
+        return self._trails.up_to(number) if Stream.LABELS in self.streams else {}
+
+    @cached_property
+    def _trails(self) -> Trails:
+        frames = {}
+        for number in self.streams[Stream.LABELS].numbers.tolist():
+            try:
+                frames[number] = cuboids_of(self._labels(number), self.calibration(number))
+            except (KittiRos2Error, OSError, ValueError):
+                continue  # it is named where its own messages fail
+        return Trails(frames, self._map_t_velo)
+
+    def _map_t_velo(self, number: int) -> Transform | None:
+        """Where the scanner was at a frame, None where the recording does not tell."""
+        try:
+            pose = self._pose(number)
+        except (KittiRos2Error, OSError, LookupError):
+            return None
+        return pose.map_T_imu @ self.calibration(number).velo_T_imu.inverse()
+
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
         return Scan(parse_scan(STORE.read(path), path))
@@ -148,7 +172,7 @@ class KittiRecording:
     def _packet(self, number: int) -> OxtsPacket:
         raise NotImplementedError
 
-    def _labels(self, number: int) -> TextFile:
+    def _labels(self, number: int) -> FrameLabels:
         raise NotImplementedError
 
     def _pose(self, number: int) -> Pose:

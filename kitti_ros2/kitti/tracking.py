@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError
-from ..samples import Layout, Stream, TextFile
+from ..samples import FrameLabels, Layout, Stream, TextFile
 from . import names
+from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet
 from .recording import KittiRecording, load_calibration
 from .store import STORE
@@ -23,8 +24,10 @@ from .store import STORE
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..boxes import Box
     from ..options import ReadOptions
     from ..samples import Calibration, OxtsPacket
+    from .text_file import Lines
 
 
 class TrackingRecording(KittiRecording):
@@ -51,7 +54,7 @@ class TrackingRecording(KittiRecording):
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)
         self._add_nominal(Stream.POSE, packets, None)
-        self._add_nominal(Stream.LABELS, np.array(sorted(self._label_lines), dtype=np.int64), None)
+        self._add_nominal(Stream.LABELS, np.array(sorted(self._label_rows), dtype=np.int64), None)
 
     def _find_gaps(self, stream: Stream, folder: Path) -> None:
         """Name the frames that are lacking between a stream's first file and its last."""
@@ -71,23 +74,28 @@ class TrackingRecording(KittiRecording):
         return lines
 
     @cached_property
-    def _label_lines(self) -> dict[int, str]:
-        """The label lines of each frame, verbatim."""
+    def _label_text(self) -> list[str]:
+        """The lines of the label file, with their ends."""
         if not STORE.is_file(self._labels_path):
-            return {}
-        frames: dict[int, str] = {}
-        for index, line in enumerate(
-            STORE.read_text(self._labels_path).splitlines(keepends=True), 1
-        ):
+            return []
+        return STORE.read_text(self._labels_path).splitlines(keepends=True)
+
+    @cached_property
+    def _label_boxes(self) -> Lines[Box]:
+        return parse_labels(''.join(self._label_text), self._labels_path)
+
+    @cached_property
+    def _label_rows(self) -> dict[int, list[int]]:
+        """Frame number to its rows in the label file; a row without one is a loss."""
+        frames: dict[int, list[int]] = {}
+        for row, line in enumerate(self._label_text):
             word = line.split(maxsplit=1)[0] if line.strip() else ''
             if word.isdecimal():
-                frames[int(word)] = frames.get(int(word), '') + line
+                frames.setdefault(int(word), []).append(row)
             elif word:
+                found = f'{word!r} is no frame number'
                 error = BadFileError(
-                    self._labels_path,
-                    f'{word!r} is no frame number',
-                    'frame, track id, class, ...',
-                    line=index,
+                    self._labels_path, found, 'frame, track id, class, ...', line=row + 1
                 )
                 self._lose(Stream.LABELS, [0], str(error))
         return frames
@@ -108,8 +116,10 @@ class TrackingRecording(KittiRecording):
         line = self._oxts_lines[number]
         return parse_packet(line, self._oxts_path, number + 1, self._source(self._oxts_path, line))
 
-    def _labels(self, number: int) -> TextFile:
-        return self._source(self._labels_path, self._label_lines[number])
+    def _labels(self, number: int) -> FrameLabels:
+        rows = self._label_rows[number]
+        source = self._source(self._labels_path, ''.join(self._label_text[row] for row in rows))
+        return frame_labels(self._label_boxes, source, self._labels_path, rows)
 
     def _source(self, path: Path, text: str) -> TextFile:
         return TextFile(path.relative_to(self.root).as_posix(), text)

@@ -13,12 +13,24 @@ A boost serialization archive (source: readme.txt and tracklets.h of the raw dat
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 from xml.sax.saxutils import escape
+
+import numpy as np
+
+from ..boxes import Cuboid
+from ..errors import BadFileError
+from ..geometry import Transform, rotation_from_rpy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
+    from xml.etree.ElementTree import Element  # the type alone; defusedxml does the parsing
+
+MOST_BYTES = 256 << 20
+_EXPECTED = 'a tracklet_labels.xml of the raw data devkit'
 
 LABELLED = 2
 TRUNCATION_IN_IMAGE = 0
@@ -47,12 +59,14 @@ class TrackletPose:
         yaw: About velo_link's z, radians.
         occlusion: -1 unset, 0 visible, 1 partly, 2 fully.
         truncation: -1 unset, 0 in the image, 1 truncated, 2 out of it, 99 behind.
+        state: 0 unset, 1 interpolated, 2 labelled.
     """
 
     translation: tuple[float, float, float]
     yaw: float
     occlusion: int = -1
     truncation: int = -1
+    state: int = LABELLED
 
 
 @dataclass(frozen=True)
@@ -70,6 +84,86 @@ class Tracklet:
     size_hwl: tuple[float, float, float]
     first_frame: int
     poses: Sequence[TrackletPose]
+
+
+def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
+    """The tracks of a tracklet_labels.xml.
+
+    Raises:
+        BadFileError: The XML is cut, too large, defines entities, or lacks what a track needs.
+    """
+    from defusedxml import DefusedXmlException  # noqa: PLC0415 - only where there are tracklets
+    from defusedxml.ElementTree import ParseError, fromstring  # noqa: PLC0415
+
+    if len(data) > MOST_BYTES:
+        raise BadFileError(path, f'{len(data)} bytes', f'at most {MOST_BYTES} bytes of XML')
+    try:
+        root = fromstring(data)
+    except ParseError as error:
+        line, _ = error.position
+        raise BadFileError(path, f'no whole XML ({error})', _EXPECTED, line=line) from None
+    except DefusedXmlException as error:
+        kind = type(error).__name__
+        raise BadFileError(path, f'XML with entities ({kind})', _EXPECTED) from None
+    tracklets = root.find('tracklets')
+    if tracklets is None:
+        raise BadFileError(path, 'no element tracklets', _EXPECTED)
+    return [
+        _parse_tracklet(item, f'{path}: item {index}')
+        for index, item in enumerate(tracklets.findall('item'))
+    ]
+
+
+def _parse_tracklet(item: Element, where: str) -> Tracklet:
+    poses = item.find('poses')
+    found = [] if poses is None else poses.findall('item')
+    return Tracklet(
+        kind=item.findtext('objectType') or _missing('objectType', where),
+        size_hwl=(_number(item, 'h', where), _number(item, 'w', where), _number(item, 'l', where)),
+        first_frame=int(_number(item, 'first_frame', where)),
+        poses=[_parse_pose(pose, f'{where}, pose {index}') for index, pose in enumerate(found)],
+    )
+
+
+def _parse_pose(item: Element, where: str) -> TrackletPose:
+    tx, ty, tz, yaw = (_number(item, name, where) for name in ('tx', 'ty', 'tz', 'rz'))
+    state, occlusion, truncation = (
+        int(_number(item, name, where)) for name in ('state', 'occlusion', 'truncation')
+    )
+    return TrackletPose((tx, ty, tz), yaw, occlusion, truncation, state)
+
+
+def _number(item: Element, name: str, where: str) -> float:
+    text = item.findtext(name)
+    if text is None:
+        _missing(name, where)
+    try:
+        value = float(text or '')
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadFileError(where, f'{name} is {text!r}', 'a finite number')
+    return value
+
+
+def _missing(name: str, where: str) -> NoReturn:
+    raise BadFileError(where, f'no element {name}', _EXPECTED)
+
+
+def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
+    """File number to its boxes in velo_link; a track's place in the file is its id."""
+    frames: dict[int, list[Cuboid]] = {}
+    for track, tracklet in enumerate(tracklets):
+        height, width, length = tracklet.size_hwl
+        for offset, pose in enumerate(tracklet.poses):
+            x, y, z = pose.translation
+            middle = np.array([x, y, z + height / 2])
+            velo_t_box = Transform(rotation_from_rpy(0.0, 0.0, pose.yaw), middle)
+            cuboid = Cuboid(
+                tracklet.kind, str(track), velo_t_box, (length, width, height), track_id=track
+            )
+            frames.setdefault(tracklet.first_frame + offset, []).append(cuboid)
+    return frames
 
 
 def format_tracklets(tracklets: Iterable[Tracklet]) -> str:
@@ -115,7 +209,7 @@ def _format_pose(pose: TrackletPose, *, first: bool) -> list[str]:
         'rx': '0',
         'ry': '0',
         'rz': f'{pose.yaw:.17g}',
-        'state': f'{LABELLED}',
+        'state': f'{pose.state}',
         'occlusion': f'{pose.occlusion}',
         'occlusion_kf': '0',
         'truncation': f'{pose.truncation}',

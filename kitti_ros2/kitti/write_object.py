@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from ..samples import Box, Calibration, Scan
+    from ..boxes import Box
+    from ..samples import Calibration, Scan
 
 
 class ObjectWriter(LayoutWriter):

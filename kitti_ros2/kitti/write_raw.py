@@ -9,9 +9,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 from ..errors import UsageError
+from ..labels import rect_from_velo
 from ..samples import Layout, Stream
 from . import names
-from .box_frames import box_to_velo, rect_from_velo
+from .box_frames import box_to_velo
 from .calib_file import format_raw
 from .oxts_file import format_packet
 from .scan_file import format_scan, format_scan_text
@@ -30,8 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    from ..boxes import Box
     from ..geometry import Transform
-    from ..samples import Box, Calibration, OxtsPacket, Scan
+from ..samples import Calibration, OxtsPacket, Scan
 
 KINDS = ('sync', 'extract')
 DATAFORMAT = """\

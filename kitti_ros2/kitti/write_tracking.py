@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from ..samples import Box, Calibration, OxtsPacket, Scan
+    from ..boxes import Box
+    from ..samples import Calibration, OxtsPacket, Scan
 
 PARTLY_TRUNCATED = 0.15
 LARGELY_TRUNCATED = 0.5

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from ..boxes import Box
     from ..geometry import Float64Array
-    from ..samples import Box, Calibration, Layout, OxtsPacket, Scan
+from ..samples import Calibration, Layout, OxtsPacket, Scan
 
 
 class LayoutWriter:

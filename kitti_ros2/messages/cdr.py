@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from .vision_types import vision_types
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -39,8 +41,10 @@ _BULK_TAIL = {
 
 @lru_cache(maxsize=1)
 def typestore() -> Typestore:
-    """The message definitions of ROS 2 Jazzy."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    """The message definitions of ROS 2 Jazzy, with those of vision_msgs."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(vision_types())
+    return store
 
 
 def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated classes

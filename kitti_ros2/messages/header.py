@@ -35,6 +35,23 @@ if TYPE_CHECKING:
     from ..geometry import Float64Array
 
 
+__all__ = [
+    'Header',
+    'Point',
+    'Pose',
+    'Quaternion',
+    'Time',
+    'Vector3',
+    'make_header',
+    'make_pose',
+    'make_quaternion',
+    'make_vector3',
+    'stamp_ns_of',
+    'transform_of',
+    'vector_of',
+]
+
+
 def make_header(stamp_ns: int, frame_id: str) -> Header:
     """A Header of a stamp in nanoseconds."""
     sec, nanosec = to_sec_nanosec(stamp_ns)

@@ -14,23 +14,26 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BadFileError, LackingError
+from ..labels import cuboids_of, identified
 from ..options import Images, MessageOptions
 from ..samples import (
     IMAGE_STREAMS,
     Calibration,
     Description,
+    FrameLabels,
     Image,
     OxtsPacket,
     Pose,
     Sample,
     Scan,
     Stream,
-    TextFile,
     Trajectory,
 )
 from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import Parts, restamp, serialize
+from .detections import encode_boxes_2d, encode_detections
 from .image import encode_compressed, encode_image
+from .markers import encode_markers
 from .naming import Frames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
 from .pose import encode_odometry, encode_path, encode_tf
@@ -42,7 +45,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
     from pathlib import Path
 
-    from ..geometry import Transform
+    from ..boxes import Cuboid
+    from ..geometry import Float64Array, Transform
+
+
+LABELLED_CAMERA = 2
+"""KITTI's labels are drawn in the left colour image."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +77,7 @@ class Moment:
         stamp_ns: The sample's own.
         path: The file it came from, for errors.
         calibration: Gives the calibration of the sample's frame.
+        trails: Gives where the tracks of the sample's frame were.
         camera: KITTI camera index of an image.
     """
 
@@ -76,6 +85,7 @@ class Moment:
     stamp_ns: int
     path: Path
     calibration: Callable[[], Calibration]
+    trails: Callable[[], Mapping[int, Float64Array]]
     camera: int = 0
 
 
@@ -146,7 +156,10 @@ def make_table(
         Topic('/kitti/source/oxts', _STRING, Stream.OXTS, _packet_text),
         Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN, _scan),
         Topic('/kitti/source/sweep', _STRING, Stream.SCAN, _sweep),
-        Topic('/kitti/source/labels', _STRING, Stream.LABELS, _text),
+        Topic('/kitti/labels/detections', _DETECTIONS_3D, Stream.LABELS, _detections),
+        Topic('/kitti/labels/boxes_2d', _DETECTIONS_2D, Stream.LABELS, _boxes_2d),
+        Topic('/kitti/labels/markers', _MARKERS, Stream.LABELS, _markers),
+        Topic('/kitti/source/labels', _STRING, Stream.LABELS, _label_text),
     ]  # fmt: skip
     if options.publish_tf:
         rows.append(Topic('/tf', 'tf2_msgs/msg/TFMessage', Stream.POSE, _tf))
@@ -176,6 +189,9 @@ def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
 
 
 _STRING = 'std_msgs/msg/String'
+_DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
+_DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
+_MARKERS = 'visualization_msgs/msg/MarkerArray'
 
 
 def _static(calibration: Calibration, moment: Moment) -> object:
@@ -187,8 +203,35 @@ def _calibration_key(calibration: Calibration) -> Hashable:
     return tuple(file.text for file in calibration.files)
 
 
-def _text(file: TextFile, moment: Moment) -> object:  # noqa: ARG001 - encoders share a form
-    return encode_text(file)
+def _label_text(labels: FrameLabels, moment: Moment) -> object | None:  # noqa: ARG001 - one form for all
+    return None if labels.source is None else encode_text(labels.source)
+
+
+def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
+    calibration = moment.calibration()
+    try:
+        return cuboids_of(labels, calibration)
+    except ValueError as error:
+        reason = next(iter(calibration.lacks.values()), str(error))
+        raise LackingError(f'{reason}; it is needed for the 3D boxes of labels') from None
+
+
+def _detections(labels: FrameLabels, moment: Moment) -> object:
+    return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
+
+
+def _boxes_2d(labels: FrameLabels, moment: Moment) -> Any:  # noqa: ANN401 - as encode_boxes_2d
+    if labels.source is None:
+        return None
+    frame = moment.rig.frames.camera(LABELLED_CAMERA)
+    return encode_boxes_2d(identified(labels), moment.stamp_ns, frame)
+
+
+def _markers(labels: FrameLabels, moment: Moment) -> object:
+    options = moment.rig.options.markers
+    trails = moment.trails() if options.trails else {}
+    cuboids = _cuboids(labels, moment)
+    return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
 
 
 def _files(sample: Calibration | Description, moment: Moment) -> list[object]:  # noqa: ARG001

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..kitti.box_frames import rect_from_velo
+from ..labels import rect_from_velo
 from ..samples import Scan
 from ..stamps import NS_PER_S
 from .cameras import Cameras, encode_png
@@ -24,8 +24,9 @@ from .rig import CAR_T_VELO, make_calibration
 from .scene import PlacedSolid, build_street, place_solids
 
 if TYPE_CHECKING:
+    from ..boxes import Box
     from ..geometry import Float64Array, Transform
-    from ..samples import Box, Calibration, Image, OxtsPacket
+    from ..samples import Calibration, Image, OxtsPacket
     from .render import Canvas
     from .textures import Picture
 

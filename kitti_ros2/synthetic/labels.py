@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..boxes import Box
 from ..kitti.box_frames import box_to_rect
-from ..samples import Box
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

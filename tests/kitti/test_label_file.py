@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kitti_ros2.boxes import Box
 from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.label_file import (
     EMPTY_OBJECT_LINE,
@@ -20,7 +21,6 @@ from kitti_ros2.kitti.label_file import (
     parse_boxes,
     parse_labels,
 )
-from kitti_ros2.samples import Box
 
 KITTI = Path(__file__).resolve().parents[3] / 'shared' / 'kitti'
 PATH = Path('label_2/000007.txt')

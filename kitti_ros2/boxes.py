@@ -1,0 +1,238 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""3D boxes: the values, and their geometry, vectorised.
+
+A box is given as KITTI's labels give it (source: readme.txt of the object devkit): the bottom
+face's centre in the rectified camera 0 frame (x right, y down, z forward), height, width, length,
+and rotation_y, the heading about y, 0 along +x. Its own frame has its origin in the box's middle,
+x along the heading, y to its left, z up.
+
+Corner order, (8, 3): the bottom face first, then the top face; each from front left, front right,
+rear right to rear left, seen in the box's own frame. Corner i + 4 is above corner i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .geometry import Float64Array, Transform
+
+DONT_CARE = 'DontCare'
+"""The class of image regions without labels; they have a 2D box only."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """One labelled object, as the KITTI object devkit's readme.txt defines it.
+
+    Attributes:
+        kind: Class name; custom names are legal.
+        truncated: 0..1, or -1.
+        occluded: 0 visible, 1 partly, 2 largely, 3 unknown, or -1.
+        alpha: Observation angle, radians.
+        box_2d: left, top, right, bottom, pixels of the image, 0-based.
+        size_hwl: Height, width, length, metres; (-1, -1, -1) where there is no 3D box.
+        location: Bottom face's centre x, y, z in the rectified camera 0 frame, metres.
+        rotation_y: Heading about camera y, radians; 0 along +x.
+        score: Detection score, None for ground truth.
+        frame: File number, tracking only.
+        track_id: Identity across frames, tracking only; -1 for DontCare.
+    """
+
+    kind: str
+    truncated: float
+    occluded: int
+    alpha: float
+    box_2d: tuple[float, float, float, float]
+    size_hwl: tuple[float, float, float]
+    location: tuple[float, float, float]
+    rotation_y: float
+    score: float | None = None
+    frame: int | None = None
+    track_id: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Cuboid:
+    """A box as ROS has it.
+
+    Attributes:
+        kind: Class name.
+        identity: What tells it from the others of its frame: track id, or place in the file.
+        velo_T_box: Its own frame (middle, x along the heading, y left, z up) in velo_link.
+        size_lwh: Length, width, height along x, y, z, metres.
+        score: Detection score, None for ground truth.
+        track_id: Identity across frames, None where there is none.
+    """
+
+    kind: str
+    identity: str
+    velo_T_box: Transform
+    size_lwh: tuple[float, float, float]
+    score: float | None = None
+    track_id: int | None = None
+
+
+_SIGNS = np.array(
+    [
+        (1, 1, -1),
+        (1, -1, -1),
+        (-1, -1, -1),
+        (-1, 1, -1),
+        (1, 1, 1),
+        (1, -1, 1),
+        (-1, -1, 1),
+        (-1, 1, 1),
+    ],
+    dtype=np.float64,
+)
+
+EDGES = np.array(
+    [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+)
+"""(12, 2) corners that an edge joins."""
+
+NEAR_M = 0.1
+"""Where a box that reaches behind the camera is cut before it is projected."""
+
+
+def wrap_angle(angle: npt.ArrayLike) -> Float64Array:
+    """Angles in radians brought to [-pi, pi)."""
+    return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def unit_corners() -> Float64Array:
+    """(8, 3) corners of the cube of side 1 in its own frame, in the order told above."""
+    return _SIGNS / 2
+
+
+def box_rotations(rotation_y: npt.ArrayLike) -> Float64Array:
+    """(N, 3, 3) rect_R_box: columns are each box's forward, left and up in the camera's frame."""
+    angle = np.atleast_1d(np.asarray(rotation_y, np.float64))
+    cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    rows = [[cos, sin, zero], [zero, zero, -one], [-sin, cos, zero]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def box_corners(
+    location: npt.ArrayLike, size_hwl: npt.ArrayLike, rotation_y: npt.ArrayLike
+) -> Float64Array:
+    """(N, 8, 3) corners of (N, 3) locations, (N, 3) sizes and (N,) headings."""
+    size = np.atleast_2d(np.asarray(size_hwl, np.float64))
+    half_lwh = size[:, ::-1] / 2
+    middle = np.atleast_2d(np.asarray(location, np.float64)) - [0.0, 1.0, 0.0] * half_lwh[:, 2:]
+    offsets = _SIGNS * half_lwh[:, None, :]
+    corners: Float64Array = middle[:, None, :] + offsets @ np.swapaxes(
+        box_rotations(rotation_y), 1, 2
+    )
+    return corners
+
+
+def boxes_of_corners(corners: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """(N, 3) location, (N, 3) size and (N,) rotation_y; the inverse of box_corners."""
+    forward = corners[:, 0] - corners[:, 3]
+    left = corners[:, 0] - corners[:, 1]
+    up = corners[:, 4] - corners[:, 0]
+    size = np.column_stack([np.linalg.norm(side, axis=1) for side in (up, left, forward)])
+    return corners[:, :4].mean(axis=1), size, np.arctan2(-forward[:, 2], forward[:, 0])
+
+
+def alpha_of(location: npt.ArrayLike, rotation_y: npt.ArrayLike) -> Float64Array:
+    """(N,) observation angle: the heading as seen along the ray to the box, in [-pi, pi)."""
+    place = np.atleast_2d(np.asarray(location, np.float64))
+    return wrap_angle(np.asarray(rotation_y) - np.arctan2(place[:, 0], place[:, 2]))
+
+
+def rotation_y_of(location: npt.ArrayLike, alpha: npt.ArrayLike) -> Float64Array:
+    """(N,) heading; the inverse of alpha_of."""
+    place = np.atleast_2d(np.asarray(location, np.float64))
+    return wrap_angle(np.asarray(alpha) + np.arctan2(place[:, 0], place[:, 2]))
+
+
+def project_corners(corners: Float64Array, p_rect: Float64Array) -> Float64Array:
+    """(N, 4) left, top, right, bottom of the corners' projection, before the image cuts it.
+
+    A box that reaches behind the camera is cut just in front of it; NaN for one wholly behind.
+
+    Args:
+        corners: (N, 8, 3) in the frame that p_rect projects from.
+        p_rect: (3, 4).
+    """
+    seen = corners @ p_rect[:, :3].T + p_rect[:, 3]
+    start, end = seen[:, EDGES[:, 0]], seen[:, EDGES[:, 1]]
+    crossing = (start[..., 2] < NEAR_M) != (end[..., 2] < NEAR_M)
+    depth = np.where(crossing, end[..., 2] - start[..., 2], 1.0)
+    cut = start + ((NEAR_M - start[..., 2]) / depth)[..., None] * (end - start)
+    points = np.concatenate([seen, cut], axis=1)
+    valid = np.concatenate([seen[..., 2] >= NEAR_M, crossing], axis=1)
+    pixels = points[..., :2] / np.where(valid, points[..., 2], 1.0)[..., None]
+    low = np.where(valid[..., None], pixels, np.inf).min(axis=1)
+    high = np.where(valid[..., None], pixels, -np.inf).max(axis=1)
+    bounds = np.concatenate([low, high], axis=1)
+    bounds[~valid.any(axis=1)] = np.nan
+    return bounds
+
+
+def clip_bounds(bounds: Float64Array, size: tuple[int, int]) -> tuple[Float64Array, Float64Array]:
+    """Bounds cut to the image, and the part of each that the image cuts off.
+
+    Args:
+        bounds: (N, 4) left, top, right, bottom, pixels.
+        size: (width, height) of the image.
+
+    Returns:
+        (N, 4) bounds within 0..width-1 and 0..height-1, NaN for a box out of view; (N,) truncation,
+        0 for a box wholly in the image, 1 for one out of view.
+    """
+    limits = np.array([size[0] - 1, size[1] - 1] * 2, dtype=np.float64)
+    cut = np.clip(bounds, 0.0, limits)
+    whole = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
+    left_over = (cut[:, 2] - cut[:, 0]) * (cut[:, 3] - cut[:, 1])
+    with np.errstate(invalid='ignore', divide='ignore'):
+        truncation = np.clip(1.0 - left_over / whole, 0.0, 1.0)
+    unseen = ~(left_over > 0)
+    truncation[unseen] = 1.0
+    return np.where(unseen[:, None], np.nan, cut), truncation
+
+
+def is_absurd(box: Box) -> bool:
+    """Whether a box claims to be a 3D one and is of no possible size."""
+    return has_cuboid(box) and min(box.size_hwl) <= 0
+
+
+def has_cuboid(box: Box) -> bool:
+    """Whether a label tells a 3D box; DontCare and 2D detections have -1 for every size."""
+    return box.kind != DONT_CARE and box.size_hwl != (-1.0, -1.0, -1.0)
+
+
+def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
+    """A label's box in velo_link; its whole rotation, so that no point changes sides.
+
+    The camera and the scanner are not quite upright to each other: the usual yaw,
+    -(pi/2 + rotation_y), is this rotation less a tilt of about a degree.
+    """
+    height, width, length = box.size_hwl
+    middle = np.array(box.location) - [0.0, height / 2, 0.0]
+    rect_t_box = Transform(box_rotations(box.rotation_y)[0], middle)
+    return Cuboid(
+        box.kind,
+        identity,
+        rect_T_velo.inverse() @ rect_t_box,
+        (length, width, height),
+        box.score,
+        box.track_id,
+    )
+
+
+def box_of(
+    cuboid: Cuboid, rect_T_velo: Transform
+) -> tuple[Float64Array, tuple[float, float, float], float]:
+    """(3,) location, size_hwl and rotation_y of a label; the inverse of cuboid_of."""
+    rect_t_box = rect_T_velo @ cuboid.velo_T_box
+    length, width, height = cuboid.size_lwh
+    forward = rect_t_box.rotation[:, 0]
+    location = rect_t_box.translation + np.array([0.0, height / 2, 0.0])
+    return location, (height, width, length), float(np.arctan2(-forward[2], forward[0]))

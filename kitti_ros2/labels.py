@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The labels of a frame as boxes in velo_link, and the trails of tracks over frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .boxes import cuboid_of, has_cuboid, is_absurd
+from .geometry import Transform
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from .boxes import Box, Cuboid
+    from .geometry import Float64Array
+    from .samples import Calibration, FrameLabels
+
+
+def rect_from_velo(calibration: Calibration) -> Transform:
+    """rect_T_velo: velo_link to the rectified camera 0.
+
+    Raises:
+        ValueError: The calibration lacks r0_rect or cam0_T_velo.
+    """
+    if calibration.r0_rect is None or calibration.cam0_T_velo is None:
+        raise ValueError('boxes need a calibration with r0_rect and cam0_T_velo')
+    return Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
+
+
+def cuboids_of(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
+    """The 3D boxes of a frame in velo_link.
+
+    Raises:
+        ValueError: They are given in the camera's frame, and the calibration lacks where that is.
+    """
+    if labels.cuboids:
+        return list(labels.cuboids)
+    solid = [
+        (identity, box)
+        for identity, box in identified(labels)
+        if has_cuboid(box) and not is_absurd(box)
+    ]
+    if not solid:
+        return []
+    rect_t_velo = rect_from_velo(calibration)
+    return [cuboid_of(box, identity, rect_t_velo) for identity, box in solid]
+
+
+def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
+    """Each box of a frame with its id: its track's, or its place in the file."""
+    return [
+        (str(place) if box.track_id is None else _track_identity(box.track_id, place), box)
+        for place, box in enumerate(labels.boxes)
+        if box is not None
+    ]
+
+
+def _track_identity(track_id: int, place: int) -> str:
+    """DontCare regions all have track -1; their place keeps them apart."""
+    return str(track_id) if track_id >= 0 else f'{track_id}.{place}'
+
+
+class Trails:
+    """Where every track of a recording was, in map."""
+
+    def __init__(
+        self,
+        frames: Mapping[int, Sequence[Cuboid]],
+        map_t_velo: Callable[[int], Transform | None],
+    ) -> None:
+        self._numbers: dict[int, list[int]] = {}
+        self._places: dict[int, list[Float64Array]] = {}
+        for number in sorted(frames):
+            pose = map_t_velo(number)
+            for cuboid in frames[number] if pose is not None else ():
+                if cuboid.track_id is not None and pose is not None:
+                    self._numbers.setdefault(cuboid.track_id, []).append(number)
+                    place = (pose @ cuboid.velo_T_box).translation
+                    self._places.setdefault(cuboid.track_id, []).append(place)
+
+    def up_to(self, number: int) -> dict[int, Float64Array]:
+        """Track id to its places up to a frame that has it, (N, 3) metres in map."""
+        return {
+            track: np.array(self._places[track][: numbers.index(number) + 1])
+            for track, numbers in self._numbers.items()
+            if number in numbers
+        }
