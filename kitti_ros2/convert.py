@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from .bags.writer import BagWriter
     from .encoder import Failure, Message
+    from .messages.topics import Topic
     from .options import BagOptions, MessageOptions, SelectionOptions
     from .samples import Recording
 
@@ -92,13 +93,10 @@ def convert(
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
     with open_bag(out, bag, typestore(), source_metadata=source) as writer:
-        channels = [
-            writer.add_channel(Channel(row.name, row.msgtype, latched=row.latched))
-            for row in encoder.table
-        ]
+        channels = _Channels(writer, encoder.table)
         workers = 1 if messages.images is Images.COMPRESSED else os.cpu_count() or 1
         for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
-            tally.take(*outcome, writer, channels)
+            tally.take(*outcome, channels)
             progress(done, tally.size_bytes)
     return Report(
         path=writer.path,
@@ -112,6 +110,24 @@ def convert(
     )
 
 
+class _Channels:
+    """The topics of a bag, each declared with its first message: an empty one tells nothing."""
+
+    def __init__(self, writer: BagWriter, table: list[Topic]) -> None:
+        self._writer = writer
+        self._table = table
+        self._ids: dict[int, int] = {}
+
+    def write(self, message: Message) -> None:
+        """Write a message to its topic."""
+        index = message.topic
+        if index not in self._ids:
+            row = self._table[index]
+            channel = Channel(row.name, row.msgtype, latched=row.latched)
+            self._ids[index] = self._writer.add_channel(channel)
+        self._writer.write(self._ids[index], message.stamp_ns, message.parts)
+
+
 class _Tally:
     """Writes what comes in order, and counts what was written and what was lost."""
 
@@ -122,13 +138,7 @@ class _Tally:
         self._losses: Counter[tuple[str, str]] = Counter()
         self._last_keys: dict[int, Hashable] = {}
 
-    def take(
-        self,
-        messages: list[Message],
-        failures: list[Failure],
-        writer: BagWriter,
-        channels: list[int],
-    ) -> None:
+    def take(self, messages: list[Message], failures: list[Failure], channels: _Channels) -> None:
         """Write messages, except one that says nothing new; count failures."""
         for failure in failures:
             for topic in failure.topics:
@@ -138,7 +148,7 @@ class _Tally:
                 if self._last_keys.get(message.topic) == message.key:
                     continue
                 self._last_keys[message.topic] = message.key
-            writer.write(channels[message.topic], message.stamp_ns, message.parts)
+            channels.write(message)
             self.counts[message.topic] += 1
             self.size_bytes += sum(map(len, message.parts))
 

@@ -14,7 +14,6 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.convert import convert
 from kitti_ros2.errors import KittiRos2Error, OutputExistsError
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.image import decode_compressed
 from kitti_ros2.messages.png import decode_png
@@ -57,7 +56,7 @@ def read(out: Path) -> dict[str, list]:
     found: dict[str, list] = {}
     with open_messages(out) as messages:
         for item in messages:
-            message = deserialize(item.data, item.msgtype)
+            message = messages.typestore.deserialize_cdr(item.data, item.msgtype)
             found.setdefault(item.topic, []).append((item.stamp_ns, message))
     return found
 

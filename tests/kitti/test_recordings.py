@@ -13,13 +13,13 @@ from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.recording import format_numbers
 from kitti_ros2.options import ReadOptions
-from kitti_ros2.samples import Image, Layout, OxtsPacket, Pose, Scan, Stream, TextFile
+from kitti_ros2.samples import FrameLabels, Image, Layout, OxtsPacket, Pose, Scan, Stream
 from kitti_ros2.stamps import format_stamp
 from kitti_ros2.synthetic import SyntheticDrive
 
 from builders import SMALL, png_bytes  # isort: skip
 
-KINDS = {Stream.SCAN: Scan, Stream.OXTS: OxtsPacket, Stream.POSE: Pose, Stream.LABELS: TextFile}
+KINDS = {Stream.SCAN: Scan, Stream.OXTS: OxtsPacket, Stream.POSE: Pose, Stream.LABELS: FrameLabels}
 
 
 def test_every_listed_sample_reads(recording):
@@ -35,7 +35,7 @@ def test_expected_streams(recordings):
     images = {Stream(f'image_{i}') for i in range(4)}
     colour = {Stream.IMAGE_2, Stream.IMAGE_3}
     expected = {
-        Layout.RAW: {Stream.SCAN, Stream.OXTS, Stream.POSE, *images},
+        Layout.RAW: {Stream.SCAN, Stream.OXTS, Stream.POSE, Stream.LABELS, *images},
         Layout.OBJECT: {Stream.SCAN, Stream.CALIBRATION, Stream.LABELS, *colour},
         Layout.ODOMETRY: {Stream.SCAN, Stream.POSE, *images},
         Layout.TRACKING: {Stream.SCAN, Stream.OXTS, Stream.POSE, Stream.LABELS, *colour},
