@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
 from .messages.topics import Moment, make_rig, make_table, select_topics
-from .samples import Calibration, Description, FrameLabels, Stream
+from .samples import Calibration, Description, FrameLabels, Scan, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -25,6 +25,7 @@ _KINDS = {
     Calibration: Stream.CALIBRATION,
     Description: Stream.RECORDING,
     FrameLabels: Stream.LABELS,
+    Scan: Stream.SCAN,
 }
 _CAMERA_PART = re.compile(r'P\d')
 
@@ -138,7 +139,7 @@ def _lacking(sample: Sample) -> list[Failure]:
 
     A camera's own part is counted with its camera_info.
     """
-    if not isinstance(sample, (Calibration, Description, FrameLabels)):
+    if not isinstance(sample, (Calibration, Description, FrameLabels, Scan)):
         return []
     return [
         Failure((_KINDS[type(sample)].value,), LackingError(reason))

@@ -94,6 +94,7 @@ class ReadOptions:
         layout: raw, object, odometry or tracking; None to find out.
         sequence: Which drive, split or sequence, where the folder holds several.
         epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
+        semantic: Whether scans are read with SemanticKITTI's labels.
 
     Raises:
         UsageError: The epoch is not after 1970.
@@ -102,6 +103,7 @@ class ReadOptions:
     layout: Layout | None = None
     sequence: str | None = None
     epoch_ns: int = DEFAULT_EPOCH_NS
+    semantic: bool = False
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:

@@ -83,11 +83,15 @@ class Scan:
         points: (N, 4) float32: x y z in metres in velo_link (x forward, y left, z up), and
             reflectance 0..1.
         start_ns, end_ns: First and last firing of the sweep, where the layout has them.
+        labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, if asked for.
+        lacks: What was asked for and cannot be had: name to the reason, a line.
     """
 
     points: Float32Array
     start_ns: int | None = None
     end_ns: int | None = None
+    labels: npt.NDArray[np.uint32] | None = None
+    lacks: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -132,6 +132,16 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[bool],
         typer.Option('--ring-time/--no-ring-time', help='Points also have ring and time'),
     ] = None,
+    semantic: Annotated[
+        Optional[bool],
+        typer.Option('--semantic/--no-semantic', help="Points also have SemanticKITTI's labels"),
+    ] = None,
+    marker_colors: Annotated[
+        Optional[str], typer.Option(help='Label markers coloured by class or by track')
+    ] = None,
+    trails: Annotated[
+        Optional[bool], typer.Option('--trails/--no-trails', help='Markers of where tracks were')
+    ] = None,
     base_to_imu: Annotated[
         Optional[str],
         typer.Option(help="x,y,z of imu_link in base_link, m, e.g. '-0.05,0.32,0.93'"),
@@ -171,6 +181,9 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'preset': preset,
         'tf': tf,
         'ring_time': ring_time,
+        'semantic': semantic,
+        'marker_colors': marker_colors,
+        'trails': trails,
         'base_to_imu': base_to_imu,
         'epoch': epoch,
         'strict': strict,

@@ -14,6 +14,8 @@ from ..options import (
     BagOptions,
     Bound,
     Images,
+    MarkerColors,
+    MarkerOptions,
     MessageOptions,
     Preset,
     ReadOptions,
@@ -73,8 +75,19 @@ def make_settings(values: Mapping[str, object]) -> Settings:
         split_duration_ns='split_duration',
         overwrite='overwrite',
     )
+    markers = pick(
+        colors='marker_colors',
+        alpha='marker_alpha',
+        line_width='marker_line_width',
+        arrow_length='marker_arrow_length',
+        text_height='marker_text_height',
+        lifetime_ns='marker_lifetime',
+        trails='trails',
+        ego='ego_marker',
+    )
+    read = pick(layout='layout', sequence='sequence', epoch_ns='epoch', semantic='semantic')
     return Settings(
-        read=ReadOptions(**pick(layout='layout', sequence='sequence', epoch_ns='epoch')),
+        read=ReadOptions(**read),
         messages=MessageOptions(
             **pick(
                 images='images',
@@ -82,7 +95,9 @@ def make_settings(values: Mapping[str, object]) -> Settings:
                 publish_tf='tf',
                 ring_and_time='ring_time',
                 base_to_imu='base_to_imu',
-            )
+                semantic='semantic',
+            ),
+            markers=MarkerOptions(**markers),
         ),
         selection=SelectionOptions(
             **pick(streams='streams', topics='topics', start='start', end='end')
@@ -157,6 +172,12 @@ def _integer(name: str, value: object) -> int:
     raise UsageError(f'{name} takes a whole number, not {value!r}')
 
 
+def _number(name: str, value: object) -> float:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    raise UsageError(f'{name} takes a number, not {value!r}')
+
+
 def _choice(kind: type[E]) -> Callable[[str, object], E]:
     def parse(name: str, value: object) -> E:
         known = [item.value for item in kind]
@@ -211,6 +232,15 @@ _PARSERS: dict[str, Callable[[str, object], Any]] = {
     'tf': _flag,
     'ring_time': _flag,
     'base_to_imu': _place,
+    'semantic': _flag,
+    'marker_colors': _choice(MarkerColors),
+    'trails': _flag,
+    'ego_marker': _flag,
+    'marker_alpha': _number,
+    'marker_line_width': _number,
+    'marker_arrow_length': _number,
+    'marker_text_height': _number,
+    'marker_lifetime': _seconds_ns,
     'streams': _texts,
     'topics': _texts,
     'start': _bound,

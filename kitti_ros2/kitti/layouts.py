@@ -191,7 +191,11 @@ def _has_object_text(path: Path) -> bool:
 
 
 def _has_odometry_text(path: Path) -> bool:
-    return STORE.is_file(path / names.ODOMETRY_CALIB) or STORE.is_file(path / names.TIMES)
+    return (
+        STORE.is_file(path / names.ODOMETRY_CALIB)
+        or STORE.is_file(path / names.TIMES)
+        or any(name.endswith(names.LABEL) for name in STORE.names(path / names.POINT_LABELS))
+    )
 
 
 def _is_object_split(path: Path) -> bool:

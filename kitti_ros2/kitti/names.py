@@ -42,10 +42,12 @@ SEQUENCES = 'sequences'
 POSES = 'poses'
 TIMES = 'times.txt'
 ODOMETRY_CALIB = 'calib.txt'
+POINT_LABELS = 'labels'
 
 PNG = '.png'
 BIN = '.bin'
 TXT = '.txt'
+LABEL = '.label'
 
 
 def file_name(number: int, digits: int, suffix: str) -> str:

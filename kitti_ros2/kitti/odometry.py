@@ -4,16 +4,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..samples import Layout, Stream
+from ..errors import BadFileError
+from ..samples import Layout, Scan, Stream
 from . import names
 from .poses import pose_from_odometry
 from .poses_file import parse_poses
 from .recording import KittiRecording, load_calibration
+from .semantic_file import parse_point_labels
 from .stamps_file import parse_times
 from .store import STORE
 from .text_file import Lines
@@ -110,6 +113,22 @@ class OdometryRecording(KittiRecording):
     def text_paths(self) -> list[Path]:
         """Times and poses."""
         return [path for path in (self._times_path, self._poses_path) if STORE.is_file(path)]
+
+    def _scan(self, number: int) -> Scan:
+        scan = super()._scan(number)
+        if not self.options.semantic:
+            return scan
+        name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+        path = self.sequence / names.POINT_LABELS / name
+        try:
+            return replace(
+                scan, labels=parse_point_labels(STORE.read(path), len(scan.points), path)
+            )
+        except FileNotFoundError:
+            reason = f'{path}: no such file; the scan is written with label 0'
+        except BadFileError as error:
+            reason = f'{error}; the scan is written with label 0'
+        return replace(scan, labels=np.zeros(len(scan.points), np.uint32), lacks={name: reason})
 
     def _pose(self, number: int) -> Pose:
         matrix = self._poses.values[number]

@@ -16,43 +16,64 @@ from rosbags.typesys.stores.ros2_jazzy import (
 
 from ..samples import Scan
 from .header import make_header
+from .semantic import packed_colors
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..samples import Float32Array
 
-_FLOAT32 = PointField.FLOAT32
-_UINT16 = PointField.UINT16
-_XYZI = tuple(
-    PointField(name, 4 * i, _FLOAT32, 1) for i, name in enumerate(('x', 'y', 'z', 'intensity'))
-)
-_RING_TIME = (PointField('ring', 16, _UINT16, 1), PointField('time', 18, _FLOAT32, 1))
-_RICH_POINT = np.dtype([('xyzi', '<f4', 4), ('ring', '<u2'), ('time', '<f4')])
+_DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16}
+_KINDS = {datatype: kind for kind, datatype in _DATATYPES.items()}
+_XYZI = ('x', 'y', 'z', 'intensity')
+_XYZI_BYTES = 16
 
 
 def encode_scan(
-    scan: Scan, stamp_ns: int, frame_id: str, *, ring_and_time: bool = False
+    scan: Scan,
+    stamp_ns: int,
+    frame_id: str,
+    *,
+    ring_and_time: bool = False,
+    labels: npt.NDArray[np.uint32] | None = None,
 ) -> PointCloud2:
     """An unorganised cloud of x y z intensity, float32, the file's bytes untouched (step 16).
 
-    With ring_and_time each point also has ring (uint16, 0 the lowest laser, as velodyne drivers
-    count) and time (float32, seconds since the sweep's start): step 22.
+    Args:
+        scan: N points.
+        stamp_ns: Nanoseconds.
+        frame_id: velo_link.
+        ring_and_time: Adds ring (uint16, 0 the lowest laser, as velodyne drivers count) and time
+            (float32, seconds since the sweep's start).
+        labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
-    fields, step, data = list(_XYZI), 16, points.reshape(-1).view(np.uint8)
+    more: list[tuple[str, str, npt.NDArray[np.generic]]] = []
     if ring_and_time:
-        rich = np.empty(len(points), dtype=_RICH_POINT)
-        rich['xyzi'], rich['ring'], rich['time'] = points, rings(points), times(scan)
-        fields, step, data = [*_XYZI, *_RING_TIME], 22, rich.view(np.uint8)
+        more += [('ring', '<u2', rings(points)), ('time', '<f4', times(scan))]
+    if labels is not None:
+        classes = (labels & 0xFFFF).astype(np.uint16)
+        more += [('label', '<u2', classes), ('instance', '<u2', (labels >> 16).astype(np.uint16))]
+        more += [('rgb', '<f4', packed_colors(classes))]
+    point = np.dtype(
+        [*((name, '<f4') for name in _XYZI), *((name, kind) for name, kind, _ in more)]
+    )
+    data = points.reshape(-1).view(np.uint8)
+    if more:
+        rich = np.empty(len(points), dtype=point)
+        for index, name in enumerate(_XYZI):
+            rich[name] = points[:, index]
+        for name, _, values in more:
+            rich[name] = values
+        data = rich.view(np.uint8)
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
         height=1,
         width=len(points),
-        fields=fields,
+        fields=_fields(point),
         is_bigendian=False,
-        point_step=step,
-        row_step=step * len(points),
+        point_step=point.itemsize,
+        row_step=point.itemsize * len(points),
         data=data,
         is_dense=bool(np.isfinite(points).all()),
     )
@@ -64,12 +85,40 @@ def decode_scan(message: PointCloud2) -> Scan:
     Raises:
         ValueError: The cloud has other fields.
     """
-    names = [field.name for field in message.fields]
-    if names[:4] != ['x', 'y', 'z', 'intensity'] or message.point_step not in {16, 22}:
-        raise ValueError(f'a cloud of fields {names}, step {message.point_step}')
-    if message.point_step == 16:
+    cloud = decode_points(message)
+    if cloud.dtype.names is None or cloud.dtype.names[:4] != _XYZI:
+        raise ValueError(f'a cloud of fields {cloud.dtype.names}')
+    if message.point_step == _XYZI_BYTES:
         return Scan(message.data.view('<f4').reshape(-1, 4))
-    return Scan(np.ascontiguousarray(message.data.view(_RICH_POINT)['xyzi']))
+    return Scan(np.column_stack([cloud[name] for name in _XYZI]))
+
+
+def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
+    """(N,) structured array of all fields of a cloud made by encode_scan, a view.
+
+    Raises:
+        ValueError: A field is of another type.
+    """
+    if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
+        raise ValueError('a cloud with fields other than single float32 and uint16')
+    return message.data.view(
+        np.dtype(
+            {
+                'names': [field.name for field in message.fields],
+                'formats': [_KINDS[field.datatype] for field in message.fields],
+                'offsets': [field.offset for field in message.fields],
+                'itemsize': message.point_step,
+            }
+        )
+    )
+
+
+def _fields(point: np.dtype[np.void]) -> list[PointField]:
+    fields = []
+    for name in point.names or ():
+        kind, offset = point.fields[name][:2] if point.fields else (point, 0)
+        fields.append(PointField(name, offset, _DATATYPES[kind.str], 1))
+    return fields
 
 
 def rings(points: Float32Array) -> npt.NDArray[np.uint16]:

@@ -275,8 +275,14 @@ def _packet_text(packet: OxtsPacket, moment: Moment) -> object | None:  # noqa: 
 
 
 def _scan(scan: Scan, moment: Moment) -> object:
-    ring_and_time = moment.rig.options.ring_and_time
-    return encode_scan(scan, moment.stamp_ns, moment.rig.frames.velo, ring_and_time=ring_and_time)
+    options = moment.rig.options
+    return encode_scan(
+        scan,
+        moment.stamp_ns,
+        moment.rig.frames.velo,
+        ring_and_time=options.ring_and_time,
+        labels=scan.labels if options.semantic else None,
+    )
 
 
 def _sweep(scan: Scan, moment: Moment) -> object | None:  # noqa: ARG001
