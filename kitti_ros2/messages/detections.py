@@ -10,38 +10,34 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__PoseWithCovariance as PoseWithCovariance,
-)
-
 from ..boxes import Cuboid
-from ..geometry import Transform
-from .cdr import typestore
-from .header import Pose, Vector3, make_header, make_pose, transform_of
+from .cdr_writer import CdrWriter
+from .header import pose_numbers, transform_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..boxes import Box
+    from .cdr import Parts
 
 _TRUTH_SCORE = 1.0
-_UNKNOWN = np.zeros(36)
-_IDENTITY = Transform.identity()
+_UNKNOWN = (0.0,) * 36
+_NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_NO_TURN = 0.0
 
 
-def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Any:  # noqa: ANN401 - a class built at run time
-    """A Detection3DArray of cuboids; its frame is velo_link."""
-    header = make_header(stamp_ns, frame_id)
-    detections = []
+def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Parts:
+    """A Detection3DArray of cuboids, serialised; its frame is velo_link."""
+    cdr = CdrWriter()
+    cdr.header(stamp_ns, frame_id)
+    cdr.uint32(len(cuboids))
     for cuboid in cuboids:
-        pose = make_pose(cuboid.velo_T_box)
-        box = _new('BoundingBox3D', center=pose, size=Vector3(*cuboid.size_lwh))
-        results = [_hypothesis(cuboid.kind, cuboid.score, pose)]
-        detections.append(
-            _new('Detection3D', header=header, results=results, bbox=box, id=cuboid.identity)
-        )
-    return _new('Detection3DArray', header=header, detections=detections)
+        pose = pose_numbers(cuboid.velo_T_box)
+        cdr.header(stamp_ns, frame_id)
+        _add_result(cdr, cuboid.kind, cuboid.score, pose)
+        cdr.float64((*pose, *cuboid.size_lwh))
+        cdr.text(cuboid.identity)
+    return (cdr.finish(),)
 
 
 def decode_detections(message: Any, *, scores: bool = False) -> list[Cuboid]:  # noqa: ANN401
@@ -67,31 +63,25 @@ def decode_detections(message: Any, *, scores: bool = False) -> list[Cuboid]:  #
     return cuboids
 
 
-def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: str) -> Any:  # noqa: ANN401 - a class built at run time
-    """A Detection2DArray of the 2D boxes of labels, DontCare included.
+def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: str) -> Parts:
+    """A Detection2DArray of the 2D boxes of labels, DontCare included, serialised.
 
     Args:
         boxes: Each with its id.
         stamp_ns: Nanoseconds.
         frame_id: The optical frame of the camera whose pixels they are.
     """
-    header = make_header(stamp_ns, frame_id)
-    origin = make_pose(_IDENTITY)
-    detections = []
+    cdr = CdrWriter()
+    cdr.header(stamp_ns, frame_id)
+    cdr.uint32(len(boxes))
     for identity, box in boxes:
         left, top, right, bottom = box.box_2d
-        middle = _new('Point2D', x=(left + right) / 2, y=(top + bottom) / 2)
-        bounds = _new(
-            'BoundingBox2D',
-            center=_new('Pose2D', position=middle, theta=0.0),
-            size_x=right - left,
-            size_y=bottom - top,
-        )
-        results = [_hypothesis(box.kind, box.score, origin)]
-        detections.append(
-            _new('Detection2D', header=header, results=results, bbox=bounds, id=identity)
-        )
-    return _new('Detection2DArray', header=header, detections=detections)
+        cdr.header(stamp_ns, frame_id)
+        _add_result(cdr, box.kind, box.score, _NO_POSE)
+        middle = ((left + right) / 2, (top + bottom) / 2)
+        cdr.float64((*middle, _NO_TURN, right - left, bottom - top))
+        cdr.text(identity)
+    return (cdr.finish(),)
 
 
 def decode_boxes_2d(message: Any) -> list[tuple[str, str, tuple[float, float, float, float]]]:  # noqa: ANN401
@@ -109,14 +99,8 @@ def decode_boxes_2d(message: Any) -> list[tuple[str, str, tuple[float, float, fl
     return found
 
 
-def _hypothesis(kind: str, score: float | None, pose: Pose) -> Any:  # noqa: ANN401
-    known = _TRUTH_SCORE if score is None else score
-    return _new(
-        'ObjectHypothesisWithPose',
-        hypothesis=_new('ObjectHypothesis', class_id=kind, score=known),
-        pose=PoseWithCovariance(pose, _UNKNOWN),
-    )
-
-
-def _new(name: str, **fields: object) -> Any:  # noqa: ANN401
-    return typestore().types[f'vision_msgs/msg/{name}'](**fields)  # type: ignore[arg-type]
+def _add_result(cdr: CdrWriter, kind: str, score: float | None, pose: tuple[float, ...]) -> None:
+    """The results of a detection: one ObjectHypothesisWithPose."""
+    cdr.uint32(1)
+    cdr.text(kind)
+    cdr.float64((_TRUTH_SCORE if score is None else score, *pose, *_UNKNOWN))

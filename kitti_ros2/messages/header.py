@@ -46,6 +46,7 @@ __all__ = [
     'make_pose',
     'make_quaternion',
     'make_vector3',
+    'pose_numbers',
     'stamp_ns_of',
     'transform_of',
     'vector_of',
@@ -79,6 +80,11 @@ def make_pose(transform: Transform) -> Pose:
     """The Pose whose frame is b of a transform a_T_b."""
     x, y, z = (float(value) for value in transform.translation)
     return Pose(Point(x, y, z), make_quaternion(transform.quaternion()))
+
+
+def pose_numbers(transform: Transform) -> tuple[float, ...]:
+    """X y z, then x y z w of the quaternion: the fields of a Pose, in its order."""
+    return (*transform.translation.tolist(), *transform.quaternion().tolist())
 
 
 def transform_of(pose: Pose) -> Transform:

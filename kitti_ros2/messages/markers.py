@@ -11,33 +11,19 @@ trail (LINE_STRIP in map); and ego, the recording car at base_link.
 from __future__ import annotations
 
 import colorsys
-from typing import TYPE_CHECKING, Any, cast
+import math
+import struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rosbags.typesys.stores.ros2_jazzy import (
-    builtin_interfaces__msg__Duration as Duration,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__CompressedImage as CompressedImage,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__ColorRGBA as ColorRGBA,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
     visualization_msgs__msg__Marker as Marker,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    visualization_msgs__msg__MarkerArray as MarkerArray,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    visualization_msgs__msg__MeshFile as MeshFile,
 )
 
 from ..boxes import EDGES, unit_corners
-from ..geometry import Transform
 from ..options import MarkerColors
-from ..stamps import to_sec_nanosec
-from .header import Point, Vector3, make_header, make_pose
+from .cdr_writer import CdrWriter
+from .header import pose_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -45,7 +31,7 @@ if TYPE_CHECKING:
     from ..boxes import Cuboid
     from ..geometry import Float64Array
     from ..options import MarkerOptions
-    from .header import Header
+    from .cdr import Parts
     from .naming import Frames
 
 _CLASS_COLORS = {
@@ -61,11 +47,12 @@ _CLASS_COLORS = {
 }
 _EGO_COLOR = (0.30, 0.69, 0.31)
 _EGO_SIZE_LWH = (4.0, 1.7, 1.5)
-_EGO_MIDDLE = Transform.from_translation((1.35, 0.0, 0.75))
-"""A Passat's measure about the middle of its rear axle, on the ground."""
+# A Passat's measure about the middle of its rear axle, on the ground.
+_EGO_POSE = (1.35, 0.0, 0.75, 0.0, 0.0, 0.0, 1.0)
+_NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_WHITE = (1.0, 1.0, 1.0)
 
 _GOLDEN_TURN = 0.6180339887498949
-_ORIGIN = Transform.identity()
 
 
 def encode_markers(
@@ -74,8 +61,8 @@ def encode_markers(
     stamp_ns: int,
     frames: Frames,
     options: MarkerOptions,
-) -> MarkerArray:
-    """The markers of a frame.
+) -> Parts:
+    """The markers of a frame, serialised.
 
     Args:
         cuboids: In velo_link.
@@ -84,16 +71,16 @@ def encode_markers(
         frames: Names of map, base_link and velo_link.
         options: Sizes, colours, what is drawn.
     """
-    factory = _Factory(options)
-    velo = make_header(stamp_ns, frames.velo)
-    markers = [factory.clear(velo)]
+    drawing = _Drawing(1 + options.ego + 4 * len(cuboids) + len(trails), options, stamp_ns)
+    drawing.clear(frames.velo)
     if options.ego:
-        markers.append(factory.ego(make_header(stamp_ns, frames.base)))
+        drawing.ego(frames.base)
     for place, cuboid in enumerate(cuboids):
-        markers += factory.object(cuboid, place, velo)
-    world = make_header(stamp_ns, frames.map)
-    markers += [factory.trail(track, places, world) for track, places in sorted(trails.items())]
-    return MarkerArray(cast('Any', markers))  # rosbags types the field by an older Marker
+        number = place if cuboid.track_id is None else cuboid.track_id
+        drawing.object(cuboid, number, frames.velo)
+    for track, places in sorted(trails.items()):
+        drawing.trail(track, places, frames.map)
+    return drawing.parts()
 
 
 def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
@@ -107,95 +94,144 @@ def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float
     return colorsys.hsv_to_rgb(seed * _GOLDEN_TURN % 1.0, 0.75, 0.95)
 
 
-class _Factory:
-    """Makes markers that share the options."""
+def _colors_to_text() -> bytes:
+    """The fields of a Marker between points and text: colors, texture, uv_coordinates, empty."""
+    cdr = CdrWriter()
+    cdr.uint32(0)
+    cdr.text('')
+    cdr.header(0, '')
+    cdr.text('')
+    cdr.uint32(0)
+    cdr.uint32(0)
+    return cdr.block_bytes()
 
-    def __init__(self, options: MarkerOptions) -> None:
+
+def _mesh() -> bytes:
+    """The fields of a Marker after text: mesh_resource, mesh_file, empty."""
+    cdr = CdrWriter()
+    cdr.text('')
+    cdr.text('')
+    cdr.uint32(0)
+    cdr.boolean(value=False)
+    return cdr.block_bytes()
+
+
+_COLORS_TO_TEXT = _colors_to_text()
+_MESH = _mesh()
+# color, lifetime, frame_locked, and how many points follow; always 8-aligned, behind the scale.
+_COLOR_TO_POINTS = struct.Struct('<4fiiB3xI')
+
+
+class _Drawing:
+    """A MarkerArray under construction."""
+
+    def __init__(self, count: int, options: MarkerOptions, stamp_ns: int) -> None:
+        self._cdr = CdrWriter()
+        self._cdr.uint32(count)
         self._options = options
-        sec, nanosec = to_sec_nanosec(options.lifetime_ns)
-        self._lifetime = Duration(sec, nanosec)
-        self._texture = CompressedImage(make_header(0, ''), '', np.empty(0, np.uint8))
-        self._mesh = MeshFile('', np.empty(0, np.uint8))
+        self._stamp_ns = stamp_ns
+        self._headers: dict[str, bytes] = {}
 
-    def clear(self, header: Header) -> Marker:
+    def parts(self) -> Parts:
+        """The message."""
+        return (self._cdr.finish(),)
+
+    def clear(self, frame_id: str) -> None:
         """The marker that deletes all others."""
-        return self._make(header, '', 0, Marker.CUBE, (0.0, 0.0, 0.0), action=Marker.DELETEALL)
+        self._add(frame_id, ('', 0), Marker.CUBE, (0.0, 0.0, 0.0), action=Marker.DELETEALL)
 
-    def ego(self, header: Header) -> Marker:
+    def ego(self, frame_id: str) -> None:
         """The recording car."""
-        return self._make(
-            header, 'ego', 0, Marker.CUBE, _EGO_COLOR,
-            pose=_EGO_MIDDLE, scale=_EGO_SIZE_LWH, alpha=self._options.alpha,
+        self._add(
+            frame_id, ('ego', 0), Marker.CUBE, _EGO_COLOR,
+            pose=_EGO_POSE, scale=_EGO_SIZE_LWH, alpha=self._options.alpha,
         )  # fmt: skip
 
-    def object(self, cuboid: Cuboid, place: int, header: Header) -> list[Marker]:
+    def object(self, cuboid: Cuboid, number: int, frame_id: str) -> None:
         """Box, edges, heading and text of an object."""
         options = self._options
-        number = place if cuboid.track_id is None else cuboid.track_id
         color = color_of(cuboid.kind, number, options.colors)
-        length, width, height = cuboid.size_lwh
-        corners = unit_corners() * [length, width, height]
+        length, _, height = cuboid.size_lwh
+        pose = pose_numbers(cuboid.velo_T_box)
+        width, shaft = (options.line_width, 0.0, 0.0), 2 * options.line_width
+        corners = unit_corners()[EDGES.ravel()] * cuboid.size_lwh
         heading = np.array([[0.0, 0.0, 0.0], [length / 2 + options.arrow_length, 0.0, 0.0]])
-        shaft = 2 * options.line_width
-        above = cuboid.velo_T_box @ Transform.from_translation(
-            (0.0, 0.0, height / 2 + options.text_height)
+        above = (pose[0], pose[1], pose[2] + height / 2 + options.text_height, 0.0, 0.0, 0.0, 1.0)
+        self._add(
+            frame_id,
+            ('box', number),
+            Marker.CUBE,
+            color,
+            pose=pose,
+            scale=cuboid.size_lwh,
+            alpha=options.alpha,
         )
-        distance = float(np.linalg.norm(cuboid.velo_T_box.translation))
-        score = '' if cuboid.score is None else f' {cuboid.score:.2f}'
-        text = f'{cuboid.kind} {cuboid.identity}{score}\n{distance:.1f} m'
-        box, line = cuboid.velo_T_box, (options.line_width, 0.0, 0.0)
-        return [
-            self._make(header, 'box', number, Marker.CUBE, color, pose=box,
-                       scale=cuboid.size_lwh, alpha=options.alpha),
-            self._make(header, 'edges', number, Marker.LINE_LIST, color, pose=box, scale=line,
-                       points=corners[EDGES.ravel()]),
-            self._make(header, 'heading', number, Marker.ARROW, color, pose=box,
-                       scale=(shaft, 2 * shaft, 2 * shaft), points=heading),
-            self._make(header, 'text', number, Marker.TEXT_VIEW_FACING, (1.0, 1.0, 1.0),
-                       pose=above, scale=(0.0, 0.0, options.text_height), text=text),
-        ]  # fmt: skip
+        self._add(
+            frame_id,
+            ('edges', number),
+            Marker.LINE_LIST,
+            color,
+            pose=pose,
+            scale=width,
+            points=corners,
+        )
+        self._add(
+            frame_id,
+            ('heading', number),
+            Marker.ARROW,
+            color,
+            pose=pose,
+            scale=(shaft, 2 * shaft, 2 * shaft),
+            points=heading,
+        )
+        self._add(frame_id, ('text', number), Marker.TEXT_VIEW_FACING, _WHITE, pose=above,
+                  scale=(0.0, 0.0, options.text_height), text=_caption(cuboid))  # fmt: skip
 
-    def trail(self, track: int, places: Float64Array, header: Header) -> Marker:
-        """Where a track was, in map."""
+    def trail(self, track: int, places: Float64Array, frame_id: str) -> None:
+        """Where a track was."""
         color = color_of('', track, MarkerColors.TRACK)
         scale = (self._options.line_width, 0.0, 0.0)
-        return self._make(
-            header, 'trail', track, Marker.LINE_STRIP, color, scale=scale, points=places
-        )
+        self._add(frame_id, ('trail', track), Marker.LINE_STRIP, color, scale=scale, points=places)
 
-    def _make(  # noqa: PLR0913 - a marker has that many parts
+    def _add(  # noqa: PLR0913 - a marker has that many parts
         self,
-        header: Header,
-        namespace: str,
-        number: int,
+        frame_id: str,
+        name: tuple[str, int],
         kind: int,
         color: tuple[float, float, float],
         *,
-        pose: Transform = _ORIGIN,
+        pose: tuple[float, ...] = _NO_POSE,
         scale: tuple[float, float, float] = (0.0, 0.0, 0.0),
         alpha: float = 1.0,
         points: Float64Array | None = None,
         text: str = '',
         action: int = Marker.ADD,
-    ) -> Marker:
-        return Marker(
-            header=header,
-            ns=namespace,
-            id=number,
-            type=kind,
-            action=action,
-            pose=make_pose(pose),
-            scale=Vector3(*scale),
-            color=ColorRGBA(*color, alpha),
-            lifetime=self._lifetime,
-            frame_locked=False,
-            points=[] if points is None else [Point(*place) for place in points.tolist()],
-            colors=[],
-            texture_resource='',
-            texture=self._texture,
-            uv_coordinates=[],
-            text=text,
-            mesh_resource='',
-            mesh_file=self._mesh,
-            mesh_use_embedded_materials=False,
-        )
+    ) -> None:
+        """A visualization_msgs/Marker, field by field."""
+        cdr = self._cdr
+        cdr.block(self._header(frame_id))
+        cdr.text(name[0])
+        cdr.int32(name[1], kind, action)
+        cdr.float64((*pose, *scale))
+        lifetime = divmod(self._options.lifetime_ns, 1_000_000_000)
+        count = 0 if points is None else len(points)
+        cdr.block(_COLOR_TO_POINTS.pack(*color, alpha, *lifetime, 0, count))
+        if points is not None:
+            cdr.raw_float64(np.ascontiguousarray(points, '<f8').tobytes())
+        cdr.block(_COLORS_TO_TEXT)
+        cdr.text(text)
+        cdr.block(_MESH)
+
+    def _header(self, frame_id: str) -> bytes:
+        if frame_id not in self._headers:
+            cdr = CdrWriter()
+            cdr.header(self._stamp_ns, frame_id)
+            self._headers[frame_id] = cdr.block_bytes()
+        return self._headers[frame_id]
+
+
+def _caption(cuboid: Cuboid) -> str:
+    """Class, id, score if there is one, and distance."""
+    x, y, z = cuboid.velo_T_box.translation.tolist()
+    score = '' if cuboid.score is None else f' {cuboid.score:.2f}'
+    return f'{cuboid.kind} {cuboid.identity}{score}\n{math.hypot(x, y, z):.1f} m'

@@ -207,10 +207,16 @@ def _label_text(labels: FrameLabels, moment: Moment) -> object | None:  # noqa: 
     return None if labels.source is None else encode_text(labels.source)
 
 
+@lru_cache(maxsize=16)
+def _cuboids_once(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
+    """The cuboids of a frame, which several topics show."""
+    return cuboids_of(labels, calibration)
+
+
 def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
     calibration = moment.calibration()
     try:
-        return cuboids_of(labels, calibration)
+        return _cuboids_once(labels, calibration)
     except ValueError as error:
         reason = next(iter(calibration.lacks.values()), str(error))
         raise LackingError(f'{reason}; it is needed for the 3D boxes of labels') from None
