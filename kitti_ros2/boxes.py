@@ -100,7 +100,7 @@ NEAR_M = 0.1
 
 
 def wrap_angle(angle: npt.ArrayLike) -> Float64Array:
-    """Angles in radians brought to [-pi, pi)."""
+    """Angles in radians brought to [-pi, pi]."""
     return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 

@@ -33,6 +33,7 @@ T = TypeVar('T')
 R = TypeVar('R')
 
 _AHEAD_PER_WORKER = 3
+_MOST_WORKERS = 8  # each holds images of several megabytes
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,16 @@ def convert(
     schedule = make_schedule(recording, selection)
     encoder = Encoder(recording, schedule, messages, selection)
     tally = _Tally(strict=strict)
-    for loss in recording.losses:
+    for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
     with open_bag(out, bag, typestore(), source_metadata=source) as writer:
         channels = _Channels(writer, encoder.table)
-        workers = 1 if messages.images is Images.COMPRESSED else os.cpu_count() or 1
+        workers = (
+            1
+            if messages.images is Images.COMPRESSED
+            else min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+        )
         for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
             tally.take(*outcome, channels)
             progress(done, tally.size_bytes)
@@ -123,7 +128,7 @@ class _Channels:
         index = message.topic
         if index not in self._ids:
             row = self._table[index]
-            channel = Channel(row.name, row.msgtype, latched=row.latched)
+            channel = Channel(row.name, row.msgtype, latched=row.latched, depth=row.depth)
             self._ids[index] = self._writer.add_channel(channel)
         self._writer.write(self._ids[index], message.stamp_ns, message.parts)
 
@@ -155,8 +160,8 @@ class _Tally:
     def lose(self, loss: Loss) -> None:
         """Count a loss; with strict, stop at it."""
         if self._strict:
-            raise KittiRos2Error(f'{loss.message}; stopped there because of --strict')
-        self._losses[loss.stream, loss.message] += loss.count
+            raise KittiRos2Error(f'{loss.text()}; stopped there because of --strict')
+        self._losses[loss.stream, loss.text()] += loss.count
 
     def losses(self) -> tuple[Loss, ...]:
         """All losses, those of the same stream and reason counted together."""

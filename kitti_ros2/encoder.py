@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
-from .messages.topics import Moment, make_rig, make_table, select_topics
+from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from .samples import Calibration, Description, FrameLabels, Scan, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Hashable, Iterable, Sequence
 
     from .messages.cdr import Parts
     from .messages.topics import Topic
     from .options import MessageOptions, SelectionOptions
-    from .samples import Recording, Sample
+    from .samples import Loss, Recording, Sample
     from .schedule import Entry, Schedule
 
 _KINDS = {
@@ -71,6 +71,9 @@ class Encoder:
     ) -> None:
         table = make_table(recording.cameras, recording.image_topic, options)
         selected = select_topics(table, selection.topics)
+        self._selected = {row.stream for row in selected} if selection.topics else set(Stream)
+        self._schedule = schedule
+        self._unmatched = unmatched(table, selection.topics)
         due = {stream for stream in Stream if schedule.count(stream)}
         self.table: list[Topic] = [row for row in selected if row.stream in due]
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
@@ -103,12 +106,19 @@ class Encoder:
         )
         return self._serialize(rows, sample, moment)
 
+    def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
+        """The losses among a recording's that a selection would have wanted."""
+        wanted = [loss for loss in losses if Stream(loss.stream) in self._selected]
+        parts = [self._schedule.concerned(loss) for loss in wanted]
+        return [part for part in parts if part is not None]
+
     def notes(self) -> tuple[str, ...]:
         """What is worth a word of the samples encoded so far."""
-        return tuple(
+        nominal = [
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
-        )
+        ]
+        return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
     @staticmethod
     def _serialize(

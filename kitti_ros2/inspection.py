@@ -13,7 +13,6 @@ from .bags.reader import open_messages, summarize_bag
 from .bags.summary import summarize_topic
 from .errors import KittiRos2Error
 from .geometry import rotation_to_rpy
-from .kitti.recording import format_numbers
 from .messages.camera_info import (
     CameraInfo,
     decode_camera_info,
@@ -24,6 +23,7 @@ from .messages.cdr import deserialize
 from .messages.topics import make_rig
 from .messages.transforms import decode_static, static_links
 from .options import MessageOptions
+from .samples import format_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

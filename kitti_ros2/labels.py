@@ -76,7 +76,7 @@ class Trails:
         for number in sorted(frames):
             pose = map_t_velo(number)
             for cuboid in frames[number] if pose is not None else ():
-                if cuboid.track_id is not None and pose is not None:
+                if cuboid.track_id is not None and cuboid.track_id >= 0 and pose is not None:
                     self._numbers.setdefault(cuboid.track_id, []).append(number)
                     place = (pose @ cuboid.velo_T_box).translation
                     self._places.setdefault(cuboid.track_id, []).append(place)

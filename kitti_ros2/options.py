@@ -125,6 +125,7 @@ class Images(str, Enum):
     BOTH = 'both'
 
 
+BASE_T_IMU = (-0.05, 0.32, 0.93)
 KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
 
 
@@ -183,7 +184,7 @@ class MessageOptions:
         preset: Names of topics and frames.
         publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack owns it.
         ring_and_time: Whether points also have ring and time.
-        base_to_imu: x, y, z of imu_link in base_link, metres.
+        base_to_imu: x, y, z of imu_link in base_link, metres; None as the preset has it.
         semantic: Whether points also have SemanticKITTI's label, instance and rgb.
         markers: How labels are drawn.
 
@@ -195,12 +196,12 @@ class MessageOptions:
     preset: Preset = Preset.DEFAULT
     publish_tf: bool = True
     ring_and_time: bool = False
-    base_to_imu: tuple[float, ...] = (-0.05, 0.32, 0.93)
+    base_to_imu: tuple[float, ...] | None = None
     semantic: bool = False
     markers: MarkerOptions = field(default_factory=MarkerOptions)
 
     def __post_init__(self) -> None:
-        place = self.base_to_imu
+        place = self.base_to_imu or BASE_T_IMU
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
 

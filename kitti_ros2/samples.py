@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from .geometry import rotation_from_rpy
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
@@ -152,6 +154,16 @@ class OxtsPacket:
     orimode: int
     source: TextFile | None = field(default=None, compare=False, repr=False)
 
+    def body_velocity(self) -> Float64Array:
+        """(3,) m/s along the body's axes (forward, left, up), from ve vn vu and the attitude.
+
+        Not from vf vl vu: the data set's vl is positive to the right, whatever its dataformat.txt
+        says (drive 0001: -ve sin(yaw) + vn cos(yaw) is -vl to 1 cm/s).
+        """
+        east_north_up = np.array([self.ve, self.vn, self.vu])
+        body: Float64Array = rotation_from_rpy(self.roll, self.pitch, self.yaw).T @ east_north_up
+        return body
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -282,11 +294,43 @@ class StreamIndex:
 
 @dataclass(frozen=True)
 class Loss:
-    """Something of the user's data that could not be used: what, how much of it, and why."""
+    """Something of the user's data that could not be used: what, how much of it, and why.
+
+    Attributes:
+        stream: Name of the stream or topic.
+        count: Samples or messages.
+        message: One line; {} stands for the numbers.
+        numbers: File numbers, where they are known.
+    """
 
     stream: str
     count: int
     message: str
+    numbers: tuple[int, ...] = ()
+
+    def within(self, lowest: int, highest: int) -> Loss | None:
+        """The part of it between two file numbers, both included; all where none are known."""
+        if not self.numbers:
+            return self
+        kept = tuple(number for number in self.numbers if lowest <= number <= highest)
+        return Loss(self.stream, len(kept), self.message, kept) if kept else None
+
+    def text(self) -> str:
+        """The message with its numbers."""
+        return self.message.replace('{}', format_numbers(self.numbers))
+
+
+def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
+    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
+    rest = sum(last - first + 1 for first, last in spans[most:])
+    return ', '.join(texts) + (f' and {rest} more' if rest else '')
 
 
 class Recording(Protocol):

@@ -14,10 +14,10 @@ from .errors import UsageError
 from .samples import IMAGE_STREAMS, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from .options import Bound, SelectionOptions
-    from .samples import Int64Array, Recording
+    from .samples import Int64Array, Loss, Recording
 
 _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
@@ -43,11 +43,13 @@ class Schedule:
         stamps_ns: (N,) int64, ascending.
         streams: (N,) indices into Stream.
         numbers: (N,) int64 file numbers.
+        spans: First and last file number taken, by stream that is wanted.
     """
 
     stamps_ns: Int64Array
     streams: Int64Array
     numbers: Int64Array
+    spans: Mapping[Stream, tuple[int, int]]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -65,6 +67,11 @@ class Schedule:
         """The file numbers of a stream that are due, in order of time."""
         numbers: list[int] = self.numbers[self.streams == _STREAMS.index(stream)].tolist()
         return numbers
+
+    def concerned(self, loss: Loss) -> Loss | None:
+        """The part of a loss that is within what was selected, None where none of it is."""
+        span = self.spans.get(Stream(loss.stream))
+        return None if span is None else loss.within(*span)
 
     @property
     def frames(self) -> int:
@@ -99,7 +106,26 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         for stream in _ONCE
         if stream in wanted and stream not in present and _has_once(recording, stream, present)
     ]
-    return _in_order(rows)
+    spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}
+    return _in_order(rows, {stream: span for stream, span in spans.items() if span is not None})
+
+
+def _span(
+    rows: Sequence[_Row],
+    stream: Stream,
+    recording: Recording,
+    numbers: tuple[int, int],
+    moments: tuple[int, int],
+) -> tuple[int, int] | None:
+    """First and last file number of a stream that a selection takes, as far as can be told."""
+    if moments == _ALL:
+        return numbers
+    taken = [row[1] for row in rows if len(row[1]) and row[0] in recording.streams]
+    own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
+    basis = own or (taken if recording.common_numbers else [])
+    if not basis:
+        return None
+    return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)
 
 
 def _within(values: Int64Array, bounds: tuple[int, int]) -> npt.NDArray[np.bool_]:
@@ -112,12 +138,12 @@ def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> boo
     return stream is Stream.RECORDING or Stream.POSE in present
 
 
-def _in_order(rows: Sequence[_Row]) -> Schedule:
+def _in_order(rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]]) -> Schedule:
     streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
     numbers = np.concatenate([row[1] for row in rows])
     stamps = np.concatenate([row[2] for row in rows])
     order = np.lexsort((numbers, streams, stamps))
-    return Schedule(stamps[order], streams[order].astype(np.int64), numbers[order])
+    return Schedule(stamps[order], streams[order].astype(np.int64), numbers[order], spans)
 
 
 def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:

@@ -14,6 +14,9 @@ from datetime import datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
 
 NS_PER_S = 1_000_000_000
+LAST_NS = 2**31 * NS_PER_S - 1
+"""The last moment that builtin_interfaces/Time can hold, in 2038: its seconds are an int32."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _TEXT = re.compile(
     r'(\d{4})-(\d{2})-(\d{2})[ T](\d{2}):(\d{2}):(\d{2})(?:\.(\d{1,9}))?\s*', re.ASCII
@@ -24,7 +27,8 @@ def parse_stamp(text: str) -> int:
     """Nanoseconds of a KITTI time stamp, ``YYYY-MM-DD HH:MM:SS[.fraction]``, taken as UTC.
 
     Raises:
-        ValueError: The text is no such stamp, or names a moment that does not exist.
+        ValueError: The text is no such stamp, or names a moment that does not exist, or one that
+            ROS 2 cannot hold (before 1970 or after January 2038).
     """
     match = _TEXT.fullmatch(text)
     if match is None:
@@ -32,7 +36,10 @@ def parse_stamp(text: str) -> int:
     year, month, day, hour, minute, second = (int(group) for group in match.groups()[:6])
     moment = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
     fraction = (match.group(7) or '').ljust(9, '0')
-    return (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S + int(fraction)
+    stamp_ns = (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S + int(fraction)
+    if not 0 <= stamp_ns <= LAST_NS:
+        raise ValueError(f'{text.strip()!r} is not within 1970 to 2038, all that ROS 2 can hold')
+    return stamp_ns
 
 
 def format_stamp(stamp_ns: int) -> str:
@@ -54,6 +61,8 @@ def parse_seconds(text: str) -> int:
         raise ValueError(f'{text.strip()!r} is no number of seconds') from None
     if not seconds.is_finite():
         raise ValueError(f'{text.strip()!r} is no finite number of seconds')
+    if not 0 <= seconds <= LAST_NS // NS_PER_S:
+        raise ValueError(f'{text.strip()!r} is no number of seconds that ROS 2 can hold')
     return int((seconds * NS_PER_S).to_integral_value())
 
 

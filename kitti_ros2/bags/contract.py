@@ -31,8 +31,8 @@ class Channel:
     Attributes:
         topic: Full topic name.
         msgtype: ROS 2 type name, such as sensor_msgs/msg/Imu.
-        latched: Whether late subscribers get the last message: QoS transient local, depth 1.
-        depth: History depth of the offered QoS (keep last); a latched topic has 1.
+        latched: Whether late subscribers get the last messages: QoS transient local.
+        depth: History depth of the offered QoS (keep last).
         reliable: Whether the offered QoS is reliable.
     """
 

@@ -36,7 +36,7 @@ def qos_profile(channel: Channel) -> dict[str, Any]:
     """The QoS that a channel's publisher offers, spelt as rosbag2 9 does."""
     return {
         'history': 'keep_last',
-        'depth': 1 if channel.latched else channel.depth,
+        'depth': channel.depth,
         'reliability': 'reliable' if channel.reliable else 'best_effort',
         'durability': 'transient_local' if channel.latched else 'volatile',
         'deadline': _INFINITE,

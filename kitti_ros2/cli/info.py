@@ -39,7 +39,7 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
         print_json(overview)
     else:
         print_overview(overview)
-        show_losses(overview.losses, 'sample')
+        show_losses(overview.losses)
     return EXIT_LOSSES if overview.losses else EXIT_OK
 
 

@@ -28,9 +28,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    import yaml
+
 E = TypeVar('E', bound=Enum)
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
+_KEPT_AS_TEXT = {'int', 'timestamp'}
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
@@ -117,7 +120,7 @@ def load_config(path: Path) -> dict[str, object]:
     import yaml
 
     try:
-        values = yaml.safe_load(path.read_text('utf-8'))
+        values = yaml.load(path.read_text('utf-8'), _text_loader())  # noqa: S506 - a safe loader
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -135,6 +138,22 @@ def load_config(path: Path) -> dict[str, object]:
     if unknown:
         raise UsageError(f'{path}: unknown option {unknown[0]!r}; known are {", ".join(_PARSERS)}')
     return values
+
+
+def _text_loader() -> type[yaml.SafeLoader]:
+    """A safe loader that leaves whole numbers and times as they are written.
+
+    YAML would read 0010 as 8 and cut a stamp to microseconds.
+    """
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class has it
+            first: [item for item in items if item[0].rsplit(':', 1)[-1] not in _KEPT_AS_TEXT]
+            for first, items in yaml.SafeLoader.yaml_implicit_resolvers.items()
+        }
+
+    return Loader
 
 
 def parse_bytes(text: str) -> int:
@@ -169,11 +188,15 @@ def _flag(name: str, value: object) -> bool:
 def _integer(name: str, value: object) -> int:
     if isinstance(value, int) and not isinstance(value, bool):
         return value
+    if isinstance(value, str) and value.removeprefix('-').isdecimal():
+        return int(value)
     raise UsageError(f'{name} takes a whole number, not {value!r}')
 
 
 def _number(name: str, value: object) -> float:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    if isinstance(value, str) and value.removeprefix('-').isdecimal():
         return float(value)
     raise UsageError(f'{name} takes a number, not {value!r}')
 

@@ -97,18 +97,23 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
         _say('images are the PNG files themselves; --images raw decodes them')
 
 
-def show_losses(losses: tuple[Loss, ...], noun: str = 'message') -> None:
-    """Name on standard error what was skipped, and count it."""
+def show_losses(losses: tuple[Loss, ...]) -> None:
+    """Name on standard error what was skipped, and count it; what has one cause is one line."""
     if not losses:
         return
-    for loss in losses[:_SHOWN_LOSSES]:
-        sys.stderr.write(f'skipped {loss.stream} ({loss.count}): {loss.message}\n')
-    rest = losses[_SHOWN_LOSSES:]
+    causes: dict[str, list[Loss]] = {}
+    for loss in losses:
+        causes.setdefault(loss.text(), []).append(loss)
+    for message, same in list(causes.items())[:_SHOWN_LOSSES]:
+        count = sum(loss.count for loss in same)
+        names = same[0].stream + (f' and {len(same) - 1} more' if len(same) > 1 else '')
+        sys.stderr.write(f'skipped {names} ({count}): {message}\n')
+    rest = list(causes.values())[_SHOWN_LOSSES:]
     if rest:
-        count = sum(loss.count for loss in rest)
+        count = sum(loss.count for same in rest for loss in same)
         sys.stderr.write(f'skipped {count} more, for {len(rest)} more reasons\n')
     total = sum(loss.count for loss in losses)
-    sys.stderr.write(f'kitti-ros2: {format_count(total, noun)} could not be had; exit code 1\n')
+    sys.stderr.write(f'kitti-ros2: {total} skipped in all, as named above; exit code 1\n')
 
 
 def _say(line: str) -> None:

@@ -162,14 +162,21 @@ def _parse_raw_camera(
         return None
     size = table.numbers(2, f'S_rect_{index:02d}' if rectified else f'S_{index:02d}')
     k = table.numbers(9, f'K_{index:02d}')
-    return CameraCalibration(
+    camera = CameraCalibration(
         p_rect,
-        size=None if size is None else (int(size[0]), int(size[1])),
+        size=(int(size[0]), int(size[1])) if size is not None and size.all() else None,
         k=None if k is None else k.reshape(3, 3),
         d=table.numbers(5, f'D_{index:02d}'),
         r_rect=table.rotation(f'R_rect_{index:02d}'),
         cam_T_cam0=table.transform_parts(f'R_{index:02d}', f'T_{index:02d}'),
     )
+    parts = {'K': k, 'D': camera.d, 'R_rect': camera.r_rect, 'R, T': camera.cam_T_cam0}
+    missing = [name for name, part in parts.items() if part is None]
+    if missing and not rectified:
+        raise BadFileError(
+            table.path, f'no {" and ".join(missing)} of camera {index:02d}', 'an unrectified camera'
+        )
+    return camera
 
 
 def format_object(calibration: Calibration) -> str:

@@ -39,6 +39,7 @@ EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000
 
 _OBJECT_COLUMNS = 15
 _TRACKING_COLUMNS = 17
+_TRACKS = 2**31  # ids of markers are int32
 
 
 def parse_labels(text: str, path: Path | str) -> Lines[Box]:
@@ -94,6 +95,8 @@ def parse_box(line: str) -> Box:
     track_id: int | None = None
     if len(words) in {_TRACKING_COLUMNS, _TRACKING_COLUMNS + 1}:
         frame, track_id = _parse_integer(words[0]), _parse_integer(words[1])
+        if abs(track_id) >= _TRACKS:
+            raise ValueError(f'track id {words[1]}')
         words = words[2:]
     if len(words) not in {_OBJECT_COLUMNS, _OBJECT_COLUMNS + 1}:
         raise ValueError(f'{len(line.split())} columns')

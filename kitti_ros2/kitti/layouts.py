@@ -120,8 +120,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         UsageError: The options name one that is not there.
     """
     options = options or ReadOptions()
-    if '..' in path.parts or not path.name:
-        path = path.resolve()
+    path = path.resolve() if '..' in path.parts else path.absolute()
     layout = options.layout or guess_layout(path)
     candidates = LAYOUTS[layout](path) if STORE.is_dir(path) else []
     if not candidates:
@@ -130,7 +129,9 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     chosen = _choose(path, layout, candidates, options.sequence)
     recording = chosen.open(options)
     if not recording.streams:
-        raise NotKittiError(path, f'no data file of {chosen.name} can be used', [layout.value])
+        reasons = [loss.message for loss in recording.losses]
+        found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])
+        raise NotKittiError(path, found, [layout.value])
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout is Layout.OBJECT and others and options.sequence is None:
         recording.notes.append(

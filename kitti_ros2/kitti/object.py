@@ -48,6 +48,7 @@ class ObjectRecording(KittiRecording):
                 Stream.IMAGE_4,
             }:
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
+        self._find_gaps(folders)
         others = [n for n in STORE.names(split) if n not in _KNOWN and STORE.is_dir(split / n)]
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import BadFileError
 from ..samples import Layout, Scan, Stream
+from ..stamps import LAST_NS
 from . import names
 from .poses import pose_from_odometry
 from .poses_file import parse_poses
@@ -54,6 +55,7 @@ class OdometryRecording(KittiRecording):
                 self._add_stamped(stream, listing, self._times, self._times_path)
         self._add_poses()
         if self._times is None:
+            self._find_gaps([*folders, Stream.POSE])
             self.notes.append(
                 f'{self._times_path}: absent; stamps are nominal, 10 Hz from the epoch'
             )
@@ -63,12 +65,18 @@ class OdometryRecording(KittiRecording):
         """Stamps by frame: the epoch of the options plus times.txt."""
         if not STORE.is_file(self._times_path):
             return None
-        offsets = parse_times(STORE.read_text(self._times_path), self._times_path)
+        offsets = parse_times(self._text(self._times_path, Stream.SCAN), self._times_path)
         epoch = self.options.epoch_ns
-        return Lines(
-            [None if offset is None else epoch + offset for offset in offsets.values],
-            offsets.errors,
-        )
+        stamps = [None if offset is None else epoch + offset for offset in offsets.values]
+        return Lines([s if s is None or s <= LAST_NS else None for s in stamps], offsets.errors)
+
+    def _text(self, path: Path, stream: Stream) -> str:
+        """A text file, empty where it cannot be read; that is a loss of a stream."""
+        try:
+            return STORE.read_text(path)
+        except (BadFileError, OSError) as error:
+            self._lose_lines(stream, str(error))
+            return ''
 
     @cached_property
     def _poses_path(self) -> Path:
@@ -82,20 +90,25 @@ class OdometryRecording(KittiRecording):
     def _poses(self) -> Lines[Float64Array]:
         if not STORE.is_file(self._poses_path):
             return Lines([], {})
-        return parse_poses(STORE.read_text(self._poses_path), self._poses_path)
+        return parse_poses(self._text(self._poses_path, Stream.POSE), self._poses_path)
 
     def _add_poses(self) -> None:
         if not len(self._poses):
             self.notes.append(f'{self._poses_path}: absent or empty, pose is left out')
             return
         for error in self._poses.errors.values():
-            self._lose(Stream.POSE, [0], str(error))
+            self._lose_lines(Stream.POSE, str(error))
         numbers = np.array([n for n, pose in enumerate(self._poses.values) if pose is not None])
         if self._times is None:
             self._add_nominal(Stream.POSE, numbers.astype(np.int64), None)
             return
         stamps = self._times.values
         beyond = [n for n in numbers.tolist() if n >= len(stamps) or stamps[n] is None]
+        known = set(numbers.tolist()) | {
+            n for n, pose in enumerate(self._poses.values) if pose is None
+        }
+        short = [n for n in range(len(stamps)) if n not in known]
+        self._lose(Stream.POSE, short, f'{self._poses_path}: no line for frames {{}}')
         self._lose(Stream.POSE, beyond, f'{self._times_path}: no time for the poses of frames {{}}')
         good = [n for n in numbers.tolist() if n < len(stamps) and stamps[n] is not None]
         stamps_ns = np.array([stamps[n] for n in good], dtype=np.int64)

@@ -52,18 +52,11 @@ def _mercator_t_imu(packet: OxtsPacket, scale: float) -> Transform:
     )
 
 
-def body_velocity(packet: OxtsPacket) -> Float64Array:
-    """(3,) m/s in imu_link axes: KITTI's vf vl vu are levelled, so roll and pitch are undone."""
-    body_r_levelled = rotation_from_rpy(packet.roll, packet.pitch, 0.0).T
-    velocity: Float64Array = body_r_levelled @ np.array([packet.vf, packet.vl, packet.vu])
-    return velocity
-
-
 def pose_from_packet(packet: OxtsPacket, map_: MercatorMap) -> Pose:
     """The pose and motion that an oxts packet tells."""
     return Pose(
         map_.pose(packet),
-        velocity=body_velocity(packet),
+        velocity=packet.body_velocity(),
         angular_velocity=np.array([packet.wx, packet.wy, packet.wz]),
         position_sigma=packet.pos_accuracy,
         velocity_sigma=packet.vel_accuracy,

@@ -8,6 +8,7 @@ extract the streams run on their own and the images are not rectified.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -67,6 +68,7 @@ class RawRecording(KittiRecording):
         )
         self._add_tracklets()
         if self._stampless and self.streams:
+            self._find_gaps(folders)
             self.notes.append(
                 f'{drive}: no {names.TIMESTAMPS} in any stream;'
                 f' stamps are nominal, 10 Hz from the epoch'
@@ -105,11 +107,18 @@ class RawRecording(KittiRecording):
             (folder for folder in (self.root, self.drive) if self._has_calibration(folder)),
             self.root,
         )
-        texts = {}
+        texts, lacks = {}, {}
         for name in _CALIB:
-            if STORE.is_file(folder / name):
+            try:
                 texts[name] = STORE.read_text(folder / name)
-        return parse_raw_calibration(texts, folder, rectified=self.rectified)
+            except FileNotFoundError:
+                continue
+            except (BadFileError, OSError) as error:
+                lacks[name] = str(error)
+        found = parse_raw_calibration(texts, folder, rectified=self.rectified)
+        place = folder.relative_to(self.root)
+        files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
+        return replace(found, files=files, lacks={**found.lacks, **lacks})
 
     @staticmethod
     def _has_calibration(folder: Path) -> bool:
@@ -141,7 +150,7 @@ class RawRecording(KittiRecording):
         stamps = self._stamps(path)
         values = stamps.values if stamps is not None else []
         for error in stamps.errors.values() if stamps is not None else ():
-            self._lose(Stream.SCAN, [0], f'{error}; its sweep goes without')
+            self._lose_lines(Stream.SCAN, f'{error}; its sweep goes without')
         scans = self.streams[Stream.SCAN].numbers.tolist() if Stream.SCAN in self.streams else []
         beyond = [number for number in scans if number >= len(values)]
         self._lose(Stream.SCAN, beyond, f'{path}: no line for the sweeps of frames {{}}')
@@ -155,7 +164,7 @@ class RawRecording(KittiRecording):
         try:
             return cuboids_by_frame(parse_tracklets(STORE.read(path), path))
         except (BadFileError, OSError) as error:
-            self._lose(Stream.LABELS, [0], str(error))
+            self._lose_lines(Stream.LABELS, str(error))
             return {}
 
     def _add_tracklets(self) -> None:
@@ -177,7 +186,17 @@ class RawRecording(KittiRecording):
         self._add(Stream.LABELS, np.array(good, dtype=np.int64), stamps_ns, None)
 
     def _labels(self, number: int) -> FrameLabels:
-        return FrameLabels(cuboids=self._cuboids[number])
+        path = self.drive / names.RAW_TRACKLETS
+        cuboids = self._cuboids[number]
+        lacks = {
+            cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
+            f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
+            f' marker and no 3D detection'
+            for cuboid in cuboids
+            if min(cuboid.size_lwh) <= 0
+        }
+        sound = [cuboid for cuboid in cuboids if cuboid.identity not in lacks]
+        return FrameLabels(cuboids=sound, lacks=lacks)
 
     def path(self, stream: Stream, number: int) -> Path:
         """The file a sample is read from."""

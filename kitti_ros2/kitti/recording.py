@@ -27,6 +27,7 @@ from ..samples import (
     TextFile,
     Trajectory,
 )
+from ..stamps import LAST_NS
 from .calib_file import NOMINAL_VELO_T_IMU, parse_calibration
 from .png_file import parse_image
 from .poses import MercatorMap, pose_from_packet
@@ -34,7 +35,7 @@ from .scan_file import parse_scan
 from .store import STORE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from ..geometry import Float64Array, Transform
@@ -145,7 +146,8 @@ class KittiRecording:
 
     def trails(self, number: int) -> dict[int, Float64Array]:
         """Where each of a frame's tracks was up to it; see samples.Recording."""
-        return self._trails.up_to(number) if Stream.LABELS in self.streams else {}
+        known = Stream.LABELS in self.streams and Stream.POSE in self.streams
+        return self._trails.up_to(number) if known else {}
 
     @cached_property
     def _trails(self) -> Trails:
@@ -268,39 +270,46 @@ class KittiRecording:
 
     def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
         """Take a stream without time: 10 Hz by file number, from the epoch of the options."""
-        stamps_ns = self.options.epoch_ns + numbers * NOMINAL_PERIOD_NS
-        self._add(stream, numbers, stamps_ns, listing)
+        beyond = numbers > (LAST_NS - self.options.epoch_ns) // NOMINAL_PERIOD_NS
+        self._lose(
+            stream, numbers[beyond].tolist(), f'{self.root}: no stamp in ROS 2 for frames {{}}'
+        )
+        numbers = numbers[~beyond]
+        self._add(stream, numbers, self.options.epoch_ns + numbers * NOMINAL_PERIOD_NS, listing)
 
     def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
         """Name and count frames of a stream that cannot be had; {} in reason is their numbers."""
         if numbers:
-            message = reason.replace('{}', format_numbers(numbers))
-            self.losses.append(Loss(stream.value, len(numbers), message))
+            self.losses.append(Loss(stream.value, len(numbers), reason, tuple(numbers)))
+
+    def _lose_lines(self, stream: Stream, reason: str, count: int = 1) -> None:
+        """Name and count what cannot be had and has no frame number."""
+        self.losses.append(Loss(stream.value, count, reason.replace('{', '(').replace('}', ')')))
+
+    def _find_gaps(self, streams: Iterable[Stream]) -> None:
+        """Name the frames that one of these streams lacks and another has."""
+        present = [stream for stream in streams if stream in self.streams]
+        known: set[int] = set()
+        for stream in present:
+            known.update(self.streams[stream].numbers.tolist())
+        for stream in present:
+            absent = sorted(known.difference(self.streams[stream].numbers.tolist()))
+            folder = self.path(stream, 0).parent
+            self._lose(stream, absent, f'{folder}: no {stream.value} for frames {{}}, others have')
 
 
 def load_calibration(path: Path, root: Path) -> Calibration:
     """A single-file calibration; one that cannot be read is empty and tells why."""
+    files: tuple[TextFile, ...] = ()
     try:
         text = STORE.read_text(path)
-        return parse_calibration(text, path, path.relative_to(root).as_posix())
+        files = (TextFile(path.relative_to(root).as_posix(), text),)
+        return parse_calibration(text, path, files[0].name)
     except FileNotFoundError:
         reason = f'{path}: no such file'
-    except BadFileError as error:
+    except (BadFileError, OSError) as error:
         reason = str(error)
-    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason})
-
-
-def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
-    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
-    spans: list[list[int]] = []
-    for number in numbers:
-        if spans and number == spans[-1][1] + 1:
-            spans[-1][1] = number
-        else:
-            spans.append([number, number])
-    texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
-    rest = sum(last - first + 1 for first, last in spans[most:])
-    return ', '.join(texts) + (f' and {rest} more' if rest else '')
+    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason}, files=files)
 
 
 def _some(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError
-from ..samples import FrameLabels, Layout, Stream, TextFile
+from ..samples import IMAGE_STREAMS, FrameLabels, Layout, Stream, TextFile
 from . import names
 from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet
@@ -48,37 +48,37 @@ class TrackingRecording(KittiRecording):
         for stream, (folder, suffix) in folders.items():
             listing = STORE.list_numbered(split / folder / sequence, (suffix,), names.FRAME_DIGITS)
             self._add_nominal(stream, listing.numbers, listing)
-            self._find_gaps(stream, listing.folder)
             if not len(listing.numbers) and stream not in {Stream.IMAGE_0, Stream.IMAGE_1}:
                 self.notes.append(f'{listing.folder}: absent or empty, {stream.value} is left out')
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)
+        self._find_gaps([Stream.OXTS, Stream.SCAN, *IMAGE_STREAMS])
         self._add_nominal(Stream.POSE, packets, None)
         self._add_nominal(Stream.LABELS, np.array(sorted(self._label_rows), dtype=np.int64), None)
-
-    def _find_gaps(self, stream: Stream, folder: Path) -> None:
-        """Name the frames that are lacking between a stream's first file and its last."""
-        if stream in self.streams:
-            have = set(self.streams[stream].numbers.tolist())
-            absent = [number for number in range(min(have), max(have)) if number not in have]
-            self._lose(stream, absent, f'{folder}: no file for frames {{}}')
 
     @cached_property
     def _oxts_lines(self) -> list[str]:
         if not STORE.is_file(self._oxts_path):
             self.notes.append(f'{self._oxts_path}: absent, oxts and pose are left out')
-            return []
-        lines = STORE.read_text(self._oxts_path).splitlines(keepends=True)
+        lines = self._lines(self._oxts_path, Stream.OXTS)
         while lines and not lines[-1].strip():
             lines.pop()
         return lines
 
+    def _lines(self, path: Path, stream: Stream) -> list[str]:
+        """The lines of a file, with their ends; none where it is absent or cannot be read."""
+        if not STORE.is_file(path):
+            return []
+        try:
+            return STORE.read_text(path).splitlines(keepends=True)
+        except (BadFileError, OSError) as error:
+            self._lose_lines(stream, str(error))
+            return []
+
     @cached_property
     def _label_text(self) -> list[str]:
         """The lines of the label file, with their ends."""
-        if not STORE.is_file(self._labels_path):
-            return []
-        return STORE.read_text(self._labels_path).splitlines(keepends=True)
+        return self._lines(self._labels_path, Stream.LABELS)
 
     @cached_property
     def _label_boxes(self) -> Lines[Box]:
@@ -90,14 +90,14 @@ class TrackingRecording(KittiRecording):
         frames: dict[int, list[int]] = {}
         for row, line in enumerate(self._label_text):
             word = line.split(maxsplit=1)[0] if line.strip() else ''
-            if word.isdecimal():
+            if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
                 frames.setdefault(int(word), []).append(row)
             elif word:
                 found = f'{word!r} is no frame number'
                 error = BadFileError(
                     self._labels_path, found, 'frame, track id, class, ...', line=row + 1
                 )
-                self._lose(Stream.LABELS, [0], str(error))
+                self._lose_lines(Stream.LABELS, str(error))
         return frames
 
     @cached_property

@@ -23,6 +23,7 @@ import numpy as np
 from ..boxes import Cuboid
 from ..errors import BadFileError
 from ..geometry import Transform, rotation_from_rpy
+from . import names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 256 << 20
 _EXPECTED = 'a tracklet_labels.xml of the raw data devkit'
+_STATES = range(-1, 100)
 
 LABELLED = 2
 TRUNCATION_IN_IMAGE = 0
@@ -102,9 +104,12 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
     except ParseError as error:
         line, _ = error.position
         raise BadFileError(path, f'no whole XML ({error})', _EXPECTED, line=line) from None
-    except DefusedXmlException as error:
-        kind = type(error).__name__
-        raise BadFileError(path, f'XML with entities ({kind})', _EXPECTED) from None
+    except (LookupError, ValueError) as error:
+        if isinstance(error, DefusedXmlException):
+            found = f'XML with entities ({type(error).__name__})'
+        else:
+            found = f'XML in an encoding that is not known ({error})'
+        raise BadFileError(path, found, _EXPECTED) from None
     tracklets = root.find('tracklets')
     if tracklets is None:
         raise BadFileError(path, 'no element tracklets', _EXPECTED)
@@ -120,7 +125,7 @@ def _parse_tracklet(item: Element, where: str) -> Tracklet:
     return Tracklet(
         kind=item.findtext('objectType') or _missing('objectType', where),
         size_hwl=(_number(item, 'h', where), _number(item, 'w', where), _number(item, 'l', where)),
-        first_frame=int(_number(item, 'first_frame', where)),
+        first_frame=_integer(item, 'first_frame', where, range(10**names.FRAME_DIGITS)),
         poses=[_parse_pose(pose, f'{where}, pose {index}') for index, pose in enumerate(found)],
     )
 
@@ -128,7 +133,7 @@ def _parse_tracklet(item: Element, where: str) -> Tracklet:
 def _parse_pose(item: Element, where: str) -> TrackletPose:
     tx, ty, tz, yaw = (_number(item, name, where) for name in ('tx', 'ty', 'tz', 'rz'))
     state, occlusion, truncation = (
-        int(_number(item, name, where)) for name in ('state', 'occlusion', 'truncation')
+        _integer(item, name, where, _STATES) for name in ('state', 'occlusion', 'truncation')
     )
     return TrackletPose((tx, ty, tz), yaw, occlusion, truncation, state)
 
@@ -144,6 +149,14 @@ def _number(item: Element, name: str, where: str) -> float:
     if not math.isfinite(value):
         raise BadFileError(where, f'{name} is {text!r}', 'a finite number')
     return value
+
+
+def _integer(item: Element, name: str, where: str, allowed: range) -> int:
+    value = _number(item, name, where)
+    if not value.is_integer() or int(value) not in allowed:
+        expected = f'a whole number from {allowed[0]} to {allowed[-1]}'
+        raise BadFileError(where, f'{name} is {value:g}', expected)
+    return int(value)
 
 
 def _missing(name: str, where: str) -> NoReturn:

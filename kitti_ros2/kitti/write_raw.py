@@ -46,7 +46,7 @@ yaw: radians, 0 is east, counter-clockwise is positive
 vn: m/s, to the north
 ve: m/s, to the east
 vf: m/s, forward, along the ground
-vl: m/s, to the left, along the ground
+vl: m/s, sideways along the ground; positive to the right in the data set
 vu: m/s, up
 ax: m/s^2, body axis forward, gravity included
 ay: m/s^2, body axis left, gravity included

@@ -14,6 +14,7 @@ import colorsys
 import math
 import struct
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import numpy as np
 from rosbags.typesys.stores.ros2_jazzy import (
@@ -71,16 +72,24 @@ def encode_markers(
         frames: Names of map, base_link and velo_link.
         options: Sizes, colours, what is drawn.
     """
+    # A line needs two points.
+    trails = {track: places for track, places in trails.items() if len(places) > 1}
     drawing = _Drawing(1 + options.ego + 4 * len(cuboids) + len(trails), options, stamp_ns)
     drawing.clear(frames.velo)
     if options.ego:
         drawing.ego(frames.base)
     for place, cuboid in enumerate(cuboids):
-        number = place if cuboid.track_id is None else cuboid.track_id
-        drawing.object(cuboid, number, frames.velo)
+        drawing.object(cuboid, _number(cuboid, place), frames.velo)
     for track, places in sorted(trails.items()):
         drawing.trail(track, places, frames.map)
     return drawing.parts()
+
+
+def _number(cuboid: Cuboid, place: int) -> int:
+    """The marker id of an object: its track's; without one its place, apart from all tracks."""
+    if cuboid.track_id is None:
+        return place
+    return cuboid.track_id if cuboid.track_id >= 0 else -1 - place
 
 
 def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
@@ -90,7 +99,7 @@ def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float
     """
     if colors is MarkerColors.CLASS and kind in _CLASS_COLORS:
         return _CLASS_COLORS[kind]
-    seed = number if colors is MarkerColors.TRACK else sum(kind.encode())
+    seed = number if colors is MarkerColors.TRACK else crc32(kind.encode())
     return colorsys.hsv_to_rgb(seed * _GOLDEN_TURN % 1.0, 0.75, 0.95)
 
 

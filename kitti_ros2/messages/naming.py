@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..geometry import Transform
-from ..options import KITTI2BAG_BASE_T_IMU, Preset
+from ..options import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,7 +72,5 @@ def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:
 
 def base_t_imu(options: MessageOptions) -> Transform:
     """Where imu_link is on base_link: as the options say, else as the preset has it."""
-    place = options.base_to_imu
-    if options.preset is Preset.KITTI2BAG and place == type(options)().base_to_imu:
-        place = KITTI2BAG_BASE_T_IMU
-    return Transform.from_translation(place)
+    of_preset = KITTI2BAG_BASE_T_IMU if options.preset is Preset.KITTI2BAG else BASE_T_IMU
+    return Transform.from_translation(options.base_to_imu or of_preset)

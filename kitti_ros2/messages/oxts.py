@@ -38,11 +38,12 @@ if TYPE_CHECKING:
 _UNKNOWN = np.zeros(9)
 """All zeros: covariance unknown (Imu.msg)."""
 
-# OXTS position modes (devkit gps_mode_to_string): below 3 no position; 4 to 6 differential and RTK,
-# a ground station; 7 to 9 WAAS, Omnistar, Omnistar HP, a satellite; above, of no known kind.
-_STATUS_BY_MODE = dict.fromkeys(range(3), NavSatStatus.STATUS_NO_FIX)
-_STATUS_BY_MODE |= dict.fromkeys(range(4, 7), NavSatStatus.STATUS_GBAS_FIX)
-_STATUS_BY_MODE |= dict.fromkeys(range(7, 10), NavSatStatus.STATUS_SBAS_FIX)
+# OXTS position modes (devkit gps_mode_to_string). No position: none, search, doppler, and no data,
+# blanked, doppler post-processed; a ground station: differential and RTK, the same
+# post-processed; a satellite: WAAS and Omnistar, Omnistar XP and CDGPS.
+_STATUS_BY_MODE = dict.fromkeys((0, 1, 2, 10, 11, 12), NavSatStatus.STATUS_NO_FIX)
+_STATUS_BY_MODE |= dict.fromkeys((4, 5, 6, 14, 15, 16), NavSatStatus.STATUS_GBAS_FIX)
+_STATUS_BY_MODE |= dict.fromkeys((7, 8, 9, 17, 18), NavSatStatus.STATUS_SBAS_FIX)
 
 
 def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
@@ -101,27 +102,23 @@ def decode_fix(message: NavSatFix) -> dict[str, float]:
 
 
 def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistStamped:
-    """Velocity and rates in body axes; vf vl vu are levelled, so roll and pitch are undone."""
+    """Velocity and rates in body axes, from ve vn vu; see OxtsPacket.body_velocity."""
     return TwistStamped(
         header=make_header(stamp_ns, frame_id),
         twist=Twist(
-            linear=make_vector3(body_velocity(packet)),
+            linear=make_vector3(packet.body_velocity()),
             angular=make_vector3((packet.wx, packet.wy, packet.wz)),
         ),
     )
 
 
-def decode_velocity(message: TwistStamped, roll: float, pitch: float) -> dict[str, float]:
-    """The packet columns a TwistStamped holds, given roll and pitch: vf vl vu, wx wy wz."""
-    levelled = rotation_from_rpy(roll, pitch, 0.0) @ vector_of(message.twist.linear)
-    values = (*levelled, *vector_of(message.twist.angular))
-    names = ('vf', 'vl', 'vu', 'wx', 'wy', 'wz')
+def decode_velocity(message: TwistStamped, orientation: Float64Array) -> dict[str, float]:
+    """The packet columns a TwistStamped holds: ve vn vu, wx wy wz.
+
+    Args:
+        message: Made by encode_velocity.
+        orientation: (3, 3) rotation of the body in east-north-up, as the Imu message has it.
+    """
+    values = (*orientation @ vector_of(message.twist.linear), *vector_of(message.twist.angular))
+    names = ('ve', 'vn', 'vu', 'wx', 'wy', 'wz')
     return {name: float(value) for name, value in zip(names, values, strict=True)}
-
-
-def body_velocity(packet: OxtsPacket) -> Float64Array:
-    """(3,) m/s in imu_link axes."""
-    velocity: Float64Array = rotation_from_rpy(packet.roll, packet.pitch, 0.0).T @ np.array(
-        [packet.vf, packet.vl, packet.vu]
-    )
-    return velocity

@@ -8,12 +8,13 @@ decodes it: there is no other place where a topic's name, type or content is dec
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadFileError, LackingError
+from ..errors import BadFileError, LackingError, UsageError
 from ..labels import cuboids_of, identified
 from ..options import Images, MessageOptions
 from ..samples import (
@@ -100,6 +101,7 @@ class Topic:
         encode: Sample to a message of a rosbags class, or to one already serialised; None where
             the sample has nothing for it, a list where it has several.
         latched: Whether it is transient local, for subscribers that come late.
+        depth: How many messages its publisher keeps.
         change_key: What the message depends on; one equal to the last is not sent again.
     """
 
@@ -108,6 +110,7 @@ class Topic:
     stream: Stream
     encode: Callable[[Any, Moment], object | None]
     latched: bool = False
+    depth: int = 10
     change_key: Callable[[Any], Hashable] | None = None
 
     def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
@@ -118,13 +121,15 @@ class Topic:
             LackingError: The message needs a part of the calibration that is not there.
         """
         try:
-            messages = self.encode(sample, moment)
+            made = self.encode(sample, moment)
+            found = made if isinstance(made, list) else [] if made is None else [made]
+            messages = [item if isinstance(item, tuple) else serialize(item) for item in found]
         except ValueError as error:
             raise BadFileError(moment.path, str(error), f'data for {self.name}') from None
-        if messages is None:
-            return []
-        found = messages if isinstance(messages, list) else [messages]
-        return [item if isinstance(item, tuple) else serialize(item) for item in found]
+        except (struct.error, OverflowError) as error:
+            what = f'a number that {self.msgtype} cannot hold ({error})'
+            raise BadFileError(moment.path, what, 'stamps before 2038 and 32-bit ids') from None
+        return messages
 
 
 def make_rig(cameras: Mapping[int, str], options: MessageOptions) -> Rig:
@@ -142,13 +147,14 @@ def make_table(
         image_topic: image_rect or image_raw.
         options: Which messages are made.
     """
+    every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES}
+    last: dict[str, Any] = {'latched': True, 'depth': 1}
     rows = [
-        Topic('/tf_static', 'tf2_msgs/msg/TFMessage', Stream.CALIBRATION, _static, latched=True,
-              change_key=_calibration_key),
-        Topic('/kitti/source/calibration', _STRING, Stream.CALIBRATION, _files, latched=True),
-        Topic('/kitti/source/recording', _STRING, Stream.RECORDING, _description, latched=True),
-        Topic('/kitti/source/files', _STRING, Stream.RECORDING, _files, latched=True),
-        Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, _path, latched=True),
+        Topic('/tf_static', _TF, Stream.CALIBRATION, _static, change_key=_calibration_key, **last),
+        Topic('/kitti/source/calibration', _STRING, Stream.CALIBRATION, _files, **every),
+        Topic('/kitti/source/recording', _STRING, Stream.RECORDING, _description, **last),
+        Topic('/kitti/source/files', _STRING, Stream.RECORDING, _files, **every),
+        Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, _path, **last),
         Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE, _odometry),
         Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, _imu),
         Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, _fix),
@@ -162,7 +168,7 @@ def make_table(
         Topic('/kitti/source/labels', _STRING, Stream.LABELS, _label_text),
     ]  # fmt: skip
     if options.publish_tf:
-        rows.append(Topic('/tf', 'tf2_msgs/msg/TFMessage', Stream.POSE, _tf))
+        rows.append(Topic('/tf', _TF, Stream.POSE, _tf))
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
     return [replace(row, name=rename_topic(row.name, options.preset)) for row in rows]
@@ -182,13 +188,30 @@ def _camera_rows(
 
 
 def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
-    """The rows whose names match one of the patterns (shell wildcards); all without patterns."""
+    """The rows whose names match one of the patterns (shell wildcards); all without patterns.
+
+    Raises:
+        UsageError: There are patterns, and none matches a row.
+    """
     if not patterns:
         return table
-    return [row for row in table if any(fnmatchcase(row.name, pattern) for pattern in patterns)]
+    selected = [row for row in table if any(fnmatchcase(row.name, each) for each in patterns)]
+    if not selected:
+        known = ', '.join(sorted(row.name for row in table))
+        raise UsageError(f'no topic is called {" or ".join(patterns)}; there are {known}')
+    return selected
 
+
+def unmatched(table: list[Topic], patterns: tuple[str, ...]) -> list[str]:
+    """The patterns that match no row."""
+    return [each for each in patterns if not any(fnmatchcase(row.name, each) for row in table)]
+
+
+_MOST_FILES = 100
+"""More text files than a recording has: a late subscriber gets them all."""
 
 _STRING = 'std_msgs/msg/String'
+_TF = 'tf2_msgs/msg/TFMessage'
 _DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
 _DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
 _MARKERS = 'visualization_msgs/msg/MarkerArray'

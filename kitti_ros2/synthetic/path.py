@@ -134,7 +134,8 @@ def packet_of(motion: Motion) -> OxtsPacket:
     latitude, longitude, altitude = _geodetic(motion.map_T_imu.translation)
     forward, left, up = level @ motion.velocity
     values = [latitude, longitude, altitude, roll, pitch, yaw]
-    values += [motion.velocity[1], motion.velocity[0], forward, left, up]
+    # vl is positive to the right, as in the real data; see samples.OxtsPacket.
+    values += [motion.velocity[1], motion.velocity[0], forward, -left, up]
     values += [*(rotation.T @ felt), *(level @ felt)]
     values += [*(rotation.T @ motion.angular_velocity), *(level @ motion.angular_velocity)]
     return OxtsPacket(

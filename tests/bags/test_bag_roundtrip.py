@@ -167,7 +167,7 @@ def test_quality_of_service_and_type_hashes(written):
         (qos,) = connections[channel.topic].ext.offered_qos_profiles
         assert (qos.durability is QosDurability.TRANSIENT_LOCAL) == channel.latched
         assert (qos.reliability is QosReliability.RELIABLE) == channel.reliable
-        assert qos.depth == (1 if channel.latched else channel.depth)
+        assert qos.depth == channel.depth
         if path.is_dir():
             assert connections[channel.topic].digest == jazzy().hash_rihs01(channel.msgtype)
 

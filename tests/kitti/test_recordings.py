@@ -11,9 +11,17 @@ import pytest
 
 from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.recording import format_numbers
 from kitti_ros2.options import ReadOptions
-from kitti_ros2.samples import FrameLabels, Image, Layout, OxtsPacket, Pose, Scan, Stream
+from kitti_ros2.samples import (
+    FrameLabels,
+    Image,
+    Layout,
+    OxtsPacket,
+    Pose,
+    Scan,
+    Stream,
+    format_numbers,
+)
 from kitti_ros2.stamps import format_stamp
 from kitti_ros2.synthetic import SyntheticDrive
 
@@ -73,7 +81,7 @@ def test_a_gap_shifts_nothing(drive):
     assert gapped.streams[Stream.SCAN].stamps_ns.tolist() == kept.tolist()
     [loss] = gapped.losses
     assert (loss.stream, loss.count) == ('scan', 1)
-    assert 'no file for frames 2,' in loss.message
+    assert 'no file for frames 2,' in loss.text()
 
 
 def edit_stamps(drive, stream: str, edit) -> None:
@@ -87,7 +95,7 @@ def test_fewer_stamps_than_files(drive):
     assert recording.streams[Stream.IMAGE_2].numbers.tolist() == [0, 1, 2]
     [loss] = recording.losses
     assert loss.count == 2
-    assert '3 lines, so no stamp for frames 3-4' in loss.message
+    assert '3 lines, so no stamp for frames 3-4' in loss.text()
 
 
 def test_a_malformed_stamp_costs_its_frame(drive):
@@ -95,7 +103,7 @@ def test_a_malformed_stamp_costs_its_frame(drive):
     recording = open_recording(drive)
     assert recording.streams[Stream.IMAGE_2].numbers.tolist() == [0, 2, 3, 4]
     [loss] = recording.losses
-    assert 'image_02/timestamps.txt:2: ' in loss.message
+    assert 'image_02/timestamps.txt:2: ' in loss.text()
 
 
 def test_stamps_out_of_order_are_kept_and_told(drive):

@@ -81,7 +81,7 @@ PACKETS = st.builds(
     packet,
     lat=st.floats(-85, 85), lon=st.floats(-180, 180), alt=METRES,
     roll=st.floats(-1, 1), pitch=st.floats(-1, 1), yaw=ANGLES,
-    vf=st.floats(-50, 50), vl=st.floats(-5, 5), vu=st.floats(-5, 5),
+    ve=st.floats(-50, 50), vn=st.floats(-50, 50), vu=st.floats(-5, 5),
     ax=st.floats(-20, 20), ay=st.floats(-20, 20), az=st.floats(-20, 20),
     wx=ANGLES, wy=ANGLES, wz=ANGLES, af=METRES, wf=METRES,
     pos_accuracy=st.floats(0, 100), posmode=st.integers(0, 20),
@@ -177,9 +177,8 @@ def test_an_image_that_does_not_decode():
 def test_oxts_messages_and_back(made):
     imu = decode_imu(through_cdr(encode_imu(made, STAMP, 'imu_link')))
     fix = decode_fix(through_cdr(encode_fix(made, STAMP, 'imu_link')))
-    velocity = decode_velocity(
-        through_cdr(encode_velocity(made, STAMP, 'imu_link')), made.roll, made.pitch
-    )
+    attitude = rotation_from_rpy(made.roll, made.pitch, made.yaw)
+    velocity = decode_velocity(through_cdr(encode_velocity(made, STAMP, 'imu_link')), attitude)
     for name, value in (imu | fix | velocity).items():
         assert value == pytest.approx(getattr(made, name), abs=1e-7), name
 
@@ -192,16 +191,31 @@ def test_imu_takes_the_body_axes_not_the_levelled_ones():
 
 
 def test_velocity_is_turned_into_the_body():
-    """Driving up a slope (nose up is negative pitch), a levelled climb is straight ahead."""
-    pitch = -0.1
-    made = packet(vf=10 * np.cos(0.1), vu=10 * np.sin(0.1), pitch=pitch)
+    """Driving north up a slope (nose up is negative pitch), a levelled climb is straight ahead."""
+    made = packet(vn=10 * np.cos(0.1), vu=10 * np.sin(0.1), pitch=-0.1, yaw=np.pi / 2)
     linear = encode_velocity(made, STAMP, 'imu_link').twist.linear
     np.testing.assert_allclose((linear.x, linear.y, linear.z), (10, 0, 0), atol=1e-12)
+
+
+def test_velocity_to_the_left_is_positive_whatever_vl_says():
+    """Drifting west while heading north; KITTI's vl has the other sign."""
+    made = packet(vn=10.0, ve=-1.0, vf=10.0, vl=-1.0, yaw=np.pi / 2)
+    linear = encode_velocity(made, STAMP, 'imu_link').twist.linear
+    np.testing.assert_allclose((linear.x, linear.y, linear.z), (10, 1, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('mode', 'status'),
+    [(0, -1), (3, 0), (4, 2), (6, 2), (7, 1), (10, -1), (13, 0), (16, 2), (99, 0)],
+)
+def test_fix_status_by_position_mode(mode, status):
+    assert encode_fix(packet(posmode=mode), STAMP, 'imu_link').status.status == status
 
 
 def test_fix_covariance_is_the_square_of_the_accuracy():
     fix = encode_fix(packet(pos_accuracy=0.5, posmode=6), STAMP, 'imu_link')
     assert fix.position_covariance[0] == 0.25
+    assert fix.position_covariance_type == 1
     assert fix.status.status == 2
     assert encode_fix(packet(posmode=0), STAMP, 'imu_link').status.status == -1
 

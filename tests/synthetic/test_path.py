@@ -77,7 +77,7 @@ def test_packets_hold_the_truth(drive: SyntheticDrive) -> None:
         np.testing.assert_allclose(pose.matrix(), truth.map_T_imu.matrix(), atol=1e-6)
         levelled = rotation_from_rpy(0, 0, packet.yaw)
         for columns, vector in (
-            ((packet.vf, packet.vl, packet.vu), truth.velocity),
+            ((packet.vf, -packet.vl, packet.vu), truth.velocity),
             ((packet.af, packet.al, packet.au), truth.acceleration + np.array([0, 0, GRAVITY])),
             ((packet.wf, packet.wl, packet.wu), truth.angular_velocity),
         ):
