@@ -99,13 +99,6 @@ class BadBagError(KittiRos2Error):
         )
 
 
-class MissingPackageError(KittiRos2Error):
-    """An optional package that the asked-for feature needs."""
-
-    def __init__(self, feature: str, install: str) -> None:
-        super().__init__(f'{feature} needs a package that is not installed; run: {install}')
-
-
 class LackingError(KittiRos2Error):
     """Something a message needs, or a bag should hold, that is not to be had."""
 

@@ -28,6 +28,8 @@ Float32Array: TypeAlias = npt.NDArray[np.float32]
 Int64Array: TypeAlias = npt.NDArray[np.int64]
 
 CAMERA_COUNT = 5
+CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
+"""KITTI's cameras by index, as their topics and frames call them."""
 
 
 class Layout(str, Enum):

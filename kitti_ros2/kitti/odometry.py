@@ -54,6 +54,11 @@ class OdometryRecording(KittiRecording):
             else:
                 self._add_stamped(stream, listing, self._times, self._times_path)
         self._add_poses()
+        labels = sequence / names.POINT_LABELS
+        if STORE.is_dir(labels) and not options.semantic:
+            self.notes.append(f'{labels}: not converted; --semantic takes it')
+        if Stream.POSE in self.streams and self.calibration(0).cam0_T_velo is None:
+            self.notes.append(f'{self._poses_path}: carried to imu_link by a nominal cam0_T_velo')
         if self._times is None:
             self._find_gaps([*folders, Stream.POSE])
             self.notes.append(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
+_TRAILING_BYTES = 64
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
 
 
@@ -38,7 +39,8 @@ def parse_image(data: bytes, path: Path | str) -> Image:
         raise BadFileError(path, 'a broken PNG header', 'a PNG image', remedy=remedy)
     if depth > 8:
         raise BadFileError(path, f'{depth} bits a channel', 'an image of 8 bits a channel')
-    if not data.endswith(_END):
+    # Some programs put a few bytes behind the end, which decoders ignore.
+    if data.rfind(_END, -_TRAILING_BYTES) < 0:
         raise BadFileError(
             path, f'the PNG is cut after {len(data)} bytes', 'an image with its end', remedy=remedy
         )

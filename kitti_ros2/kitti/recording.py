@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import BadFileError, KittiRos2Error, MissingFileError
 from ..labels import Trails, cuboids_of
 from ..samples import (
+    CAMERA_NAMES,
     Calibration,
     Description,
     FrameLabels,
@@ -46,8 +47,6 @@ if TYPE_CHECKING:
 
 NOMINAL_PERIOD_NS = 100_000_000
 """KITTI's scanner turns ten times a second; layouts without time stamps are taken to have that."""
-
-CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
 
 
 class KittiRecording:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry import Transform
 from ..options import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
+from ..samples import CAMERA_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,8 +42,6 @@ class Frames:
         return self.camera_pattern.format(self.cameras.get(index, str(index)))
 
 
-KITTI_CAMERAS = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
-
 _RENAMED_TOPICS = {
     Preset.DEFAULT: {},
     Preset.KITTI2BAG: {
@@ -64,7 +63,7 @@ def rename_topic(topic: str, preset: Preset) -> str:
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:
     """The frame names of a preset, for a rig whose cameras have names."""
-    named = {**KITTI_CAMERAS, **cameras}
+    named = {**CAMERA_NAMES, **cameras}
     if preset is Preset.KITTI2BAG:
         return Frames(map='world', camera_pattern='camera_{}', cameras=named)
     return Frames(cameras=named)

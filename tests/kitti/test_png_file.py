@@ -24,6 +24,10 @@ def test_size_and_channels_without_decoding(shape, channels):
     assert image.png is data
 
 
+def test_a_byte_behind_the_end_is_no_cut():
+    assert parse_image(png(5, 7) + b'\n', 'x.png').width == 7
+
+
 @pytest.mark.parametrize(
     ('data', 'said'),
     [
