@@ -83,6 +83,7 @@ class Encoder:
         self._rig = make_rig(recording.cameras, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
+        self._timeless = False
 
     def encode(self, entry: Entry) -> tuple[list[Message], list[Failure]]:
         """The messages of one sample, and what could not be made of it."""
@@ -96,6 +97,8 @@ class Encoder:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
         if isinstance(sample, Calibration):
             self._nominal.update(sample.nominal)
+        if isinstance(sample, Scan) and sample.start_ns is None:
+            self._timeless = True
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -118,6 +121,8 @@ class Encoder:
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
+        if self._timeless and self._rig.options.ring_and_time:
+            nominal.append('points have time 0: their sweeps have no start and end')
         return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
     @staticmethod

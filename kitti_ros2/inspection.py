@@ -79,6 +79,7 @@ class Overview:
         cameras, links: Calibration.
         losses: What is missing or unusable.
         notes: What is worth a word.
+        complete: False for a bag that was cut off or damaged.
     """
 
     path: Path
@@ -93,6 +94,7 @@ class Overview:
     links: tuple[LinkGlance, ...]
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
+    complete: bool = True
 
 
 def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
@@ -144,6 +146,7 @@ def inspect_bag(path: Path) -> Overview:
         links=links,
         losses=(),
         notes=(*cut, *summary.warnings, *notes),
+        complete=summary.complete,
     )
 
 

@@ -96,6 +96,8 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         taken = _within(index.numbers, numbers) & _within(index.stamps_ns, moments)
         rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
+    if not len(stamps) and wanted <= set(_ONCE):
+        stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
     if not len(stamps):
         raise UsageError(f'{recording.name}: the selection takes no sample; {_extent(recording)}')
     first = int(stamps.min())

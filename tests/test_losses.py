@@ -258,3 +258,49 @@ def test_odometry_poses_swing_about_the_camera(recordings):
     assert calibration.velo_T_imu.translation.tolist() == [-0.81, 0.32, -0.8]
     first = recording.read(Stream.POSE, 0).map_T_imu
     np.testing.assert_allclose(first.matrix(), np.eye(4), atol=1e-5)
+
+
+@pytest.mark.parametrize(('column', 'value'), [(0, '1e30'), (0, '90.0'), (1, '-400'), (5, '7')])
+def test_places_that_are_none_on_earth(drive, tmp_path, column, value):
+    path = drive / 'oxts' / 'data' / '0000000002.txt'
+    words = path.read_text().split()
+    words[column] = value
+    path.write_text(' '.join(words))
+    report = run(drive, tmp_path / 'o.mcap')
+    assert all('0000000002.txt:1: ' in loss.text() for loss in report.losses)
+    assert report.counts['/tf'] == SMALL.frames - 1
+
+
+def test_an_absent_calibration_file_is_named_as_such(drive):
+    (drive.parent / 'calib_velo_to_cam.txt').unlink()
+    lacks = open_recording(drive).calibration(0).lacks
+    assert 'calib_velo_to_cam.txt: no such file' in lacks['calib_velo_to_cam.txt']
+    assert len(lacks) == 1
+
+
+def test_calibration_alone_can_be_asked_for(recording_path, tmp_path):
+    report = run(recording_path, tmp_path / 'o.mcap', streams=('calibration',))
+    assert report.counts['/tf_static'] == 1
+
+
+def test_ring_and_time_without_sweep_stamps_is_told(recordings, tmp_path):
+    options = MessageOptions(ring_and_time=True)
+    report = run(recordings[Layout.OBJECT], tmp_path / 'o.mcap', messages=options)
+    assert any('time 0' in note for note in report.notes)
+    report = run(recordings[Layout.RAW], tmp_path / 'r.mcap', messages=options)
+    assert not any('time 0' in note for note in report.notes)
+
+
+def test_overwrite_spares_what_only_has_a_bag_s_name(recordings, tmp_path, capsys):
+    out = tmp_path / 'o.mcap'
+    out.write_text('precious')
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(out), '-q', '--overwrite']) == 2
+    assert 'no bag' in capsys.readouterr().err
+    assert out.read_text() == 'precious'
+
+
+def test_a_cut_bag_is_exit_code_1(recordings, tmp_path, capsys):
+    out = run(recordings[Layout.RAW], tmp_path / 'o.mcap').path
+    out.write_bytes(out.read_bytes()[:-1000])
+    assert main(['info', str(out), '--json']) == 1
+    assert '"complete": false' in capsys.readouterr().out

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _REPLACED = 'replaced'
+_MAGIC_BYTES = 8
+_MAGIC = (b'\x89MCAP0\r\n', b'#ROSBAG ')
 _BAG_FILES = ('.mcap', '.bag')
 _DIRECTORY_FILES = (*_BAG_FILES, '.db3', '.db3-shm', '.db3-wal', '.zstd')
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -190,7 +192,9 @@ def _check_free(path: Path, *, overwrite: bool) -> None:
 
 def _looks_like_bag(path: Path) -> bool:
     if path.is_file():
-        return path.suffix in _BAG_FILES
+        with path.open('rb') as file:
+            head = file.read(_MAGIC_BYTES)
+        return path.suffix in _BAG_FILES and (not head or head in _MAGIC)
     if not path.is_dir():
         return False
     names = set()

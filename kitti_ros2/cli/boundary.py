@@ -27,7 +27,7 @@ def main(args: list[str] | None = None) -> int:
     if args is None:
         signal.signal(signal.SIGTERM, _terminate)
     try:
-        return _run(words)
+        return _run_and_flush(words)
     except KeyboardInterrupt:
         _complain('interrupted; no unfinished bag is left behind')
         return EXIT_INTERRUPTED
@@ -48,6 +48,13 @@ def main(args: list[str] | None = None) -> int:
             f' traceback, and please report it'
         )
         return EXIT_USAGE
+
+
+def _run_and_flush(words: list[str]) -> int:
+    """Run, and find out here, not at exit, that nobody reads the output any more."""
+    code = _run(words)
+    sys.stdout.flush()
+    return code
 
 
 def _terminate(*_: object) -> None:

@@ -40,7 +40,7 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
     else:
         print_overview(overview)
         show_losses(overview.losses)
-    return EXIT_LOSSES if overview.losses else EXIT_OK
+    return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
 
 def overlook(path: Path, layout: str | None = None, sequence: str | None = None) -> Overview:
@@ -61,6 +61,9 @@ def _is_bag(path: Path) -> bool:
 def print_json(overview: Overview) -> None:
     """The overview as JSON on standard output; times in nanoseconds, sizes in bytes."""
     values = asdict(overview)
+    if overview.compression is None:
+        for series in values['series']:
+            series['frames'] = series.pop('msgtype')
     sys.stdout.write(json.dumps(values, default=_json_value, indent=2) + '\n')
 
 
@@ -76,8 +79,9 @@ def print_overview(overview: Overview) -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     compression = f', compression {overview.compression}' if overview.compression else ''
-    console.print(f'[bold]{overview.path}[/bold]  {overview.kind}: {overview.name}{compression}')
-    console.print(_extent(overview))
+    head = f'{overview.path}  {overview.kind}: {overview.name}{compression}'
+    console.print(head, style='bold', markup=False)
+    console.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     table = _table(kind)
     for heading in ('count', 'Hz', 'gap s'):

@@ -128,7 +128,7 @@ def parse_raw_calibration(
     def extrinsics(name: str) -> Transform | None:
         entries = table(name)
         read = partial(entries.transform_parts, 'R', 'T')
-        return parts.read(name, read, f'{folder / name}: no R and T')
+        return parts.read(name, read, parts.lacks.get(name, f'{folder / name}: no R and T'))
 
     cam_to_cam = table(names.CALIB_CAM_TO_CAM)
     cameras = {}
@@ -144,7 +144,11 @@ def parse_raw_calibration(
     rotation = partial(cam_to_cam.rotation, 'R_rect_00')
     return Calibration(
         cameras,
-        r0_rect=parts.read('R0_rect', rotation, f'{cam_to_cam.path}: no R_rect_00'),
+        r0_rect=parts.read(
+            'R0_rect',
+            rotation,
+            parts.lacks.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
+        ),
         cam0_T_velo=extrinsics(names.CALIB_VELO_TO_CAM),
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         rectified=rectified,

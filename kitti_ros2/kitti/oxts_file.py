@@ -25,6 +25,8 @@ COLUMNS: tuple[str, ...] = tuple(
     field.name for field in fields(OxtsPacket) if field.name != 'source'
 )
 _FLOATS = COLUMNS.index('navstat')
+# Of lat, lon (degrees), alt (metres), roll, pitch, yaw (radians): no real packet comes near.
+_LIMITS = (89.9, 360.0, 1e5, 6.3, 6.3, 6.3)
 
 
 def parse_packet(
@@ -43,12 +45,24 @@ def parse_packet(
     """
     try:
         values = parse_numbers(text.split(), len(COLUMNS))
+        _check_ranges(values)
     except ValueError as error:
         raise BadFileError(
             path, str(error), f'the {len(COLUMNS)} numbers of an oxts packet', line=line
         ) from None
     states = (int(value) for value in values[_FLOATS:])
     return OxtsPacket(*values[:_FLOATS], *states, source=source)  # type: ignore[arg-type, misc]
+
+
+def _check_ranges(values: list[float]) -> None:
+    """Refuse a place that is none on earth: Mercator would make NaN of it.
+
+    Raises:
+        ValueError: Says which column is out of range.
+    """
+    for name, value, limit in zip(COLUMNS, values, _LIMITS, strict=False):
+        if abs(value) > limit:
+            raise ValueError(f'{name} is {value:g}')
 
 
 def format_packet(packet: OxtsPacket) -> str:

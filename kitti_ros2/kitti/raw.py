@@ -78,14 +78,20 @@ class RawRecording(KittiRecording):
         if not STORE.is_dir(folder):
             self.notes.append(f'{folder}: absent, {stream.value} is left out')
             return
-        listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
+        try:
+            listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
+        except OSError as error:
+            self._lose_lines(stream, f'{error.filename}: {error.strerror}')
+            return
         stamps_path = folder / names.TIMESTAMPS
         if self._stampless:
             self._add_nominal(stream, listing.numbers, listing)
         elif STORE.is_file(stamps_path):
             stamps = self._stamps(stamps_path)
             if stamps is None:
-                self._lose_all(stream, listing, f'{stamps_path}: no UTF-8 text')
+                self._lose_all(
+                    stream, listing, f'{stamps_path}: cannot be read as UTF-8 text, so no stamps'
+                )
             else:
                 self._add_stamped(stream, listing, stamps, stamps_path)
         else:
@@ -98,7 +104,7 @@ class RawRecording(KittiRecording):
     def _stamps(path: Path) -> Lines[int] | None:
         try:
             return parse_timestamps(STORE.read_text(path), path)
-        except BadFileError:
+        except (BadFileError, OSError):
             return None
 
     @cached_property

@@ -46,7 +46,8 @@ def test_poses_and_back(rows):
 
 PACKETS = st.builds(
     OxtsPacket,
-    *[NUMBERS] * COLUMNS.index('navstat'),
+    *[st.floats(-limit, limit) for limit in (89, 180, 9000, 3, 3, 3)],
+    *[NUMBERS] * (COLUMNS.index('navstat') - 6),
     *[st.integers(0, 20)] * 5,
 )
 
