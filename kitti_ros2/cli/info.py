@@ -84,7 +84,7 @@ def print_overview(overview: Overview) -> None:
     console.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     table = _table(kind)
-    for heading in ('count', 'Hz', 'gap s'):
+    for heading in ('count', 'Hz', 'gap'):
         table.add_column(heading, justify='right', no_wrap=True)
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series:
@@ -109,8 +109,8 @@ def _extent(overview: Overview) -> str:
 
 
 def _rates(series: TopicSummary) -> tuple[str, str]:
-    rate = '' if series.mean_rate_hz is None else f'{series.mean_rate_hz:.2f}'
-    gap = '' if series.largest_gap_ns is None else f'{series.largest_gap_ns / 1e9:.3f}'
+    rate = '' if series.mean_rate_hz is None else f'{series.mean_rate_hz:.1f}'
+    gap = '' if series.largest_gap_ns is None else f'{series.largest_gap_ns / 1e9:.2f}'
     return rate, gap
 
 

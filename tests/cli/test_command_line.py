@@ -177,6 +177,9 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     assert main(['demo', 'd', '--frames', '2']) == 0
     said = capsys.readouterr().out
     assert '/kitti/velo/points' in said
+    # The longest topic beside the longest type: neither is broken over two lines.
+    assert '/kitti/camera_color_right/image_rect/compressed ' in said
+    assert 'Detection3DArray' in said
     assert 'What to do next' in said
     assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
     assert main(['demo', 'd', '--frames', '2']) == 2
