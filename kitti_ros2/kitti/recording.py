@@ -294,7 +294,11 @@ class KittiRecording:
         for stream in present:
             absent = sorted(known.difference(self.streams[stream].numbers.tolist()))
             folder = self.path(stream, 0).parent
-            self._lose(stream, absent, f'{folder}: no {stream.value} for frames {{}}, others have')
+            self._lose(
+                stream,
+                absent,
+                f'{folder}: no {stream.value} for frames {{}}, which other streams have',
+            )
 
 
 def load_calibration(path: Path, root: Path) -> Calibration:
