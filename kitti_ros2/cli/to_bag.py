@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -57,8 +56,6 @@ def run_to_bag(
         from .memory import keep_freed_memory
 
         keep_freed_memory()
-    gc.freeze()  # what the imports made stays; see boundary.main
-    gc.enable()
     started = time.monotonic()
     with conversion_progress(len(schedule), schedule.frames, show=not quiet) as progress:
         report = convert(

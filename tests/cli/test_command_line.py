@@ -250,14 +250,7 @@ def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, co
         'from kitti_ros2.cli import main; sys.exit(main())'
     )
     words = [sys.executable, '-c', slow, 'to-bag', str(recordings[Layout.RAW]), str(out)]
-    process = subprocess.Popen(
-        words,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        # A background job of a shell ignores Ctrl-C, and so would what it starts.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     while not list(out.parent.iterdir()):
         time.sleep(0.05)
         assert process.poll() is None
