@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from .bags.writer import Channel, open_bag
 from .encoder import Encoder
 from .errors import KittiRos2Error
-from .messages.cdr import typestore
+from .messages.ros_types import TYPESTORE
 from .options import Images
 from .samples import Loss
 from .schedule import make_schedule
@@ -93,7 +93,7 @@ def convert(
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
-    with open_bag(out, bag, typestore(), source_metadata=source) as writer:
+    with open_bag(out, bag, TYPESTORE, source_metadata=source) as writer:
         channels = _Channels(writer, encoder.table)
         workers = (
             1

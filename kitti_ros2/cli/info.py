@@ -15,6 +15,7 @@ from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
 from ..stamps import format_stamp
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_imports
 from .settings import make_settings
 from .text import format_bytes, format_count, format_duration
 from .to_bag import show_losses
@@ -34,6 +35,7 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
+    keep_imports()
     overview = overlook(path, layout, sequence)
     if json:
         print_json(overview)

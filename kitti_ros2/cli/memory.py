@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Asks the C library to keep what is freed, where images of a megabyte come and go."""
+"""How the commands treat memory: what is freed is kept, imports are not searched for garbage."""
 
 from __future__ import annotations
 
 import ctypes
+import gc
 
 # From glibc's malloc.h; other libraries have no mallopt, or ignore what they do not know.
 _M_TRIM_THRESHOLD = -1
@@ -23,3 +24,9 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
         mallopt(_M_MMAP_THRESHOLD, _BLOCK_BYTES)
+
+
+def keep_imports() -> None:
+    """End what boundary.main began: imports make many objects and no garbage to look for."""
+    gc.freeze()
+    gc.enable()

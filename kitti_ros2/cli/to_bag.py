@@ -15,6 +15,7 @@ from ..kitti.layouts import open_recording
 from ..options import Images
 from ..schedule import make_schedule
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .settings import load_config, make_settings
 from .text import format_bytes, format_count, format_duration, format_path
@@ -44,6 +45,7 @@ def run_to_bag(
     Returns:
         The exit code.
     """
+    keep_imports()
     chosen = {name: value for name, value in given.items() if value is not None}
     settings = make_settings((load_config(config) if config else {}) | chosen)
     bag = settings.bag(guess_storage(out, settings.storage))
@@ -53,8 +55,6 @@ def run_to_bag(
         _say(f'{src}: layout {recording.layout.value}, {recording.name}')
     schedule = make_schedule(recording, settings.selection)
     if settings.messages.images is not Images.COMPRESSED:
-        from .memory import keep_freed_memory
-
         keep_freed_memory()
     started = time.monotonic()
     with conversion_progress(len(schedule), schedule.frames, show=not quiet) as progress:

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, NoReturn
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -199,7 +199,7 @@ def _format_tracklet(tracklet: Tracklet, *, first: bool) -> list[str]:
     poses = ' class_id="2" tracking_level="0" version="0"' if first else ''
     lines = [
         f'\t<item{item}>',
-        f'\t\t<objectType>{escape(tracklet.kind)}</objectType>',
+        f'\t\t<objectType>{escape(tracklet.kind, quote=False)}</objectType>',
         f'\t\t<h>{height:.9g}</h>',
         f'\t\t<w>{width:.9g}</w>',
         f'\t\t<l>{length:.9g}</l>',

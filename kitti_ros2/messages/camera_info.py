@@ -18,15 +18,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__CameraInfo as CameraInfo,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__RegionOfInterest as RegionOfInterest,
-)
 
 from ..geometry import Transform
 from .header import make_header
+from .ros_types import CameraInfo, RegionOfInterest
 
 if TYPE_CHECKING:
     from ..geometry import Float64Array

@@ -10,18 +10,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
-from .vision_types import vision_types
+from .ros_types import TYPESTORE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from rosbags.typesys.store import Typestore
 
 Parts: TypeAlias = 'tuple[bytes | memoryview, ...]'
 """A serialised message, in buffers that follow one another."""
@@ -39,22 +35,14 @@ _BULK_TAIL = {
 }
 
 
-@lru_cache(maxsize=1)
-def typestore() -> Typestore:
-    """The message definitions of ROS 2 Jazzy, with those of vision_msgs."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(vision_types())
-    return store
-
-
 def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated classes
     """A message of a rosbags class as little-endian CDR, encapsulation header included."""
     msgtype = message.__msgtype__
     tail = _BULK_TAIL.get(msgtype)
     if tail is None:
-        return (bytes(typestore().serialize_cdr(message, msgtype)),)
+        return (bytes(TYPESTORE.serialize_cdr(message, msgtype)),)
     bulk = memoryview(message.data).cast('B')
-    hollow = bytes(typestore().serialize_cdr(replace(message, data=_EMPTY), msgtype))
+    hollow = bytes(TYPESTORE.serialize_cdr(replace(message, data=_EMPTY), msgtype))
     split = len(hollow) - tail
     head = hollow[: split - _LENGTH.size] + _LENGTH.pack(len(bulk))
     return (head, bulk, hollow[split:]) if tail else (head, bulk)
@@ -67,7 +55,7 @@ def join(parts: Sequence[bytes | memoryview]) -> bytes:
 
 def deserialize(data: bytes | memoryview, msgtype: str) -> Any:  # noqa: ANN401 - as serialize
     """A message of a rosbags class from its CDR bytes."""
-    return typestore().deserialize_cdr(data, msgtype)
+    return TYPESTORE.deserialize_cdr(data, msgtype)
 
 
 def restamp(parts: Parts, stamp_ns: int) -> Parts:

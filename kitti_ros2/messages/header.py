@@ -7,27 +7,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    builtin_interfaces__msg__Time as Time,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Point as Point,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Pose as Pose,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Quaternion as Quaternion,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Vector3 as Vector3,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Header as Header,
-)
 
 from ..geometry import Transform
 from ..stamps import from_sec_nanosec, to_sec_nanosec
+from .ros_types import Header, Point, Pose, Quaternion, Time, Vector3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,15 +7,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__CompressedImage as CompressedImage,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__Image as ImageMsg,
-)
 
 from .header import make_header
 from .png import decode_png
+from .ros_types import CompressedImage, ImageMsg
 
 if TYPE_CHECKING:
     import numpy.typing as npt

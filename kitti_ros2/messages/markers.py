@@ -17,14 +17,12 @@ from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    visualization_msgs__msg__Marker as Marker,
-)
 
 from ..boxes import EDGES, unit_corners
 from ..options import MarkerColors
 from .cdr_writer import CdrWriter
 from .header import pose_numbers
+from .ros_types import Marker
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

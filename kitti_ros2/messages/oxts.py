@@ -7,21 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Twist as Twist,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TwistStamped as TwistStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__Imu as Imu,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatFix as NavSatFix,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatStatus as NavSatStatus,
-)
 
 from ..geometry import (
     quaternion_to_rotation,
@@ -30,6 +15,7 @@ from ..geometry import (
     rotation_to_rpy,
 )
 from .header import make_header, make_quaternion, make_vector3, vector_of
+from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
     from ..geometry import Float64Array

@@ -7,30 +7,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__PoseStamped as PoseStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__PoseWithCovariance as PoseWithCovariance,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Twist as Twist,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TwistWithCovariance as TwistWithCovariance,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    nav_msgs__msg__Odometry as Odometry,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    nav_msgs__msg__Path as Path,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    tf2_msgs__msg__TFMessage as TFMessage,
-)
 
 from ..samples import Pose, Trajectory
 from .header import make_header, make_pose, make_vector3, stamp_ns_of, transform_of, vector_of
+from .ros_types import (
+    Odometry,
+    Path,
+    PoseStamped,
+    PoseWithCovariance,
+    TFMessage,
+    Twist,
+    TwistWithCovariance,
+)
 from .transforms import make_transform
 
 if TYPE_CHECKING:

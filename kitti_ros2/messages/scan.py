@@ -7,15 +7,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__PointCloud2 as PointCloud2,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__PointField as PointField,
-)
 
 from ..samples import Scan
 from .header import make_header
+from .ros_types import PointCloud2, PointField
 from .semantic import packed_colors
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import json
 
-from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as String
-
 from ..samples import Scan, TextFile
+from .ros_types import String
 
 
 def encode_text(file: TextFile) -> String:

@@ -7,19 +7,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Transform as TransformMsg,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TransformStamped as TransformStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    tf2_msgs__msg__TFMessage as TFMessage,
-)
 
 from ..geometry import Transform
 from .camera_info import rectified_offset
 from .header import make_header, make_quaternion, make_vector3, vector_of
+from .ros_types import TFMessage, TransformMsg, TransformStamped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -244,6 +244,8 @@ def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, co
     out = tmp_path / 'to' / 'o.mcap'
     out.parent.mkdir()
     slow = (
+        # A background job of a shell ignores Ctrl-C, and so would what it starts.
+        'import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n'
         'import sys, time, kitti_ros2.encoder as e; old = e.Encoder.encode\n'
         'def encode(self, entry):\n    time.sleep(0.3)\n    return old(self, entry)\n'
         'e.Encoder.encode = encode\n'

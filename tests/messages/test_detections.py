@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.boxes import Box, Cuboid
 from kitti_ros2.geometry import Transform, rotation_from_rpy
-from kitti_ros2.messages.cdr import deserialize, join, serialize, typestore
+from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import (
     decode_boxes_2d,
     decode_detections,
@@ -25,6 +25,7 @@ from kitti_ros2.messages.detections import (
     encode_detections,
 )
 from kitti_ros2.messages.header import stamp_ns_of
+from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options import BagOptions
 
 STAMP = 1317042145951199337
@@ -147,7 +148,7 @@ def test_no_objects_are_an_empty_array():
 
 
 def test_type_hash_is_that_of_the_released_package():
-    assert typestore().hash_rihs01(DETECTIONS_3D) == HASH_3D
+    assert TYPESTORE.hash_rihs01(DETECTIONS_3D) == HASH_3D
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_type_hash_is_that_of_the_released_package():
     ],
 )
 def test_fields_are_those_of_vision_msgs_4(name, fields):
-    known = typestore().fielddefs[f'vision_msgs/msg/{name}'][1]
+    known = TYPESTORE.fielddefs[f'vision_msgs/msg/{name}'][1]
     assert [field for field, _ in known] == fields
 
 
@@ -173,7 +174,7 @@ def write(out, storage):
         DETECTIONS_3D: encode_detections([cuboid()], STAMP, 'velo_link'),
         DETECTIONS_2D: encode_boxes_2d([('0', box)], STAMP, 'cam'),
     }
-    with open_bag(out, BagOptions(storage=storage), typestore()) as bag:
+    with open_bag(out, BagOptions(storage=storage), TYPESTORE) as bag:
         for msgtype, parts in items.items():
             bag.write(bag.add_channel(Channel(f'/{msgtype}', msgtype)), STAMP, parts)
     return bag.path
@@ -188,7 +189,7 @@ def test_mcap_schemas_are_all_that_a_reader_needs(tmp_path):
         assert schema.encoding == 'ros2msg'
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(schema.data.decode(), schema.name))
-        assert store.hash_rihs01(schema.name) == typestore().hash_rihs01(schema.name)
+        assert store.hash_rihs01(schema.name) == TYPESTORE.hash_rihs01(schema.name)
         message = store.deserialize_cdr(item.data, schema.name)
         assert message.detections[0].results[0].hypothesis.class_id == 'Car'
 

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.kitti.png_file import parse_image
-from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize, typestore
+from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
 from kitti_ros2.messages.image import (
     decode_compressed,
@@ -38,6 +38,7 @@ from kitti_ros2.messages.pose import (
     encode_path,
     encode_tf,
 )
+from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.scan import decode_scan, encode_scan, rings, times
 from kitti_ros2.messages.source import (
     decode_description,
@@ -108,7 +109,7 @@ def test_scan_and_back_to_the_byte(points, stamp_ns):
 def test_bulk_messages_are_what_rosbags_serialises(points):
     """The fast path, which never copies the payload, against the plain one."""
     message = encode_scan(Scan(points), STAMP, 'velo_link')
-    plain = bytes(typestore().serialize_cdr(message, message.__msgtype__))
+    plain = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
     assert join(serialize(message)) == plain
 
 
@@ -116,7 +117,7 @@ def test_bulk_messages_are_what_rosbags_serialises(points):
 def test_bulk_images_are_what_rosbags_serialises(frame):
     image = parse_image(png_bytes(7, 5), 'x')
     for message in (encode_compressed(image, STAMP, frame), encode_image(image, STAMP, frame)):
-        plain = bytes(typestore().serialize_cdr(message, message.__msgtype__))
+        plain = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
         assert join(serialize(message)) == plain
 
 

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys.stores.ros2_jazzy import visualization_msgs__msg__Marker as Marker
 
 from kitti_ros2.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.errors import UsageError
@@ -24,6 +23,7 @@ from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import color_of, encode_markers
 from kitti_ros2.messages.naming import Frames
+from kitti_ros2.messages.ros_types import Marker
 from kitti_ros2.options import MarkerColors, MarkerOptions
 
 STAMP = 1317042145951199337
