@@ -63,16 +63,21 @@ setup(
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'node/fastdds.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         *share('launch', '*.launch.py'),
-        *share('config', '*.yaml'),
+        *share('config', '*.*'),
     ],
     python_requires='>=3.10',
     install_requires=REQUIREMENTS,
     extras_require=EXTRAS,
-    entry_points={'console_scripts': ['kitti-ros2 = kitti_ros2.cli:main']},
+    entry_points={
+        'console_scripts': [
+            'kitti-ros2 = kitti_ros2.cli:main',
+            'player = kitti_ros2.cli:player',  # as ros2 run kitti_ros2 player
+        ]
+    },
     zip_safe=False,
 )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from .bags.writer import Channel, open_bag
-from .encoder import Encoder
+from .encoder import Encoder, one_line
 from .errors import KittiRos2Error
 from .messages.ros_types import TYPESTORE
 from .options import Images
@@ -147,7 +147,7 @@ class _Tally:
         """Write messages, except one that says nothing new; count failures."""
         for failure in failures:
             for topic in failure.topics:
-                self.lose(Loss(topic, 1, _one_line(failure.error)))
+                self.lose(Loss(topic, 1, one_line(failure.error)))
         for message in messages:
             if message.key is not None:
                 if self._last_keys.get(message.topic) == message.key:
@@ -166,12 +166,6 @@ class _Tally:
     def losses(self) -> tuple[Loss, ...]:
         """All losses, those of the same stream and reason counted together."""
         return tuple(Loss(stream, n, message) for (stream, message), n in self._losses.items())
-
-
-def _one_line(error: KittiRos2Error | OSError) -> str:
-    if isinstance(error, OSError):
-        return f'{error.filename}: {error.strerror}'
-    return str(error)
 
 
 def _ordered_map(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:

@@ -13,7 +13,7 @@ from .messages.topics import Moment, make_rig, make_table, select_topics, unmatc
 from .samples import Calibration, Description, FrameLabels, Scan, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Sequence
+    from collections.abc import Collection, Hashable, Iterable, Sequence
 
     from .messages.cdr import Parts
     from .messages.topics import Topic
@@ -85,9 +85,19 @@ class Encoder:
         self._nominal: set[str] = set()
         self._timeless = False
 
-    def encode(self, entry: Entry) -> tuple[list[Message], list[Failure]]:
-        """The messages of one sample, and what could not be made of it."""
+    def encode(
+        self, entry: Entry, wanted: Collection[int] | None = None
+    ) -> tuple[list[Message], list[Failure]]:
+        """The messages of one sample, and what could not be made of it.
+
+        Args:
+            entry: Which sample.
+            wanted: Indices of the rows with a subscriber; rows on demand are left out where they
+                are not among them. None makes all.
+        """
         rows = self._rows[entry.stream]
+        if wanted is not None:
+            rows = [(index, row) for index, row in rows if index in wanted or not row.on_demand]
         if not rows:
             return [], []
         path = self._recording.path(entry.stream, entry.number)
@@ -161,3 +171,10 @@ def _lacking(sample: Sample) -> list[Failure]:
         for part, reason in sample.lacks.items()
         if not _CAMERA_PART.fullmatch(part)
     ]
+
+
+def one_line(error: KittiRos2Error | OSError) -> str:
+    """What went wrong, for a list of losses."""
+    if isinstance(error, OSError):
+        return f'{error.filename}: {error.strerror}'
+    return str(error)

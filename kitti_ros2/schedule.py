@@ -23,7 +23,8 @@ _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
 
 _STREAMS = tuple(Stream)
-_ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
+ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
+"""What may hold for a whole recording, and is then due once."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         taken = _within(index.numbers, numbers) & _within(index.stamps_ns, moments)
         rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
-    if not len(stamps) and wanted <= set(_ONCE):
+    if not len(stamps) and wanted <= set(ONCE):
         stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
     if not len(stamps):
         raise UsageError(f'{recording.name}: the selection takes no sample; {_extent(recording)}')
@@ -105,7 +106,7 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
     once = np.array([first], dtype=np.int64)
     rows += [
         (stream, np.zeros(1, np.int64), once)
-        for stream in _ONCE
+        for stream in ONCE
         if stream in wanted and stream not in present and _has_once(recording, stream, present)
     ]
     spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}

@@ -16,7 +16,9 @@ SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
 GROUND = frozenset({'errors', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
 BELOW_JOBS = GROUND | {'options', 'schedule', 'encoder', 'kitti', 'messages', 'bags'}
-JOBS = frozenset({'convert', 'importer', 'inspection', 'playback'})
+JOBS = frozenset(
+    {'convert', 'importer', 'inspection', 'playback', 'program', 'bag_program', 'readahead'}
+)
 
 # Each room and the rooms it may import. A room is a module or a sub-package of kitti_ros2.
 ROOMS = {
@@ -32,13 +34,17 @@ ROOMS = {
     'messages': GROUND | {'options'},
     'bags': GROUND | {'options', 'kitti', 'messages'},
     'schedule': GROUND | {'options'},
+    'settings': GROUND | {'options'},
     'encoder': GROUND | {'options', 'schedule', 'messages'},
     'convert': BELOW_JOBS,
     'importer': BELOW_JOBS,
     'inspection': BELOW_JOBS,
-    'playback': GROUND | {'options', 'schedule'},
+    'program': BELOW_JOBS,
+    'bag_program': BELOW_JOBS | {'program'},
+    'playback': GROUND | {'options'},
+    'readahead': BELOW_JOBS | {'program'},
     'synthetic': GROUND | {'options', 'kitti'},
-    'node': BELOW_JOBS | {'synthetic'} | JOBS,
+    'node': BELOW_JOBS | {'settings', 'synthetic'} | JOBS,
     'pictures': BELOW_JOBS | {'synthetic'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)

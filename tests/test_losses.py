@@ -11,7 +11,7 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.cli.settings import load_config, make_settings
+from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.convert import convert
 from kitti_ros2.errors import KittiRos2Error, UsageError
 from kitti_ros2.kitti.layouts import open_recording
@@ -19,6 +19,7 @@ from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of, vector_of
 from kitti_ros2.options import BagOptions, Bound, MessageOptions, Preset, SelectionOptions
 from kitti_ros2.samples import Layout, Loss, Stream
+from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL  # isort: skip
 
@@ -189,7 +190,7 @@ def test_config_values_are_taken_as_they_are_written(tmp_path):
         'sequence: 0010\nepoch: 2011-09-26 13:02:25.123456789\n'
         'start: 2011-09-26 13:02:25.951199337\nend: 12\ncompression: zstd\ncompression_level: 3\n'
     )
-    settings = make_settings(load_config(path))
+    settings = make_settings(load_config(path, TO_BAG_OPTIONS))
     assert settings.read.sequence == '0010'
     assert settings.read.epoch_ns % 10**9 == 123456789
     assert settings.selection.start == Bound(stamp_ns=1317042145951199337)

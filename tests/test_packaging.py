@@ -29,7 +29,9 @@ ROSDEP_KEYS = {
     'diagnostic_msgs',
     'geometry_msgs',
     'launch',
+    'launch_ros',
     'nav_msgs',
+    'rcl_interfaces',
     'python3-defusedxml',
     'python3-hypothesis',
     'python3-numpy',
@@ -185,10 +187,11 @@ def test_version_is_the_one_of_package_xml(manifest: ET.Element) -> None:
 
 def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     scripts = setup_arguments['entry_points']['console_scripts']
-    assert scripts == ['kitti-ros2 = kitti_ros2.cli:main']
+    assert scripts == ['kitti-ros2 = kitti_ros2.cli:main', 'player = kitti_ros2.cli:player']
     assert setup_arguments['python_requires'] == '>=3.10'
-    assert setup_arguments['package_data'] == {'kitti_ros2': ['py.typed']}
-    assert (REPO / 'kitti_ros2/py.typed').is_file()
+    assert setup_arguments['package_data'] == {'kitti_ros2': ['py.typed', 'node/fastdds.xml']}
+    for name in setup_arguments['package_data']['kitti_ros2']:
+        assert (REPO / 'kitti_ros2' / name).is_file()
 
 
 def test_every_folder_with_modules_is_a_package(setup_arguments: dict[str, Any]) -> None:
@@ -251,7 +254,7 @@ def test_readme_commands_are_single_lines() -> None:
     assert len(commands) == 2
     assert [command.count('\n') for command in commands] == [1, 1]
     assert commands[0].endswith('.venv/bin/kitti-ros2 demo\n')
-    assert '.[test]' in commands[1]
+    assert '.[ros,test]' in commands[1]
     assert commands[1].endswith('-m pytest\n')
 
 

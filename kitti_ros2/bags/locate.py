@@ -48,6 +48,12 @@ class BagFiles:
         )
 
 
+def looks_like_bag(path: Path) -> bool:
+    """Whether a path is a file, or a folder that holds a bag's."""
+    patterns = ('metadata.yaml', '*.mcap', '*.db3', '*.bag')
+    return path.is_file() or any(next(path.glob(pattern), None) for pattern in patterns)
+
+
 def locate_bag(path: Path) -> BagFiles:
     """Find out what a path holds.
 

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import zstandard
 from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag1.reader import ReaderError as Ros1ReaderError
 from rosbags.rosbag2.errors import ReaderError as Ros2ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from kitti_ros2.errors import BadBagError
+from kitti_ros2.messages.ros_types import TYPESTORE
 
 from .mcap_scan import scan_mcap, scanned_messages
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from mcap.records import Channel
+    from rosbags.interfaces import Connection
+    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
@@ -49,6 +53,8 @@ _DAMAGE = (
 )
 _ENDINGS = {'mcap': '.mcap', 'sqlite3': '.db3', 'ros1': '.bag'}
 _HEADER = 'std_msgs/msg/Header'
+_TRANSIENT = 'transient_local'
+_DEPTH = 100  # where the bag does not tell: enough for every text file of a recording
 
 
 class BagMessage(NamedTuple):
@@ -72,6 +78,7 @@ class BagMessages:
 
     Attributes:
         channels: Topic and type of each channel that is read, by topic.
+        latched: The depth of each topic that offers its last messages to late subscribers.
         typestore: The types as the bag itself defines them, to decode the data with.
         complete: False where a file was cut off or damaged; what can be read is read.
         warnings: What a user should know, one line each.
@@ -84,6 +91,7 @@ class BagMessages:
         self._path = bag.path
         self._source = _open_source(bag, topics)
         self.channels = tuple(sorted(set(self._source.channels)))
+        self.latched = dict(self._source.latched)
         self.typestore = self._source.typestore
         self.complete = not self._source.warnings
         self.warnings = tuple(self._source.warnings)
@@ -104,7 +112,11 @@ class BagMessages:
         self._source.close()
 
     def __iter__(self) -> Iterator[BagMessage]:
-        messages = self._source.messages()
+        return self.since(None)
+
+    def since(self, start_ns: int | None) -> Iterator[BagMessage]:
+        """The messages from a log time on; None is the beginning."""
+        messages = self._source.messages(start_ns)
         while True:
             try:
                 message = next(messages)
@@ -119,11 +131,13 @@ class _Source(Protocol):
     @property
     def channels(self) -> list[tuple[str, str]]: ...
     @property
+    def latched(self) -> dict[str, int]: ...
+    @property
     def typestore(self) -> Typestore: ...
     @property
     def warnings(self) -> list[str]: ...
 
-    def messages(self) -> Iterator[BagMessage]: ...
+    def messages(self, start_ns: int | None) -> Iterator[BagMessage]: ...
 
     def close(self) -> None: ...
 
@@ -158,18 +172,19 @@ class _RosbagsSource:
         ]
         self._convert: Callable[[bytes, str], memoryview] | None = None
         self.channels = [(each.topic, each.msgtype) for each in self._connections]
+        self.latched = dict(filter(None, map(_latching, self._connections)))
         self.typestore = self._reader.typestore
         self.warnings: list[str] = []
         if bag.storage == 'ros1':
             self.typestore = _ros2_like(self._reader.typestore)
             self._convert = self.typestore.ros1_to_cdr
 
-    def messages(self) -> Iterator[BagMessage]:
+    def messages(self, start_ns: int | None) -> Iterator[BagMessage]:
         # rosbags takes an empty choice of connections for all of them.
         if not self._connections:
             return
         convert = self._convert
-        for connection, stamp_ns, data in self._reader.messages(self._connections):
+        for connection, stamp_ns, data in self._reader.messages(self._connections, start_ns):
             cdr = convert(data, connection.msgtype) if convert else data
             yield BagMessage(connection.topic, connection.msgtype, stamp_ns, cdr)
 
@@ -191,10 +206,16 @@ class _ScannedSource:
         self.channels = [
             (each.topic, scan.msgtype(each)) for scan, each in every if self._is_read(each)
         ]
+        self.latched = {
+            each.topic: _DEPTH
+            for _, each in every
+            if _TRANSIENT in each.metadata.get('offered_qos_profiles', '')
+        }
         self.typestore = _scanned_types(self._scans)
 
-    def messages(self) -> Iterator[BagMessage]:
-        return heapq.merge(*map(self._of_one, self._scans), key=lambda each: each.stamp_ns)
+    def messages(self, start_ns: int | None) -> Iterator[BagMessage]:
+        merged = heapq.merge(*map(self._of_one, self._scans), key=lambda each: each.stamp_ns)
+        return (each for each in merged if start_ns is None or each.stamp_ns >= start_ns)
 
     def close(self) -> None:
         """Files are open only while they are iterated."""
@@ -209,15 +230,33 @@ class _ScannedSource:
         return wanted and channel.message_encoding == 'cdr'
 
 
+def _latching(connection: Connection) -> tuple[str, int] | None:
+    """Topic and depth of a connection whose publisher kept messages for late subscribers."""
+    if not isinstance(connection.ext, ConnectionExtRosbag2):
+        return (connection.topic, _DEPTH) if connection.ext.latching else None
+    for profile in connection.ext.offered_qos_profiles:
+        if profile.durability is QosDurability.TRANSIENT_LOCAL:
+            return connection.topic, profile.depth
+    return None
+
+
 def _ros2_like(ros1: Typestore) -> Typestore:
-    """The types of a ROS 1 bag as ROS 2 would define them: a Header without seq."""
+    """The types of a ROS 1 bag as ROS 2 defines them: a Header without seq, names in lower case."""
     definitions = dict(ros1.fielddefs)
     if _HEADER in definitions:
         constants, fields = definitions[_HEADER]
         definitions[_HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
+    for name, known in TYPESTORE.fielddefs.items():
+        if name in definitions and _kinds(definitions[name]) == _kinds(known):
+            definitions[name] = known
     store = get_typestore(Stores.EMPTY)
     store.register(definitions)
     return store
+
+
+def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
+    """What a definition's fields are, whatever they are called."""
+    return [kind for _, kind in definition[1]]
 
 
 def _scanned_types(scans: Iterable[McapScan]) -> Typestore:

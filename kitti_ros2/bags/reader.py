@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
 import zstandard
 
 from kitti_ros2.errors import BadBagError
@@ -22,11 +23,14 @@ from .summary import BagIndex, BagSummary, TopicSummary, summarize
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from kitti_ros2.samples import Int64Array
+
 __all__ = [
     'BagMessage',
     'BagMessages',
     'BagSummary',
     'TopicSummary',
+    'bag_stamps',
     'open_messages',
     'summarize_bag',
 ]
@@ -49,17 +53,36 @@ def summarize_bag(path: Path) -> BagSummary:
         OSError: It cannot be read.
     """
     bag = locate_bag(path)
-    index = BagIndex()
-    if bag.compression_mode:
-        index.compressions.add('zstd')
-    for file in bag.files:
-        index.merge(_file_index(bag, file))
+    index = _bag_index(bag)
     if bag.message_count is not None and bag.message_count != index.total:
         index.warnings.append(
             f'{path}: metadata.yaml counts {bag.message_count} messages,'
             f' the files hold {index.total}; ros2 bag reindex corrects it'
         )
     return summarize(bag.container, bag.files, index)
+
+
+def bag_stamps(path: Path) -> dict[str, Int64Array]:
+    """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
+
+    Raises:
+        BadBagError: It holds no bag, or one that cannot be read at all.
+        OSError: It cannot be read.
+    """
+    index = _bag_index(locate_bag(path))
+    pieces: dict[str, list[Int64Array]] = {}
+    for (topic, _), found in index.stamps.items():
+        pieces.setdefault(topic, []).extend(found)
+    return {topic: np.sort(np.concatenate(found)) for topic, found in pieces.items() if found}
+
+
+def _bag_index(bag: BagFiles) -> BagIndex:
+    index = BagIndex()
+    if bag.compression_mode:
+        index.compressions.add('zstd')
+    for file in bag.files:
+        index.merge(_file_index(bag, file))
+    return index
 
 
 def open_messages(path: Path, topics: Collection[str] | None = None) -> BagMessages:

@@ -4,6 +4,6 @@
 
 from __future__ import annotations
 
-from .boundary import main
+from .boundary import main, player
 
-__all__ = ['main']
+__all__ = ['main', 'player']

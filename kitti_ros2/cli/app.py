@@ -27,8 +27,15 @@ def run(words: list[str]) -> int:
         KeyboardInterrupt: Ctrl-C.
     """
     command = typer.main.get_command(app)
+    ros_args: list[str] = []
+    if words[:1] == ['play']:
+        from .play import split_ros_args
+
+        words, ros_args = split_ros_args(words)
     try:
-        result = command.main(args=words, prog_name='kitti-ros2', standalone_mode=False)
+        result = command.main(
+            args=words, prog_name='kitti-ros2', standalone_mode=False, obj=ros_args
+        )
     except Exception as error:
         # typer carries its own copy of click, so its usage errors are known by their shape.
         message = getattr(error, 'format_message', None)
@@ -224,3 +231,93 @@ def demo(
     from .demo import run_demo
 
     return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)
+
+
+@app.command('play')
+def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
+    context: typer.Context,
+    src: Annotated[
+        Optional[Path], typer.Argument(help='A KITTI folder or a bag [default: parameter source]')
+    ] = None,
+    layout: LayoutOption = None,
+    sequence: SequenceOption = None,
+    rate: Annotated[
+        Optional[float], typer.Option('--rate', '-r', help='Speed, 0.01 to 100 [default: 1]')
+    ] = None,
+    loop: Annotated[bool, typer.Option('--loop', '-l', help='Play without end.')] = False,
+    times: Annotated[Optional[int], typer.Option(help='Play so many times [default: 1]')] = None,
+    start: Annotated[
+        Optional[str],
+        typer.Option(help="First frame (12), seconds (3.5s) or '2011-09-26 13:02:25.9'"),
+    ] = None,
+    end: Annotated[Optional[str], typer.Option(help='Last one, included')] = None,
+    start_paused: Annotated[
+        Optional[bool], typer.Option('--start-paused', '-p', help='Wait for a resume.')
+    ] = None,
+    delay: Annotated[
+        Optional[float], typer.Option('--delay', '-d', help='Seconds before the first message')
+    ] = None,
+    clock: Annotated[
+        Optional[float], typer.Option(help='/clock messages a second, 0 none [default: 100]')
+    ] = None,
+    stamps: Annotated[
+        Optional[str], typer.Option(help='original or now [default: original]')
+    ] = None,
+    lossless: Annotated[
+        Optional[bool],
+        typer.Option('--lossless', help='As fast as subscribers take it; nothing is dropped.'),
+    ] = None,
+    at_end: Annotated[Optional[str], typer.Option(help='exit or pause [default: exit]')] = None,
+    topics: Annotated[
+        Optional[list[str]], typer.Option(help='Only these topics, * matches; repeatable')
+    ] = None,
+    streams: Annotated[
+        Optional[list[str]], typer.Option(help='Only these streams; repeatable')
+    ] = None,
+    preset: Annotated[
+        Optional[str], typer.Option(help='Topic and frame names: default or kitti2bag')
+    ] = None,
+    tf: Annotated[
+        Optional[bool], typer.Option('--tf/--no-tf', help='map -> base_link on /tf [default: tf]')
+    ] = None,
+    read_ahead: Annotated[
+        Optional[int], typer.Option(help='Frames to read ahead [default: 8]')
+    ] = None,
+    qos_overrides: Annotated[
+        Optional[Path],
+        typer.Option('--qos-profile-overrides-path', help='QoS by topic, as ros2 bag play has it'),
+    ] = None,
+    config: Annotated[
+        Optional[Path], typer.Option(help='A YAML file of options; the command line wins')
+    ] = None,
+    keyboard: Annotated[
+        bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
+    ] = True,
+) -> int:
+    """Play a KITTI recording or a bag live in ROS 2, with the controls of ros2 bag play.
+
+    What follows --ros-args is for ROS: parameters (-p), remappings (-r), a parameter file.
+    """
+    given = {
+        'layout': layout,
+        'sequence': sequence,
+        'rate': rate,
+        'loop': 0 if loop else times,
+        'start': start,
+        'end': end,
+        'start_paused': start_paused,
+        'delay': delay,
+        'clock': clock,
+        'stamps': stamps,
+        'lossless': lossless,
+        'at_end': at_end,
+        'topics': topics or None,
+        'streams': streams or None,
+        'preset': preset,
+        'tf': tf,
+        'read_ahead': read_ahead,
+        'qos_overrides_path': None if qos_overrides is None else str(qos_overrides),
+    }
+    from .play import run_play
+
+    return run_play(src, given, config, context.obj, keyboard=keyboard)

@@ -30,6 +30,10 @@ def main(args: list[str] | None = None) -> int:
         # second. Each command switches the collector on again, by memory.keep_imports.
         gc.disable()
         signal.signal(signal.SIGTERM, _terminate)
+        if words[:1] == ['play']:
+            from .ending import end_by_signal
+
+            end_by_signal()  # from the first moment on: a player that is told to end has no error
     try:
         return _run_and_flush(words)
     except KeyboardInterrupt:
@@ -80,3 +84,9 @@ def _describe(error: KittiRos2Error | OSError) -> str:
 
 def _complain(message: str) -> None:
     sys.stderr.write(f'kitti-ros2: {" ".join(message.split())}\n')
+
+
+def player() -> int:
+    """The executable of `ros2 run kitti_ros2 player`: the command play."""
+    sys.argv[1:] = ['play', *sys.argv[1:]]
+    return main()

@@ -9,10 +9,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..errors import OutputExistsError
+from ..settings import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
 from .progress import count_progress
-from .settings import make_settings
 from .text import format_path
 from .to_bag import run_to_bag
 

@@ -10,13 +10,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bags.locate import looks_like_bag
 from ..errors import UsageError
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
+from ..settings import make_settings
 from ..stamps import format_stamp
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_imports
-from .settings import make_settings
 from .text import format_bytes, format_count, format_duration
 from .to_bag import show_losses
 
@@ -49,15 +50,10 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
     """The overview of a bag, or of a KITTI folder."""
     if not path.exists():
         raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    if layout is None and _is_bag(path):
+    if layout is None and looks_like_bag(path):
         return inspect_bag(path)
     settings = make_settings({'layout': layout, 'sequence': sequence})
     return inspect_recording(open_recording(path, settings.read), path)
-
-
-def _is_bag(path: Path) -> bool:
-    patterns = ('metadata.yaml', '*.mcap', '*.db3', '*.bag')
-    return path.is_file() or any(next(path.glob(pattern), None) for pattern in patterns)
 
 
 def print_json(overview: Overview) -> None:

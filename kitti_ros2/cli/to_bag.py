@@ -14,10 +14,10 @@ from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..options import Images
 from ..schedule import make_schedule
+from ..settings import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .settings import load_config, make_settings
 from .text import format_bytes, format_count, format_duration, format_path
 
 if TYPE_CHECKING:
@@ -47,7 +47,11 @@ def run_to_bag(
     """
     keep_imports()
     chosen = {name: value for name, value in given.items() if value is not None}
-    settings = make_settings((load_config(config) if config else {}) | chosen)
+    if config:
+        from .config_file import load_config
+
+        chosen = load_config(config, TO_BAG_OPTIONS) | chosen
+    settings = make_settings(chosen)
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_recording(src, settings.read)
     _refuse_inside(src, out)

@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import struct
 from dataclasses import replace
+from enum import Enum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 
 from .ros_types import TYPESTORE
 
@@ -28,7 +31,7 @@ _STAMP = struct.Struct('<iI')
 _STAMP_OFFSET = 4
 
 # Bytes that follow the bulk field (`data`, uint8[]) of the message types that have one.
-_BULK_TAIL = {
+BULK_TAIL = {
     'sensor_msgs/msg/CompressedImage': 0,
     'sensor_msgs/msg/Image': 0,
     'sensor_msgs/msg/PointCloud2': 1,
@@ -36,16 +39,27 @@ _BULK_TAIL = {
 
 
 def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated classes
-    """A message of a rosbags class as little-endian CDR, encapsulation header included."""
+    """A message of a rosbags class as little-endian CDR, encapsulation header included.
+
+    Its length is a multiple of four, as every subscriber receives it and rosbag2 records it: a
+    submessage of RTPS (OMG formal/2022-04-01, 9.4.1) is filled up with zeros.
+    """
     msgtype = message.__msgtype__
-    tail = _BULK_TAIL.get(msgtype)
+    tail = BULK_TAIL.get(msgtype)
     if tail is None:
-        return (bytes(TYPESTORE.serialize_cdr(message, msgtype)),)
+        data = bytes(TYPESTORE.serialize_cdr(message, msgtype))
+        return (data + filling(len(data)),)
     bulk = memoryview(message.data).cast('B')
     hollow = bytes(TYPESTORE.serialize_cdr(replace(message, data=_EMPTY), msgtype))
     split = len(hollow) - tail
     head = hollow[: split - _LENGTH.size] + _LENGTH.pack(len(bulk))
-    return (head, bulk, hollow[split:]) if tail else (head, bulk)
+    end = hollow[split:] + filling(len(hollow) + len(bulk))
+    return (head, bulk, end) if end else (head, bulk)
+
+
+def filling(length: int) -> bytes:
+    """The zeros that fill a serialised message up to a multiple of four."""
+    return bytes(-length % 4)
 
 
 def join(parts: Sequence[bytes | memoryview]) -> bytes:
@@ -63,3 +77,59 @@ def restamp(parts: Parts, stamp_ns: int) -> Parts:
     head = bytearray(parts[0])
     _STAMP.pack_into(head, _STAMP_OFFSET, *divmod(stamp_ns, 1_000_000_000))
     return (bytes(head), *parts[1:])
+
+
+def restamp_message(data: bytes, msgtype: str, stamp_ns: int) -> bytes:
+    """A serialised message with every header.stamp in it replaced; without headers the same.
+
+    The poses of a Path keep their stamps: they tell when the vehicle was there.
+    """
+    places = _headers(msgtype)
+    if places is _Headers.FIRST:
+        patched = bytearray(data)
+        _STAMP.pack_into(patched, _STAMP_OFFSET, *divmod(stamp_ns, 1_000_000_000))
+        return bytes(patched)
+    if places is _Headers.WITHIN:
+        message = deserialize(data, msgtype)
+        _restamp_within(message, stamp_ns)
+        return join(serialize(message))
+    return data
+
+
+class _Headers(Enum):
+    NONE = 0
+    FIRST = 1
+    WITHIN = 2
+
+
+_HEADER = 'std_msgs/msg/Header'
+_KEPT = 'geometry_msgs/msg/PoseStamped'
+
+
+@lru_cache(maxsize=64)
+def _headers(msgtype: str) -> _Headers:
+    """Where a type has headers: none, as its first field alone, or further within."""
+    fields = [_type_name(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
+    inner = [name for name in fields if name and name not in (_HEADER, _KEPT)]
+    if any(_headers(name) is not _Headers.NONE for name in inner):
+        return _Headers.WITHIN
+    return _Headers.FIRST if fields[:1] == [_HEADER] else _Headers.NONE
+
+
+def _type_name(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
+    """The message type of a field or of its elements; None for numbers and strings."""
+    kind, content = description
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        kind, content = content[0]
+    return content if kind is Nodetype.NAME else None
+
+
+def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any rosbags class
+    if message.__msgtype__ == _HEADER:
+        message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        return
+    for name in message.__dataclass_fields__:
+        value = getattr(message, name)
+        for each in value if isinstance(value, list) else [value]:
+            if hasattr(each, '__dataclass_fields__'):
+                _restamp_within(each, stamp_ns)

@@ -33,8 +33,8 @@ class CdrWriter:
         self._data = bytearray(_ENCAPSULATION)
 
     def finish(self) -> bytes:
-        """The message so far, encapsulation included."""
-        return bytes(self._data)
+        """The message so far, encapsulation included, filled up as cdr.serialize does."""
+        return bytes(self._data) + _PADDING[-len(self._data) % 4]
 
     def block(self, data: bytes) -> None:
         """Fields of at most four bytes that were written before: what block_bytes gave."""

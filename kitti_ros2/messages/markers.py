@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from ..boxes import EDGES, unit_corners
-from ..options import MarkerColors
+from ..options import MarkerColors, MarkerOptions
 from .cdr_writer import CdrWriter
 from .header import pose_numbers
 from .ros_types import Marker
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from ..boxes import Cuboid
     from ..geometry import Float64Array
-    from ..options import MarkerOptions
     from .cdr import Parts
     from .naming import Frames
 
@@ -80,6 +79,13 @@ def encode_markers(
         drawing.object(cuboid, _number(cuboid, place), frames.velo)
     for track, places in sorted(trails.items()):
         drawing.trail(track, places, frames.map)
+    return drawing.parts()
+
+
+def encode_clear(stamp_ns: int, frame_id: str) -> Parts:
+    """An array that only deletes what was drawn before, serialised."""
+    drawing = _Drawing(1, MarkerOptions(), stamp_ns)
+    drawing.clear(frame_id)
     return drawing.parts()
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         NameDesc,
         Typesdict,
     )
-    from rosbags.typesys.store import Typestore
+    from rosbags.typesys.store import Typestore as Typestore  # noqa: PLC0414 - others name it too
 
 __all__ = [
     'TYPESTORE',

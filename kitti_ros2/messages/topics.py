@@ -31,7 +31,7 @@ from ..samples import (
     Trajectory,
 )
 from .camera_info import encode_camera_info, image_frame_camera
-from .cdr import Parts, restamp, serialize
+from .cdr import BULK_TAIL, Parts, restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
 from .image import encode_compressed, encode_image
 from .markers import encode_markers
@@ -49,6 +49,9 @@ if TYPE_CHECKING:
     from ..boxes import Cuboid
     from ..geometry import Float64Array, Transform
 
+
+LARGE_TYPES = frozenset(BULK_TAIL)
+"""Messages of a megabyte and more."""
 
 LABELLED_CAMERA = 2
 """KITTI's labels are drawn in the left colour image."""
@@ -112,6 +115,11 @@ class Topic:
     latched: bool = False
     depth: int = 10
     change_key: Callable[[Any], Hashable] | None = None
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether its messages are large, so that a player makes them for subscribers only."""
+        return self.msgtype in LARGE_TYPES
 
     def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
         """The sample's messages as CDR.
@@ -193,11 +201,17 @@ def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
     Raises:
         UsageError: There are patterns, and none matches a row.
     """
+    names = set(match_names([row.name for row in table], patterns))
+    return [row for row in table if row.name in names]
+
+
+def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
+    """The topic names that match one of the patterns; see select_topics."""
     if not patterns:
-        return table
-    selected = [row for row in table if any(fnmatchcase(row.name, each) for each in patterns)]
+        return names
+    selected = [name for name in names if any(fnmatchcase(name, each) for each in patterns)]
     if not selected:
-        known = ', '.join(sorted(row.name for row in table))
+        known = ', '.join(sorted(names))
         raise UsageError(f'no topic is called {" or ".join(patterns)}; there are {known}')
     return selected
 

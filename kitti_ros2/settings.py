@@ -1,39 +1,44 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the converter from words: the command line and the YAML file fill the same objects."""
+"""Options from words: command lines, YAML files and ROS parameters fill the same objects."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from ..errors import UsageError
-from ..options import (
+from .errors import UsageError
+from .options import (
+    AtEnd,
     BagOptions,
     Bound,
     Images,
     MarkerColors,
     MarkerOptions,
     MessageOptions,
+    PlaybackOptions,
     Preset,
     ReadOptions,
     SelectionOptions,
+    Stamps,
 )
-from ..samples import Layout
-from ..stamps import parse_seconds, parse_stamp
+from .samples import Layout
+from .stamps import parse_seconds, parse_stamp
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    import yaml
+    from collections.abc import Mapping
 
 E = TypeVar('E', bound=Enum)
+_Parser: TypeAlias = Callable[[str, object], Any]
+
+DEFAULT_READ_AHEAD = 8
+MOST_READ_AHEAD = 1000
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
-_KEPT_AS_TEXT = {'int', 'timestamp'}
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
@@ -55,30 +60,104 @@ class Settings:
     strict: bool
 
 
+@dataclass(frozen=True)
+class PlaySettings:
+    """Everything the player can be told.
+
+    Attributes:
+        read, messages, selection, playback: The options objects of each part.
+        stamps: Which stamps messages carry.
+        read_ahead: Frames to fetch ahead.
+        qos_overrides_path: A rosbag2 QoS override file, or None.
+    """
+
+    read: ReadOptions
+    messages: MessageOptions
+    selection: SelectionOptions
+    playback: PlaybackOptions
+    stamps: Stamps
+    read_ahead: int
+    qos_overrides_path: Path | None
+
+
 def make_settings(values: Mapping[str, object]) -> Settings:
-    """Settings from values by name; None and absent ones take their default.
+    """Settings of to-bag from values by name; None and absent ones take their default.
 
     Raises:
         UsageError: A name is unknown, or a value cannot be meant.
     """
-    unknown = sorted(set(values) - set(_PARSERS))
-    if unknown:
-        raise UsageError(f'there is no option {unknown[0]!r}; known are {", ".join(_PARSERS)}')
-    parsed = {
-        name: _PARSERS[name](name, value) for name, value in values.items() if value is not None
-    }
-
-    def pick(**fields: str) -> dict[str, Any]:
-        return {field: parsed[name] for field, name in fields.items() if name in parsed}
-
-    bag = pick(
+    parsed = _parse(values, _TO_BAG)
+    bag = _pick(
+        parsed,
         compression='compression',
         compression_level='compression_level',
         split_size='split_size',
         split_duration_ns='split_duration',
         overwrite='overwrite',
     )
-    markers = pick(
+    return Settings(
+        read=_read_options(parsed),
+        messages=_message_options(parsed),
+        selection=_selection_options(parsed),
+        bag=lambda storage: BagOptions(storage=storage, **bag),
+        storage=parsed.get('storage'),
+        strict=parsed.get('strict', False),
+    )
+
+
+def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
+    """Settings of the player from values by name; None and absent ones take their default.
+
+    Raises:
+        UsageError: A name is unknown, or a value cannot be meant.
+    """
+    parsed = {'images': Images.BOTH, **_parse(values, _PLAY)}
+    playback = _pick(
+        parsed,
+        rate='rate',
+        loop='loop',
+        start_paused='start_paused',
+        delay_ns='delay',
+        clock_hz='clock',
+        step='step',
+        lossless='lossless',
+        at_end='at_end',
+    )
+    read_ahead = parsed.get('read_ahead', DEFAULT_READ_AHEAD)
+    if not 1 <= read_ahead <= MOST_READ_AHEAD:
+        raise UsageError(f'read_ahead {read_ahead} is not within 1 to {MOST_READ_AHEAD} frames')
+    return PlaySettings(
+        read=_read_options(parsed),
+        messages=_message_options(parsed),
+        selection=_selection_options(parsed),
+        playback=PlaybackOptions(**playback),
+        stamps=parsed.get('stamps', Stamps.ORIGINAL),
+        read_ahead=read_ahead,
+        qos_overrides_path=parsed.get('qos_overrides_path'),
+    )
+
+
+def _parse(values: Mapping[str, object], parsers: Mapping[str, _Parser]) -> dict[str, Any]:
+    unknown = sorted(set(values) - set(parsers))
+    if unknown:
+        raise UsageError(f'there is no option {unknown[0]!r}; known are {", ".join(parsers)}')
+    return {name: parsers[name](name, value) for name, value in values.items() if value is not None}
+
+
+def _pick(parsed: Mapping[str, Any], **fields: str) -> dict[str, Any]:
+    """The fields of an options object, each by the name of its option, where it is given."""
+    return {field: parsed[name] for field, name in fields.items() if name in parsed}
+
+
+def _read_options(parsed: Mapping[str, Any]) -> ReadOptions:
+    return ReadOptions(
+        **_pick(parsed, layout='layout', sequence='sequence', epoch_ns='epoch', semantic='semantic')
+    )
+
+
+def _message_options(parsed: Mapping[str, Any]) -> MessageOptions:
+    markers = _pick(
+        parsed,
         colors='marker_colors',
         alpha='marker_alpha',
         line_width='marker_line_width',
@@ -88,72 +167,22 @@ def make_settings(values: Mapping[str, object]) -> Settings:
         trails='trails',
         ego='ego_marker',
     )
-    read = pick(layout='layout', sequence='sequence', epoch_ns='epoch', semantic='semantic')
-    return Settings(
-        read=ReadOptions(**read),
-        messages=MessageOptions(
-            **pick(
-                images='images',
-                preset='preset',
-                publish_tf='tf',
-                ring_and_time='ring_time',
-                base_to_imu='base_to_imu',
-                semantic='semantic',
-            ),
-            markers=MarkerOptions(**markers),
-        ),
-        selection=SelectionOptions(
-            **pick(streams='streams', topics='topics', start='start', end='end')
-        ),
-        bag=lambda storage: BagOptions(storage=storage, **bag),
-        storage=parsed.get('storage'),
-        strict=parsed.get('strict', False),
+    fields = _pick(
+        parsed,
+        images='images',
+        preset='preset',
+        publish_tf='tf',
+        ring_and_time='ring_time',
+        base_to_imu='base_to_imu',
+        semantic='semantic',
     )
+    return MessageOptions(**fields, markers=MarkerOptions(**markers))
 
 
-def load_config(path: Path) -> dict[str, object]:
-    """The options of a YAML file, a mapping of names to values.
-
-    Raises:
-        UsageError: The file is not there, no YAML, or no mapping.
-    """
-    import yaml
-
-    try:
-        values = yaml.load(path.read_text('utf-8'), _text_loader())  # noqa: S506 - a safe loader
-    except OSError as error:
-        raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, 'problem_mark', None)
-        where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
-        problem = getattr(error, 'problem', None) or 'no text'
-        raise UsageError(
-            f'{where}: no YAML, {problem}; expected lines like "images: raw"'
-        ) from None
-    if values is None:
-        return {}
-    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
-        raise UsageError(f'{path}: no mapping; expected lines like "images: raw"')
-    unknown = sorted(set(values) - set(_PARSERS))
-    if unknown:
-        raise UsageError(f'{path}: unknown option {unknown[0]!r}; known are {", ".join(_PARSERS)}')
-    return values
-
-
-def _text_loader() -> type[yaml.SafeLoader]:
-    """A safe loader that leaves whole numbers and times as they are written.
-
-    YAML would read 0010 as 8 and cut a stamp to microseconds.
-    """
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class has it
-            first: [item for item in items if item[0].rsplit(':', 1)[-1] not in _KEPT_AS_TEXT]
-            for first, items in yaml.SafeLoader.yaml_implicit_resolvers.items()
-        }
-
-    return Loader
+def _selection_options(parsed: Mapping[str, Any]) -> SelectionOptions:
+    return SelectionOptions(
+        **_pick(parsed, streams='streams', topics='topics', start='start', end='end')
+    )
 
 
 def parse_bytes(text: str) -> int:
@@ -201,6 +230,17 @@ def _number(name: str, value: object) -> float:
     raise UsageError(f'{name} takes a number, not {value!r}')
 
 
+def _rounds(name: str, value: object) -> int:
+    """A number of rounds; true is without end, false once."""
+    if isinstance(value, bool):
+        return 0 if value else 1
+    return _integer(name, value)
+
+
+def _path(name: str, value: object) -> Path:
+    return Path(_text(name, value))
+
+
 def _choice(kind: type[E]) -> Callable[[str, object], E]:
     def parse(name: str, value: object) -> E:
         known = [item.value for item in kind]
@@ -246,7 +286,7 @@ def _place(name: str, value: object) -> tuple[float, ...]:
         raise UsageError(f'{name} takes three numbers x,y,z in metres, not {value!r}') from None
 
 
-_PARSERS: dict[str, Callable[[str, object], Any]] = {
+_RECORDING: dict[str, _Parser] = {
     'layout': _choice(Layout),
     'sequence': _text,
     'epoch': _epoch,
@@ -268,6 +308,10 @@ _PARSERS: dict[str, Callable[[str, object], Any]] = {
     'topics': _texts,
     'start': _bound,
     'end': _bound,
+}
+
+_TO_BAG: dict[str, _Parser] = {
+    **_RECORDING,
     'storage': _text,
     'compression': _text,
     'compression_level': _integer,
@@ -276,3 +320,22 @@ _PARSERS: dict[str, Callable[[str, object], Any]] = {
     'strict': _flag,
     'overwrite': _flag,
 }
+
+_PLAY: dict[str, _Parser] = {
+    **_RECORDING,
+    'rate': _number,
+    'loop': _rounds,
+    'start_paused': _flag,
+    'delay': _seconds_ns,
+    'clock': _number,
+    'step': _integer,
+    'lossless': _flag,
+    'at_end': _choice(AtEnd),
+    'stamps': _choice(Stamps),
+    'read_ahead': _integer,
+    'qos_overrides_path': _path,
+}
+
+TO_BAG_OPTIONS = tuple(_TO_BAG)
+PLAY_OPTIONS = tuple(_PLAY)
+"""The names that make_settings and make_play_settings know."""

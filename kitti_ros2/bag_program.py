@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as something to play."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .bags.reader import bag_stamps, open_messages
+from .errors import BadBagError, KittiRos2Error, UsageError
+from .messages.topics import LARGE_TYPES, match_names
+from .program import Due, Missing, Outlet, nearest_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from .bags.message_source import BagMessage, BagMessages
+    from .messages.ros_types import Typestore
+    from .options import Bound, SelectionOptions
+    from .samples import Int64Array
+
+_SCAN = 'sensor_msgs/msg/PointCloud2'
+_OF_CAMERA = frozenset(
+    {'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/CameraInfo'}
+)
+_DEPTH = 10
+
+
+class BagProgram:
+    """The messages of a bag, as they are; for one fetching thread at a time.
+
+    A frame is what is nearest to a message of the reference topic: the first with point clouds,
+    else that of a camera, else the one with most messages. Frames count from 0.
+
+    Args:
+        path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
+        selection: Topics, and the first and last moment, both included.
+
+    Raises:
+        BadBagError: It cannot be read.
+        UsageError: The selection takes nothing, or names streams.
+    """
+
+    workers = 1
+
+    def __init__(self, path: Path, selection: SelectionOptions) -> None:
+        if selection.streams:
+            raise UsageError('a bag has topics, no streams; choose by topics')
+        self._path = path
+        stamps = bag_stamps(path)
+        wanted = match_names(sorted(stamps), selection.topics)
+        self._topics = frozenset(topic for topic in wanted if len(stamps[topic]))
+        if not self._topics:
+            raise BadBagError(path, 'holds no message of these topics')
+        self.name = path.name
+        with open_messages(path, self._topics) as messages:
+            self.typestore: Typestore = messages.typestore
+            self.losses = tuple(messages.warnings)
+            self.outlets: Sequence[Outlet] = [
+                Outlet(
+                    topic,
+                    msgtype,
+                    topic in messages.latched,
+                    messages.latched.get(topic, _DEPTH),
+                    msgtype in LARGE_TYPES,
+                )
+                for topic, msgtype in messages.channels
+            ]
+        self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
+        every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
+        reference = _reference(path, stamps)
+        first, last = (
+            _bound_ns(bound, every, reference, side)
+            for side, bound in enumerate((selection.start, selection.end))
+        )
+        taken = every[slice(*np.searchsorted(every, [first, last + 1]))]
+        if not len(taken):
+            raise UsageError(f'{path}: the selection takes no message of {len(every)}')
+        self.stamps_ns: Int64Array = taken
+        self.frames = nearest_frames(taken, reference, np.arange(len(reference)))
+        self._latched = self._read_latched(int(taken[-1]))
+        self._messages: BagMessages | None = None
+        self._iterator: Iterator[BagMessage] | None = None
+        self._next = 0
+
+    def notes(self) -> tuple[str, ...]:
+        """As Program has it."""
+        return ()
+
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
+        """As Program has it."""
+        try:
+            message = self._read(index)
+        except (KittiRos2Error, OSError) as error:
+            self._iterator = None
+            return [], [Missing(str(error), 1)]
+        if message is None:
+            return [], [Missing(f'{self._path}: holds fewer messages than its index tells', 1)]
+        outlet = self._index[message.topic]
+        if self.outlets[outlet].on_demand and outlet not in wanted:
+            return [], []
+        return [Due(outlet, message.stamp_ns, bytes(message.data))], []
+
+    def latched_before(self, index: int) -> list[Due]:
+        """As Program has it."""
+        last: dict[int, list[Due]] = {}
+        for message in self._latched:
+            if message.stamp_ns >= self.stamps_ns[index]:
+                break
+            have = last.setdefault(message.outlet, [])
+            if have and have[0].stamp_ns != message.stamp_ns:
+                have.clear()
+            have.append(message)
+        return [message for messages in last.values() for message in messages]
+
+    def close(self) -> None:
+        """Let go of the files; a thread of another's may have opened them."""
+        self._iterator = self._messages = None
+
+    def _read(self, index: int) -> BagMessage | None:
+        """The message at a position; where it is not the next one, the bag is entered anew."""
+        if self._iterator is None or index != self._next:
+            if self._messages is None:
+                self._messages = open_messages(self._path, self._topics)
+            stamp = self.stamps_ns[index]
+            self._iterator = self._messages.since(int(stamp))
+            for _ in range(index - int(np.searchsorted(self.stamps_ns, stamp))):
+                next(self._iterator, None)
+        self._next = index + 1
+        return next(self._iterator, None)
+
+    def _read_latched(self, last_ns: int) -> list[Due]:
+        topics = [outlet.name for outlet in self.outlets if outlet.latched]
+        if not topics:
+            return []
+        with open_messages(self._path, topics) as messages:
+            return [
+                Due(self._index[message.topic], message.stamp_ns, bytes(message.data))
+                for message in messages
+                if message.stamp_ns <= last_ns
+            ]
+
+
+def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
+    """The stamps of the topic by which frames are counted."""
+    with open_messages(path) as messages:
+        channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
+    scans = [topic for topic, msgtype in channels if msgtype == _SCAN]
+    cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
+    candidates = scans[:1] or cameras or [topic for topic, _ in channels]
+    return stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
+
+
+def _bound_ns(bound: Bound | None, every: Int64Array, reference: Int64Array, side: int) -> int:
+    """First (side 0) or last (side 1) stamp that a bound takes."""
+    if bound is None:
+        return int(every[-1] if side else every[0])
+    if bound.stamp_ns is not None:
+        return bound.stamp_ns
+    if bound.offset_ns is not None:
+        return int(every[0]) + bound.offset_ns
+    frames = nearest_frames(every, reference, np.arange(len(reference)))
+    frame = bound.frame or 0
+    if side:
+        end = int(np.searchsorted(frames, frame, 'right'))
+        return int(every[end - 1]) if end else int(every[0]) - 1
+    begin = int(np.searchsorted(frames, frame))
+    return int(every[begin]) if begin < len(every) else int(every[-1]) + 1

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The YAML file of --config."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import yaml
+
+from ..errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+_KEPT_AS_TEXT = {'int', 'timestamp'}
+
+
+def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
+    """The options of a YAML file, a mapping of names to values.
+
+    Args:
+        path: The file.
+        known: The names it may hold.
+
+    Raises:
+        UsageError: The file is not there, no YAML, or no mapping.
+    """
+    try:
+        values = yaml.load(path.read_text('utf-8'), _text_loader())  # noqa: S506 - a safe loader
+    except OSError as error:
+        raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, 'problem_mark', None)
+        where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
+        problem = getattr(error, 'problem', None) or 'no text'
+        raise UsageError(
+            f'{where}: no YAML, {problem}; expected lines like "images: raw"'
+        ) from None
+    if values is None:
+        return {}
+    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
+        raise UsageError(f'{path}: no mapping; expected lines like "images: raw"')
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise UsageError(f'{path}: unknown option {unknown[0]!r}; known are {", ".join(known)}')
+    return values
+
+
+def _text_loader() -> type[yaml.SafeLoader]:
+    """A safe loader that leaves whole numbers and times as they are written.
+
+    YAML would read 0010 as 8 and cut a stamp to microseconds.
+    """
+
+    class Loader(yaml.SafeLoader):
+        yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class has it
+            first: [item for item in items if item[0].rsplit(':', 1)[-1] not in _KEPT_AS_TEXT]
+            for first, items in yaml.SafeLoader.yaml_implicit_resolvers.items()
+        }
+
+    return Loader

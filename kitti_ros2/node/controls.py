@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player's services: those of rosbag2 where rosbag2_interfaces is installed, else std_srvs'."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol
+
+from std_srvs.srv import Trigger
+
+from ..errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import ModuleType
+
+    from rclpy.node import Node
+
+    from ..playback import Playback
+
+_PACKAGE = 'rosbag2_interfaces'
+
+
+class Controlled(Protocol):
+    """What the services act on.
+
+    Attributes:
+        playback: Of what is played now.
+    """
+
+    @property
+    def playback(self) -> Playback: ...  # noqa: D102 - see above
+
+    def set_rate(self, rate: float) -> None:
+        """Take another rate; UsageError when it is out of range."""
+
+    def tell_state(self) -> None:
+        """Publish the state, which has changed."""
+
+
+def create_services(node: Node, player: Controlled) -> None:
+    """Offer ~/pause and the others, with the types that are installed."""
+    types = _rosbag2_types()
+    make = _rosbag2_services if types else _plain_services
+    for name, kind, handler in make(player, types):
+        node.create_service(kind, f'~/{name}', handler)
+
+
+def _rosbag2_types() -> ModuleType | None:
+    try:
+        return import_module(f'{_PACKAGE}.srv')
+    except ImportError:
+        return None
+
+
+def _plain_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401, ARG001
+    """Triggers, which say in words what they did."""
+
+    def handler(act: Callable[[Playback], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
+        def handle(_: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
+            response.success, response.message = act(player.playback)
+            player.tell_state()
+            return response
+
+        return handle
+
+    return [
+        ('pause', Trigger, handler(_pause)),
+        ('resume', Trigger, handler(_resume)),
+        ('toggle_paused', Trigger, handler(_toggle)),
+        ('play_next', Trigger, handler(_play_next)),
+        ('stop', Trigger, handler(_stop)),
+    ]
+
+
+def _where(playback: Playback) -> str:
+    state = playback.state()
+    return f'{"paused" if state.paused else "playing"}, frame {state.frame}'
+
+
+def _pause(playback: Playback) -> tuple[bool, str]:
+    playback.pause()
+    return True, _where(playback)
+
+
+def _resume(playback: Playback) -> tuple[bool, str]:
+    playback.resume()
+    return True, _where(playback)
+
+
+def _toggle(playback: Playback) -> tuple[bool, str]:
+    playback.toggle_paused()
+    return True, _where(playback)
+
+
+def _play_next(playback: Playback) -> tuple[bool, str]:
+    if playback.play_next():
+        return True, _where(playback)
+    state = playback.state()
+    if not state.paused:
+        return False, 'time runs; pause first'
+    return False, 'there is nothing left to play' if state.finished else 'it took too long'
+
+
+def _stop(playback: Playback) -> tuple[bool, str]:
+    playback.stop()
+    return True, 'stopped'
+
+
+def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401
+    """The services of rosbag2's player, with its meanings."""
+
+    def handler(act: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
+        def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
+            act(request, response)
+            player.tell_state()
+            return response
+
+        return handle
+
+    def is_paused(_: Any, response: Any) -> None:  # noqa: ANN401
+        response.paused = player.playback.state().paused
+
+    def get_rate(_: Any, response: Any) -> None:  # noqa: ANN401
+        response.rate = player.playback.state().rate
+
+    def set_rate(request: Any, response: Any) -> None:  # noqa: ANN401
+        response.success = _succeeds(lambda: player.set_rate(request.rate))
+
+    def play_next(_: Any, response: Any) -> None:  # noqa: ANN401
+        response.success = player.playback.play_next()
+
+    def burst(request: Any, response: Any) -> None:  # noqa: ANN401
+        response.actually_burst = player.playback.burst(request.num_messages)
+
+    def seek(request: Any, response: Any) -> None:  # noqa: ANN401
+        stamp_ns = request.time.sec * 1_000_000_000 + request.time.nanosec
+        response.success = _succeeds(lambda: player.playback.seek(stamp_ns))
+
+    acts = {
+        'Pause': lambda *_: player.playback.pause(),
+        'Resume': lambda *_: player.playback.resume(),
+        'TogglePaused': lambda *_: player.playback.toggle_paused(),
+        'IsPaused': is_paused,
+        'GetRate': get_rate,
+        'SetRate': set_rate,
+        'PlayNext': play_next,
+        'Burst': burst,
+        'Seek': seek,
+        'Stop': lambda *_: player.playback.stop(),
+    }
+    return [(_snake(name), getattr(types, name), handler(act)) for name, act in acts.items()]
+
+
+def _snake(name: str) -> str:
+    """toggle_paused from TogglePaused."""
+    return ''.join(f'_{c.lower()}' if c.isupper() else c for c in name).lstrip('_')
+
+
+def _succeeds(act: Callable[[], None]) -> bool:
+    try:
+        act()
+    except UsageError:
+        return False
+    return True

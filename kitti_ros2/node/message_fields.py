@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of a message type, from the typestore's definition, in the numbers of ROS 2.
+
+And the hash of them, as REP-2011 defines it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import json
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ..errors import LackingError
+from .rosidl_structs import CSequence, CString
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+HASH_PREFIX = 'RIHS01_'
+
+_MESSAGE = 'message'
+_BOUNDED = 4  # from an unbounded string's number to a bounded one's in FieldType
+
+# By rosbags' name of a kind of field: its number in rosidl_typesupport_introspection_c/
+# field_types.h, its number in type_description_interfaces/msg/FieldType, and its type in C.
+_KINDS: dict[str, tuple[int, int, Any]] = {
+    'float32': (1, 10, ctypes.c_float),
+    'float64': (2, 11, ctypes.c_double),
+    'bool': (6, 15, ctypes.c_bool),
+    'byte': (7, 16, ctypes.c_uint8),
+    'octet': (7, 16, ctypes.c_uint8),
+    'uint8': (8, 3, ctypes.c_uint8),
+    'int8': (9, 2, ctypes.c_int8),
+    'uint16': (10, 5, ctypes.c_uint16),
+    'int16': (11, 4, ctypes.c_int16),
+    'uint32': (12, 7, ctypes.c_uint32),
+    'int32': (13, 6, ctypes.c_int32),
+    'uint64': (14, 9, ctypes.c_uint64),
+    'int64': (15, 8, ctypes.c_int64),
+    'char': (8, 3, ctypes.c_uint8),  # in a .msg file it is a uint8
+    'string': (16, 17, CString),
+    'wstring': (17, 18, CSequence),
+    _MESSAGE: (18, 1, None),
+}
+
+
+class Shape(IntEnum):
+    """How many elements a field has; the value is what FieldType adds to the element's number."""
+
+    ONE = 0
+    ARRAY = 48
+    BOUNDED = 96
+    UNBOUNDED = 144
+
+
+class NodeKind(Protocol):
+    """The kind of a field's type in the typestore: BASE, NAME, ARRAY or SEQUENCE."""
+
+    @property
+    def name(self) -> str:
+        """One of the four words."""
+
+
+class Typestore(Protocol):
+    """What is asked of the typestore that serialises the messages; rosbags' Typestore has it."""
+
+    @property
+    def fielddefs(self) -> Mapping[str, tuple[object, Sequence[tuple[str, tuple[NodeKind, Any]]]]]:
+        """By type name its constants, and its fields with their types."""
+
+    def generate_msgdef(self, typename: str, ros_version: int = ...) -> tuple[str, str]:
+        """The text of the definition and of those that it refers to, and its MD5 sum."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a message.
+
+    Attributes:
+        name: The field's name.
+        kind: The kind of its element: a primitive's name, or 'message'.
+        nested: The element's full type name where it is a message, else empty.
+        string_bound: The most characters that a string may have; 0 is no bound.
+        shape: Whether it is one element, an array or a sequence.
+        length: An array's length or a bounded sequence's bound, else 0.
+    """
+
+    name: str
+    kind: str
+    nested: str = ''
+    string_bound: int = 0
+    shape: Shape = Shape.ONE
+    length: int = 0
+
+    @property
+    def introspection_id(self) -> int:
+        """The element's number for introspection."""
+        return _KINDS[self.kind][0]
+
+    @property
+    def description_id(self) -> int:
+        """The field's number in a type description."""
+        return _KINDS[self.kind][1] + (_BOUNDED if self.string_bound else 0) + self.shape
+
+    @property
+    def ctype(self) -> Any:  # noqa: ANN401 - ctypes' own metaclasses
+        """The element's type in C; None for a message."""
+        return _KINDS[self.kind][2]
+
+
+def split_name(msgtype: str) -> tuple[str, str, str]:
+    """Package, folder (msg) and name of a message type."""
+    package, folder, name = msgtype.split('/')
+    return package, folder, name
+
+
+def fields_of(msgtype: str, typestore: Typestore) -> list[Field]:
+    """The fields of a message type; as in C, an empty message has a filler."""
+    if msgtype not in typestore.fielddefs:
+        raise LackingError(f'{msgtype}: no definition of this message type is known')
+    described = typestore.fielddefs[msgtype][1]
+    if not described:
+        return [Field('structure_needs_at_least_one_member', 'uint8')]
+    return [_parse(msgtype, name, *description) for name, description in described]
+
+
+def references_of(msgtype: str, typestore: Typestore) -> list[str]:
+    """Every type that a message type refers to, directly or not, sorted by name."""
+    found: set[str] = set()
+    waiting = [msgtype]
+    while waiting:
+        nested = {field.nested for field in fields_of(waiting.pop(), typestore) if field.nested}
+        waiting += nested - found
+        found |= nested
+    return sorted(found)
+
+
+def defined_hash(msgtype: str, typestore: Typestore) -> str:
+    """The type hash, RIHS01_ and 64 hexadecimal digits, of the typestore's definition.
+
+    rosbags' own is the same, but for types that hold a char (to ROS a uint8) or a wstring.
+    """
+    description = {
+        'type_description': _hashed(msgtype, typestore),
+        'referenced_type_descriptions': [
+            _hashed(name, typestore) for name in references_of(msgtype, typestore)
+        ],
+    }
+    return HASH_PREFIX + hashlib.sha256(json.dumps(description).encode()).hexdigest()
+
+
+def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
+    """What REP-2011 hashes of one type, in its order."""
+    return {
+        'type_name': msgtype,
+        'fields': [
+            {
+                'name': field.name,
+                'type': {
+                    'type_id': field.description_id,
+                    'capacity': field.length,
+                    'string_capacity': field.string_bound,
+                    'nested_type_name': field.nested,
+                },
+            }
+            for field in fields_of(msgtype, typestore)
+        ],
+    }
+
+
+def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa: ANN401 - nested
+    shape, length = Shape.ONE, 0
+    if node.name in {'ARRAY', 'SEQUENCE'}:
+        (node_of_element, rest_of_element), length = rest
+        shape = Shape.BOUNDED if length else Shape.UNBOUNDED
+        shape = Shape.ARRAY if node.name == 'ARRAY' else shape
+        node, rest = node_of_element, rest_of_element
+    if node.name == 'NAME':
+        return Field(name, _MESSAGE, nested=rest, shape=shape, length=length)
+    kind, string_bound = rest
+    if kind not in _KINDS:
+        raise LackingError(
+            f'{msgtype}: its field {name} is a {kind}, which no type built at run time can hold;'
+            f' install the package {split_name(msgtype)[0]}'
+        )
+    return Field(name, kind, string_bound=string_bound, shape=shape, length=length)

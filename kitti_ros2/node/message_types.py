@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Python class that rclpy takes for a message type: the installed package's, or our own."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from typing import TYPE_CHECKING, Any
+
+from ..errors import LackingError
+from . import rosidl_structs as structs
+from .message_fields import defined_hash, split_name
+from .runtime_types import runtime_type
+
+if TYPE_CHECKING:
+    from .message_fields import Typestore
+
+__all__ = ['message_class', 'type_hash']
+
+_CLASSES: dict[tuple[str, str], type] = {}
+
+
+class RawOnly:
+    """Stands where a generated class has functions that convert a message to or from C."""
+
+
+def message_class(msgtype: str, typestore: Typestore) -> type:
+    """The class for a publisher, or for a subscription with raw=True, of serialised messages.
+
+    The installed package's own class, if it is defined as the typestore serialises it; without such
+    a package, a class built at run time. Its instances hold nothing: publish bytes.
+
+    Args:
+        msgtype: The type's full name, such as tf2_msgs/msg/TFMessage.
+        typestore: Knows the definition that the messages are serialised by.
+
+    Returns:
+        The same class whenever the same definition is asked for.
+
+    Raises:
+        LackingError: If the type is unknown, or its installed package is broken or differs.
+    """
+    key = (msgtype, defined_hash(msgtype, typestore))
+    if key not in _CLASSES:
+        made = _installed_class(*key) or _runtime_class(msgtype, typestore)
+        return _CLASSES.setdefault(key, made)
+    return _CLASSES[key]
+
+
+def type_hash(cls: type) -> str:
+    """The type hash, RIHS01_ and 64 hexadecimal digits, that a message class tells the middleware.
+
+    Raises:
+        LackingError: If the class is no message of ROS 2, or its package's libraries are missing.
+    """
+    metaclass: Any = type(cls)
+    try:
+        if metaclass._TYPE_SUPPORT is None:  # noqa: SLF001 - the contract that rclpy itself uses
+            metaclass.__import_type_support__()
+        address = structs.unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
+    except Exception as error:  # a broken installation may raise anything
+        raise LackingError(
+            f'{cls.__module__}.{cls.__name__}: the installed package is no working one of ROS 2'
+            f' ({error}); install it again, or take it off PYTHONPATH'
+        ) from error
+    support = structs.MessageTypeSupport.from_address(address)
+    found = structs.TypeHash.from_address(structs.Getter(support.get_type_hash_func)(address))
+    return f'RIHS{found.version:02}_{bytes(found.value).hex()}'
+
+
+def _installed_class(msgtype: str, expected: str) -> type | None:
+    package, folder, name = split_name(msgtype)
+    try:
+        module = importlib.import_module(f'{package}.{folder}')
+    except ModuleNotFoundError as error:
+        if error.name not in {package, f'{package}.{folder}'}:
+            raise LackingError(
+                f'{msgtype}: the installed package {package} cannot be imported ({error});'
+                f' install what it needs, or take it off PYTHONPATH'
+            ) from error
+        return None
+    if importlib.util.find_spec('type_description_interfaces') is None:
+        # Its type supports hold no hash, and reading one from them would crash.
+        raise LackingError(
+            f'{msgtype}: the installed package {package} is of a ROS 2 older than Jazzy;'
+            f' use Jazzy, or take it off PYTHONPATH'
+        )
+    cls: type | None = getattr(module, name, None)
+    if cls is not None and (found := type_hash(cls)) != expected:
+        raise LackingError(
+            f'{msgtype}: the installed package {package} defines it differently ({found}) than'
+            f' ROS 2 Jazzy ({expected}); install the package of Jazzy, or take it off PYTHONPATH'
+        )
+    return cls
+
+
+def _runtime_class(msgtype: str, typestore: Typestore) -> type:
+    """A class with the attributes that rclpy looks for on the class of a message class."""
+    package, folder, name = split_name(msgtype)
+    built = runtime_type(msgtype, typestore)
+    raw_only = RawOnly()
+    metaclass: Any = type(
+        f'Metaclass_{name}',
+        (type,),
+        {
+            '_TYPE_SUPPORT': built.capsule,
+            '_CREATE_ROS_MESSAGE': raw_only,
+            '_CONVERT_FROM_PY': raw_only,
+            '_CONVERT_TO_PY': raw_only,
+            '_DESTROY_ROS_MESSAGE': raw_only,
+        },
+    )
+    body = {
+        '__module__': f'{package}.{folder}',
+        '__doc__': f'{msgtype}, built at run time: for serialised messages only.',
+        '__slots__': (),
+        'runtime_type': built,
+    }
+    cls: type = metaclass(name, (), body)
+    return cls

@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A program's topics as publishers of ready-made bytes."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from rclpy.duration import Duration
+from rclpy.qos import ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
+
+from ..errors import LackingError
+from .message_types import message_class
+from .qos import make_profile
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+
+    from ..program import Outlet, Program
+    from .qos import QosOverride
+
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
+_COUNT_EVERY_NS = 50_000_000
+
+
+class Outlets:
+    """The publishers of a program.
+
+    Args:
+        node: Who publishes.
+        program: Whose topics.
+        overrides: QoS by topic name.
+
+    Attributes:
+        outlets: The program's.
+        complaints: By index why a topic cannot be published.
+    """
+
+    def __init__(self, node: Node, program: Program, overrides: Mapping[str, QosOverride]) -> None:
+        self._node = node
+        self.outlets: Sequence[Outlet] = program.outlets
+        self.complaints: dict[int, str] = {}
+        self._publishers: dict[int, Publisher] = {}
+        for index, outlet in enumerate(self.outlets):
+            try:
+                kind = message_class(outlet.msgtype, program.typestore)
+            except LackingError as error:
+                self.complaints[index] = f'{outlet.name} cannot be published: {error}'
+                continue
+            self._publishers[index] = node.create_publisher(
+                kind,
+                outlet.name,
+                make_profile(outlet.latched, outlet.depth, overrides.get(outlet.name)),
+                qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+            )
+        self._publish = {index: each.publish for index, each in self._publishers.items()}
+        self._large = [index for index in self._publishers if self.outlets[index].on_demand]
+        self._window = {
+            index: max(1, publisher.qos_profile.depth - 1)
+            for index, publisher in self._publishers.items()
+            if publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+        }
+        self._unacknowledged = dict.fromkeys(self._window, 0)
+        self._wanted: frozenset[int] = frozenset()
+        self._counted_ns = 0
+
+    def wanted(self) -> frozenset[int]:
+        """The outlets on demand with a subscriber; looked up a few times a second."""
+        now = time.monotonic_ns()
+        if now - self._counted_ns > _COUNT_EVERY_NS:
+            self._counted_ns = now
+            self._wanted = frozenset(
+                index
+                for index in self._large
+                if self._publishers[index].get_subscription_count() > 0
+            )
+        return self._wanted
+
+    def publish(self, outlet: int, data: bytes) -> None:
+        """Publish serialised data."""
+        self._publish[outlet](data)
+
+    def make_room(self, outlet: int, seconds: float) -> bool:
+        """Wait until a reliable outlet's queue has room for one message more.
+
+        Returns:
+            Whether it has; best-effort outlets always have.
+        """
+        window = self._window.get(outlet)
+        if window is None:
+            return True
+        if self._unacknowledged[outlet] >= window:
+            if not self._acknowledged(outlet, seconds):
+                return False
+            self._unacknowledged[outlet] = 0
+        self._unacknowledged[outlet] += 1
+        return True
+
+    def finish(self, seconds: float) -> bool:
+        """Wait until all reliable messages have arrived; returns whether they have."""
+        end = time.monotonic() + seconds
+        late = [
+            outlet
+            for outlet in self._window
+            if not self._acknowledged(outlet, max(0.0, end - time.monotonic()))
+        ]
+        return not late
+
+    def _acknowledged(self, outlet: int, seconds: float) -> bool:
+        duration = Duration(seconds=seconds)
+        arrived: bool = self._publishers[outlet].wait_for_all_acked(duration)
+        return arrived
+
+    def close(self) -> None:
+        """Take the topics away."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers.clear()
+        self._publish.clear()

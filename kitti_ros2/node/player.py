@@ -1,0 +1,238 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node kitti_player: parameters and services around the session that plays."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+
+from ..bag_program import BagProgram
+from ..bags.locate import looks_like_bag
+from ..errors import KittiRos2Error, UsageError
+from ..kitti.layouts import open_recording
+from ..options import Bound
+from ..program import RecordingProgram
+from ..settings import make_play_settings
+from .controls import create_services
+from .parameters import PARAMETERS, declare, given
+from .qos import load_overrides
+from .session import Session
+from .state import make_state
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rclpy.parameter import Parameter
+
+    from ..playback import Playback
+    from ..program import Program
+    from ..settings import PlaySettings
+
+NODE_NAME = 'kitti_player'
+_MOST_WORKERS = 4
+_STATE_EVERY_NS = 100_000_000
+_LIVE = ('rate', 'loop', 'step')
+_OF_SOURCE = ('source', 'layout', 'sequence')
+
+
+class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
+    """Plays one source after another; the constructor only declares.
+
+    Args:
+        overrides: Parameter values that win over all others.
+        context: rclpy's.
+
+    Attributes:
+        ended: Set when what is played has ended, or was stopped by a control.
+        on_ended: Called then, from the session's thread.
+        error: What ended it, where that is an error.
+
+    Raises:
+        UsageError: A parameter's value has another type, or is out of range.
+    """
+
+    def __init__(self, overrides: Sequence[Parameter] = (), **options: Any) -> None:  # noqa: ANN401
+        super().__init__(
+            NODE_NAME,
+            parameter_overrides=list(overrides),
+            enable_logger_service=True,
+            **options,
+        )
+        self.ended = threading.Event()
+        self.on_ended: Callable[[], None] = lambda: None
+        self.error: BaseException | None = None
+        self._session: Session | None = None
+        self._opened: tuple[Program, PlaySettings] | None = None
+        self._state_ns = 0
+        self._state_lock = threading.Lock()
+        self._values = declare(self)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._state_publisher = self.create_publisher(DiagnosticArray, '~/state', latched)
+
+    # Life.
+
+    def start(self) -> None:
+        """Open the source and play it.
+
+        Raises:
+            KittiRos2Error: It cannot be opened, or a parameter cannot be meant.
+            OSError: The same.
+        """
+        source = str(self._values['source'])
+        if not source:
+            raise UsageError('there is nothing to play; give a KITTI folder or a bag as source')
+        settings = make_play_settings(given(self._values))
+        program = self._open(source, settings)
+        self._clock_publisher = self.create_publisher(Clock, '/clock', 10)
+        create_services(self, self)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self._play(program, settings)
+
+    def stop(self) -> None:
+        """End what is played."""
+        session, self._session = self._session, None
+        if session is not None:
+            session.stop()
+
+    @property
+    def session(self) -> Session:
+        """What is played."""
+        if self._session is None:
+            raise UsageError('nothing is played')
+        return self._session
+
+    @property
+    def playback(self) -> Playback:
+        """The controls of what is played."""
+        return self.session.playback
+
+    def set_rate(self, rate: float) -> None:
+        """Take another rate, also as the parameter's value.
+
+        Raises:
+            UsageError: It is out of range.
+        """
+        parameter = self.get_parameter('rate')
+        changed = type(parameter)('rate', value=float(rate))
+        result = self.set_parameters([changed])[0]
+        if not result.successful:
+            raise UsageError(result.reason)
+
+    def tell_state(self) -> None:
+        """Publish the state."""
+        session = self._session
+        if session is None:
+            return
+        with self._state_lock:
+            self._state_ns = time.monotonic_ns()
+            self._state_publisher.publish(
+                make_state(
+                    self.get_fully_qualified_name(),
+                    session.program.name,
+                    session.playback.state(),
+                    session.counts,
+                )
+            )
+
+    # Sources.
+
+    @staticmethod
+    def _open(source: str, settings: PlaySettings) -> Program:
+        path = Path(source).expanduser()
+        if not path.exists():
+            raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
+        if settings.read.layout is None and looks_like_bag(path):
+            return BagProgram(path, settings.selection)
+        workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+        recording = open_recording(path, settings.read)
+        return RecordingProgram(recording, settings.messages, settings.selection, workers)
+
+    def _play(self, program: Program, settings: PlaySettings) -> None:
+        path = settings.qos_overrides_path
+        session = Session(
+            self,
+            program,
+            settings,
+            {} if path is None else load_overrides(path),
+            self._clock_publisher.publish,
+            self._tell_state_sometimes,
+        )
+        self.stop()
+        self._session = session
+        frames = program.frames
+        self.get_logger().info(
+            f'{program.name}: frames {frames[0]} to {frames[-1]},'
+            f' {(program.stamps_ns[-1] - program.stamps_ns[0]) / 1e9:.1f} s,'
+            f' {len(program.outlets)} topics'
+        )
+        for note in program.notes():
+            self.get_logger().warning(note)
+        session.start(lambda error: self._end(session, error))
+        self.tell_state()
+
+    def _end(self, session: Session, error: BaseException | None) -> None:
+        """A session's thread has nothing more to do."""
+        if session is not self._session:
+            return  # it made room for another source
+        self.tell_state()
+        self.error = error
+        self.ended.set()
+        self.on_ended()
+
+    def _tell_state_sometimes(self) -> None:
+        if time.monotonic_ns() - self._state_ns > _STATE_EVERY_NS:
+            self.tell_state()
+
+    # Parameters.
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse what cannot be; a source is opened here, so that a bad one is refused as well."""
+        changes = {each.name: each.value for each in parameters if each.name in _NAMES}
+        try:
+            settings = make_play_settings(given({**self._values, **changes}))
+            if any(name in changes for name in _OF_SOURCE):
+                source = str(changes.get('source', self._values['source']))
+                self._opened = (self._open(source, settings), settings)
+            if changes.get('position', '') != '':
+                self._seek(str(changes['position']))
+        except (KittiRos2Error, OSError) as error:
+            return SetParametersResult(successful=False, reason=' '.join(str(error).split()))
+        return SetParametersResult(successful=True)
+
+    def _apply_parameters(self, parameters: list[Parameter]) -> None:
+        changes: Mapping[str, Any] = {
+            each.name: each.value for each in parameters if each.name in _NAMES
+        }
+        self._values.update(changes)
+        opened, self._opened = self._opened, None
+        if opened is not None:
+            self._play(*opened)
+        elif any(name in changes for name in _LIVE):
+            options = make_play_settings(given(self._values)).playback
+            self.playback.change(rate=options.rate, loop=options.loop, step=options.step)
+        if changes.get('burst'):
+            self.playback.burst(int(changes['burst']))
+        self.tell_state()
+
+    def _seek(self, text: str) -> None:
+        bound = Bound.parse(text)
+        if bound.frame is not None:
+            self.playback.seek_frame(bound.frame)
+        elif bound.offset_ns is not None:
+            self.playback.seek_offset(bound.offset_ns)
+        elif bound.stamp_ns is not None:
+            self.playback.seek(bound.stamp_ns)
+
+
+_NAMES = frozenset(parameter.name for parameter in PARAMETERS)

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the player until it ends or is told to: init, threads, and a clean way out."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from .keyboard import HELP, Key, Keyboard
+from .middleware import start_ros
+from .parameters import to_parameters
+from .player import KittiPlayer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Protocol
+
+    class Ending(Protocol):
+        """What the main thread waits for."""
+
+        def set(self) -> None:
+            """Let the wait end; from any thread or signal handler."""
+
+        def wait(self) -> None:
+            """Wait for it."""
+
+
+# A thread that decodes may keep the interpreter for that long while a message is due.
+_SWITCH_INTERVAL_S = 0.0005
+_RATE_STEP = 0.1
+
+
+def run_player(
+    values: Mapping[str, Any], ros_args: Sequence[str], ending: Ending, *, keyboard: bool
+) -> int:
+    """Play until everything is played, or the ending is set, or ROS shuts down.
+
+    Args:
+        values: Parameters by name; they win over those in ros_args.
+        ros_args: From --ros-args on.
+        ending: Tells when to end.
+        keyboard: Whether the keys of a terminal control it.
+
+    Returns:
+        How many messages could not be made, when all was played; 0 when it was told to end.
+
+    Raises:
+        KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
+    """
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    context = start_ros(ros_args)
+    with ExitStack() as stack:
+        stack.callback(context.try_shutdown)
+        node = KittiPlayer(to_parameters(values), context=context)
+        node.on_ended = ending.set
+        stack.callback(node.destroy_node)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        node.start()
+        stack.callback(node.stop)
+        thread = threading.Thread(target=_spin, args=(executor, ending.set), name='executor')
+        thread.start()
+        stack.callback(_end_spin, executor, thread)
+        if keyboard:
+            stack.enter_context(_keyboard(node, ending.set))
+        gc.freeze()
+        ending.wait()
+        if node.error is not None:
+            raise node.error
+        return node.session.counts.failures if node.ended.is_set() else 0
+
+
+def _spin(executor: SingleThreadedExecutor, ended: Callable[[], None]) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+    finally:
+        ended()
+
+
+def _end_spin(executor: SingleThreadedExecutor, thread: threading.Thread) -> None:
+    executor.shutdown()
+    thread.join()
+
+
+def _keyboard(node: KittiPlayer, quit_now: Callable[[], None]) -> Keyboard:
+    def faster(sign: int) -> None:
+        rate = node.playback.state().rate
+        node.set_rate(rate * (1 + sign * _RATE_STEP))
+        node.get_logger().info(f'rate {node.playback.state().rate:.2f}')
+
+    def control(name: str) -> Callable[[], None]:
+        """Acts on what is played when the key is pressed."""
+
+        def act() -> None:
+            getattr(node.playback, name)()
+
+        return act
+
+    keyboard = Keyboard(
+        {
+            Key.SPACE: control('toggle_paused'),
+            Key.RIGHT: control('play_next'),
+            Key.LEFT: control('play_previous'),
+            Key.UP: lambda: faster(1),
+            Key.DOWN: lambda: faster(-1),
+            Key.QUIT: quit_now,
+        },
+        on_error=lambda error: node.get_logger().warning(str(error)),
+    )
+    if sys.stdin.isatty():
+        sys.stderr.write(HELP + '\n')
+    return keyboard

@@ -1,0 +1,247 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One source while it is played: a thread that publishes what its playback says is due."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..messages.cdr import restamp_message
+from ..messages.markers import encode_clear
+from ..messages.naming import Frames
+from ..options import Stamps
+from ..playback import Idle, Jump, Playback, Send, Tick
+from ..readahead import ReadAhead
+from .outlets import Outlets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping
+
+    from rclpy.node import Node
+
+    from ..playback import Event
+    from ..program import Due, Program
+    from ..settings import PlaySettings
+    from .qos import QosOverride
+
+_CLOCK = struct.Struct('<4siI')
+_ENCAPSULATION = b'\x00\x01\x00\x00'
+_MARKERS = 'visualization_msgs/msg/MarkerArray'
+_LAST_WAIT_S = 2.0
+_PATIENCE_S = 1.0
+
+
+@dataclass
+class Counts:
+    """What a session did so far.
+
+    Attributes:
+        messages: Published.
+        failures: Messages that could not be made.
+        late_ns: The most that a message was published after it was due.
+    """
+
+    messages: int = 0
+    failures: int = 0
+    late_ns: int = 0
+
+
+class Session:
+    """Plays a program until it ends or is stopped.
+
+    Args:
+        node: Who publishes.
+        program: What is played; closed at the end.
+        settings: How.
+        overrides: QoS by topic name.
+        tell_time: Publishes a serialised rosgraph_msgs/Clock.
+        changed: Called, from the session's thread, when the state has changed.
+
+    Attributes:
+        playback: The controls.
+        counts: What it did so far.
+        on_publish: Called with each outlet, its sample's due time and the time of the call, steady
+            nanoseconds; for measuring.
+    """
+
+    on_publish: Callable[[int, int, int], None] | None = None
+
+    def __init__(
+        self,
+        node: Node,
+        program: Program,
+        settings: PlaySettings,
+        overrides: Mapping[str, QosOverride],
+        tell_time: Callable[[bytes], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self._node = node
+        self.program = program
+        self._settings = settings
+        self._overrides = overrides
+        self._tell_time = tell_time
+        self._changed = changed
+        self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
+        self.counts = Counts()
+        self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
+        self._done: Callable[[BaseException | None], None] = lambda _: None
+        self._complaints: set[str] = set()
+        self._keys: dict[int, Hashable] = {}
+        self._markers = [
+            index for index, each in enumerate(program.outlets) if each.msgtype == _MARKERS
+        ]
+        self._stale: set[int] = set()
+        self._frame: int | None = None
+        self._wall_ns = 0
+
+    def start(self, done: Callable[[BaseException | None], None]) -> None:
+        """Create the topics and begin.
+
+        Args:
+            done: Called at the end, from the session's thread, with the error that caused it.
+        """
+        self._outlets = Outlets(self._node, self.program, self._overrides)
+        self._done = done
+        for complaint in (*self.program.losses, *self._outlets.complaints.values()):
+            self._complain(complaint, 0)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it, and take the topics away."""
+        self.playback.stop()
+        if self._thread.ident is not None:
+            self._thread.join()
+            self._outlets.close()
+        self.program.close()
+
+    def _run(self) -> None:
+        error: BaseException | None = None
+        try:
+            self._play()
+        except BaseException as caught:  # noqa: BLE001 - done hands it to the main thread
+            error = caught
+        self._done(error)
+
+    def _play(self) -> None:
+        frames = len(set(self.program.frames.tolist()))
+        samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
+        with ReadAhead(self.program, samples) as ahead:
+            ahead.want(self._outlets.wanted())
+            ahead.refill()
+            for event in self.playback.events():
+                self._do(event, ahead)
+            self._outlets.finish(_LAST_WAIT_S)
+
+    def _do(self, event: Event, ahead: ReadAhead) -> None:
+        if isinstance(event, Send):
+            self._send(event, ahead)
+        elif isinstance(event, Tick):
+            self._tell(event.stamp_ns)
+        elif isinstance(event, Jump):
+            self._jump(event)
+        elif isinstance(event, Idle):
+            ahead.want(self._outlets.wanted())
+            ahead.refill()
+            if self.playback.state().paused:
+                self._clear_stale()
+            self._changed()
+
+    def _send(self, event: Send, ahead: ReadAhead) -> None:
+        wanted = self._outlets.wanted()
+        ahead.want(wanted)
+        messages, failures = ahead.take(event.position)
+        for missing in failures:
+            self._complain(*missing)
+        frame = int(self.program.frames[event.position])
+        if frame != self._frame:
+            if self._frame is not None:
+                self._clear_stale()
+            self._frame = frame
+        sent = 0
+        for message in messages:
+            if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
+                continue
+            sent += self._publish(message, event.due_ns)
+        self.playback.sent(sent)
+        if ahead.low():
+            ahead.refill()
+
+    def _publish(self, message: Due, due_ns: int) -> int:
+        """Publish, except what says nothing new; returns how many messages that were."""
+        outlet = message.outlet
+        if message.key is not None:
+            if self._keys.get(outlet) == message.key:
+                return 0
+            self._keys[outlet] = message.key
+        self._stale.discard(outlet)
+        if outlet in self._outlets.complaints:
+            self.counts.failures += 1
+            return 0
+        data = message.data
+        if self._settings.stamps is Stamps.NOW:
+            data = restamp_message(
+                data, self.program.outlets[outlet].msgtype, self._wall_time(due_ns)
+            )
+        if self.playback.options.lossless and not self._wait_for_room(outlet):
+            return 0
+        now = time.monotonic_ns()
+        if self.on_publish is not None:
+            self.on_publish(outlet, due_ns, now)
+        self._outlets.publish(outlet, data)
+        self.counts.messages += 1
+        self.counts.late_ns = max(self.counts.late_ns, now - due_ns)
+        return 1
+
+    def _wait_for_room(self, outlet: int) -> bool:
+        """Wait for subscribers as long as it takes; False once it was stopped."""
+        while not self._outlets.make_room(outlet, _PATIENCE_S):
+            if self.playback.stopped:
+                return False
+            name = self.program.outlets[outlet].name
+            self._node.get_logger().warning(
+                f'{name}: waiting for a subscriber that acknowledges nothing',
+                throttle_duration_sec=10.0,
+            )
+        return True
+
+    def _wall_time(self, due_ns: int) -> int:
+        """The wall's time of a steady time; the same for the same one, but for a set clock."""
+        offset = time.time_ns() - time.monotonic_ns()
+        if abs(offset - self._wall_ns) > 1_000_000:
+            self._wall_ns = offset
+        return due_ns + self._wall_ns
+
+    def _jump(self, event: Jump) -> None:
+        """Renew what subscribers keep of another time."""
+        self._keys.clear()
+        self._stale = set(self._markers)
+        self._frame = None
+        self._tell(event.stamp_ns)
+        if event.position:
+            now = time.monotonic_ns()
+            for message in self.program.latched_before(event.position):
+                self._publish(message, now)
+
+    def _clear_stale(self) -> None:
+        """Delete markers of another time that nothing has replaced."""
+        for outlet in sorted(self._stale):
+            stamp_ns = self.playback.state().stamp_ns
+            (data,) = encode_clear(stamp_ns, Frames().map)
+            self._outlets.publish(outlet, bytes(data))
+        self._stale.clear()
+
+    def _tell(self, stamp_ns: int) -> None:
+        if self._settings.stamps is Stamps.ORIGINAL and self._settings.playback.clock_hz:
+            seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+            self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
+
+    def _complain(self, complaint: str, messages: int) -> None:
+        """Log once, count always."""
+        self.counts.failures += messages
+        if complaint not in self._complaints:
+            self._complaints.add(complaint)
+            self._node.get_logger().error(complaint)

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fetches what is due soon on a pool of threads, so that publishing need not wait for it."""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from .program import Due, Missing, Program
+
+    Fetched = tuple[list[Due], list[Missing]]
+
+
+class ReadAhead:
+    """The messages of a program, a bounded number of samples ahead; for one thread.
+
+    The beginning follows the end: whoever plays once wastes a few samples, a loop has no gap.
+
+    Args:
+        program: What is played.
+        samples: How many samples to fetch ahead.
+    """
+
+    def __init__(self, program: Program, samples: int) -> None:
+        self._program = program
+        self._total = len(program.stamps_ns)
+        self._size = max(1, min(samples, self._total))
+        self._pool = ThreadPoolExecutor(program.workers, thread_name_prefix='read-ahead')
+        self._ahead: deque[Future[Fetched]] = deque()
+        self._next = 0
+        self._wanted: frozenset[int] = frozenset()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._drop()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def want(self, wanted: frozenset[int]) -> None:
+        """Tell which outlets have subscribers; what lacks a new one is fetched again."""
+        added = wanted - self._wanted
+        self._wanted = wanted
+        if added:
+            self._drop()
+
+    def take(self, position: int) -> Fetched:
+        """The messages at a position; those that follow are fetched from now on."""
+        if position != self._next:
+            self._drop()
+            self._next = position
+        if not self._ahead:
+            self._submit()
+        self._next = (position + 1) % self._total
+        return self._ahead.popleft().result()
+
+    def refill(self) -> None:
+        """Begin to fetch as much as may be ahead."""
+        while len(self._ahead) < self._size:
+            self._submit()
+
+    def low(self) -> bool:
+        """Whether less than half is ahead."""
+        return len(self._ahead) * 2 < self._size
+
+    def _submit(self) -> None:
+        position = (self._next + len(self._ahead)) % self._total
+        self._ahead.append(self._pool.submit(self._program.fetch, position, self._wanted))
+
+    def _drop(self) -> None:
+        for future in self._ahead:
+            future.cancel()
+        self._ahead.clear()

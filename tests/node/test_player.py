@@ -1,0 +1,319 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player over the real middleware, heard by a second process."""
+
+import itertools
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from kitti_ros2.convert import convert
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
+from kitti_ros2.samples import Layout
+
+pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
+
+import live
+
+SCAN = '/kitti/velo/points'
+MARKERS = '/kitti/labels/markers'
+OXTS = '/kitti/oxts/imu'
+IMU = {OXTS: 'sensor_msgs/msg/Imu'}
+POINTS = {SCAN: 'sensor_msgs/msg/PointCloud2'}
+FRAMES = 5  # of the small synthetic recordings
+
+
+@pytest.fixture
+def player():
+    """Starts players, and sees to it that none is left."""
+    started = []
+
+    def start(*words, **more):
+        started.append(live.play(*words, **more))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def listen():
+    """Starts listeners."""
+    started = []
+
+    def start(topics):
+        started.append(live.Listening(topics))
+        return started[-1]
+
+    yield start
+    for listener in started:
+        if listener.process.poll() is None:
+            listener.process.kill()
+            listener.process.communicate()
+
+
+def to_bag(path, out, storage='mcap'):
+    recording = open_recording(path)
+    messages = MessageOptions(images=Images.BOTH)
+    convert(recording, out, messages, SelectionOptions(), BagOptions(storage=storage))
+    return out
+
+
+def hear_all(player, listen, src, bag, *options, without=()):
+    """What a bag holds, and what is heard when something is played: digests by topic."""
+    expected = {key: found for key, found in live.bag_digests(bag).items() if key[0] not in without}
+    process = player(src, '--start-paused', *options)
+    listener = listen(dict(expected.keys()))
+    listener.wait_for_publishers()
+    assert listener.tell('call', 'resume')[0]
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == int(bool(without)), said
+    time.sleep(0.3)
+    heard = listener.heard()
+    return (
+        {topic: digests for (topic, _), digests in expected.items()},
+        {topic: [digest for _, digest in found] for topic, found in heard.items()},
+    )
+
+
+def test_live_bytes_are_the_bags(player, listen, recording_path, tmp_path):
+    """Every message of every topic, in every layout."""
+    bag = to_bag(recording_path, tmp_path / 'o.mcap')
+    expected, heard = hear_all(player, listen, recording_path, bag)
+    assert heard == expected
+
+
+@pytest.mark.parametrize(
+    ('storage', 'name'), [('mcap', 'o.mcap'), ('sqlite3', 'o'), ('ros1', 'o.bag')]
+)
+def test_a_bag_is_played_as_it_is(player, listen, recordings, tmp_path, storage, name):
+    bag = to_bag(recordings[Layout.TRACKING], tmp_path / name, storage)
+    # The markers of ROS 1 have no textures: they are no markers of ROS 2, and are left out.
+    left_out = [MARKERS] if storage == 'ros1' else []
+    expected, heard = hear_all(player, listen, bag, bag, '--rate', '2', without=left_out)
+    assert heard == expected
+
+
+def paused(player, listen, recordings, *options, topics=IMU):
+    source = recordings[Layout.RAW]
+    process = player(source, '--start-paused', '--at-end', 'pause', *options)
+    listener = listen(topics)
+    listener.wait_for_publishers()
+    return process, listener
+
+
+def test_controls(player, listen, recordings):
+    process, listener = paused(player, listen, recordings)
+    assert listener.tell('count', OXTS) == 0
+    assert listener.tell('call', 'play_next') == [True, 'paused, frame 0']
+    assert listener.tell('wait', OXTS, 1, 2) == 1
+    assert listener.tell('set', 'step', 2)[0]
+    assert listener.tell('call', 'play_next') == [True, 'paused, frame 2']
+    assert listener.tell('wait', OXTS, 3, 2) == 3
+    assert listener.tell('call', 'toggle_paused')[1].startswith('playing')
+    assert listener.tell('call', 'play_next') == [False, 'time runs; pause first']
+    assert listener.tell('wait', OXTS, FRAMES, 5) == FRAMES
+    time.sleep(0.2)
+    assert listener.tell('call', 'play_next') == [False, 'there is nothing left to play']
+    assert listener.tell('set', 'position', 1)[0]
+    assert listener.tell('call', 'play_next') == [True, 'paused, frame 2']
+    assert listener.tell('set', 'burst', 5)[0]
+    state = listener.tell('state')
+    assert (state['paused'], state['failures']) == ('true', '0')
+    assert listener.tell('call', 'stop') == [True, 'stopped']
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == 0, said
+
+
+def test_pause_holds_within_a_frame(player, listen, recordings):
+    process, listener = paused(player, listen, recordings, '--loop')
+    listener.tell('call', 'resume')
+    listener.tell('wait', OXTS, 12, 5)
+    listener.tell('call', 'pause')
+    before = listener.tell('count', OXTS)
+    time.sleep(0.5)
+    assert listener.tell('count', OXTS) - before <= 1
+    assert live.end(process)[0] == 0
+
+
+def test_seek_lands_on_the_frame(player, listen, recordings, tmp_path):
+    bag = to_bag(recordings[Layout.RAW], tmp_path / 'o.mcap')
+    digests = live.bag_digests(bag)[OXTS, IMU[OXTS]]
+    _, listener = paused(player, listen, recordings)
+    for frame in (3, 2, 4, 0):
+        assert listener.tell('set', 'position', frame)[0]
+        assert listener.tell('call', 'play_next')[0]
+    assert listener.tell('wait', OXTS, 4, 3) == 4
+    assert [digest for _, digest in listener.heard()[OXTS]] == [digests[f] for f in (3, 2, 4, 0)]
+
+
+def test_three_rounds(player, listen, recordings, tmp_path):
+    digests = live.bag_digests(to_bag(recordings[Layout.TRACKING], tmp_path / 'o.mcap'))
+    process = player(recordings[Layout.TRACKING], '--start-paused', '--times', '3', '--rate', '2')
+    listener = listen(dict(digests.keys()))
+    listener.wait_for_publishers()
+    listener.tell('call', 'resume')
+    process.communicate(timeout=60)
+    time.sleep(0.3)
+    assert {topic: len(found) for topic, found in listener.heard().items()} == {
+        topic: 3 * len(found) for (topic, _), found in digests.items()
+    }
+
+
+@pytest.mark.parametrize('rate', [0.5, 2.0, 10.0])
+def test_rate(player, listen, recordings, rate):
+    _, listener = paused(player, listen, recordings)
+    assert listener.tell('set', 'rate', rate) == [True, '']
+    listener.tell('call', 'resume')
+    listener.tell('wait', OXTS, FRAMES, 10)
+    times = [at for at, _ in listener.heard()[OXTS]]
+    recorded = open_recording(recordings[Layout.RAW]).streams
+    stamps = next(index.stamps_ns for stream, index in recorded.items() if stream.value == 'oxts')
+    expected = (stamps[-1] - stamps[0]) / 1e9 / rate
+    assert times[-1] - times[0] == pytest.approx(expected, abs=max(0.02, 0.01 * expected))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('rate', 200.0, 'rate'),
+        ('rate', -1.0, 'rate'),
+        ('rate', '"fast"', 'parameter type'),
+        ('step', -1, 'step'),
+        ('loop', -1, 'loop'),
+        ('position', 99, 'there is no frame 99; there are 0 to 4'),
+        ('position', '"soon"', 'is no start or end'),
+        ('source', '"/nowhere"', '/nowhere: no such file or folder'),
+        ('layout', '"round"', 'layout takes raw or object'),
+        ('clock', 10.0, 'read-only'),
+    ],
+)
+def test_what_cannot_be_is_refused(player, listen, recordings, name, value, reason):
+    _, listener = paused(player, listen, recordings, '--loop')
+    successful, said = listener.tell('set', name, value)
+    assert not successful
+    assert reason in said
+    assert '\n' not in said
+    listener.tell('call', 'resume')
+    assert listener.tell('wait', OXTS, 3, 5) == 3
+
+
+def test_another_source(player, listen, recordings):
+    """A bad one leaves the old one playing; a good one takes over, with its topics."""
+    _, listener = paused(player, listen, recordings, '--loop', topics=POINTS)
+    listener.tell('call', 'resume')
+    listener.tell('wait', SCAN, 2, 5)
+    assert not listener.tell('set', 'source', f'"{recordings[Layout.RAW]}/image_00"')[0]
+    count = listener.tell('count', SCAN)
+    assert listener.tell('wait', SCAN, count + 3, 5) == count + 3
+    assert listener.tell('set', 'source', f'"{recordings[Layout.OBJECT]}"') == [True, '']
+    time.sleep(0.3)
+    assert listener.tell('state')['source'].startswith('object')
+    listener.tell('call', 'resume')
+    count = listener.tell('count', SCAN)
+    assert listener.tell('wait', SCAN, count + 3, 5) == count + 3
+
+
+def test_a_late_subscriber_gets_what_is_latched(player, listen, recordings):
+    latched = {
+        '/tf_static': 'tf2_msgs/msg/TFMessage',
+        '/kitti/ground_truth/path': 'nav_msgs/msg/Path',
+        '/kitti/source/calibration': 'std_msgs/msg/String',
+    }
+    _, first = paused(player, listen, recordings)
+    first.tell('call', 'resume')
+    first.tell('wait', OXTS, FRAMES, 5)
+    late = listen(latched)
+    assert [late.tell('wait', topic, 1, 5) >= 1 for topic in latched] == [True] * 3
+
+
+def test_a_file_that_fails_costs_its_message(player, listen, drive):
+    scan = drive / 'velodyne_points' / 'data' / '0000000003.bin'
+    scan.write_bytes(b'1234567')
+    process = player(drive, '--start-paused')
+    listener = listen({**POINTS, **IMU})
+    listener.wait_for_publishers()
+    listener.tell('call', 'resume')
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert said.count('0000000003.bin') == 1
+    time.sleep(0.2)
+    assert int(listener.tell('state')['failures']) >= 1
+    heard = listener.heard()
+    assert (len(heard[SCAN]), len(heard[OXTS])) == (FRAMES - 1, FRAMES)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('seconds', [0.35, 0.7, 1.1, 1.6])
+def test_a_signal_ends_it_cleanly(player, recordings, number, seconds):
+    process = player(recordings[Layout.RAW], '--loop')
+    time.sleep(seconds)
+    code, said = live.end(process, number)
+    assert (code, 'Traceback' in said, 'Error' in said) == (0, False, False), said
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['/nowhere'], 'no such file or folder'),
+        ([], 'there is nothing to play'),
+        (['.', '--rate', '101'], 'rate 101 is not within 0.01 to 100'),
+        (['.', '--stamps', 'later'], 'stamps takes original or now'),
+        (['.', '--ros-args', '-p', 'rate:=fast'], 'rate'),
+        (['.', '--ros-args', '-p'], 'ROS cannot start'),
+        (['.', '--qos-profile-overrides-path', '/nowhere.yaml'], '/nowhere.yaml'),
+    ],
+)
+def test_wrong_usage_is_one_line(player, recordings, words, said):
+    process = player(None, *(str(recordings[Layout.RAW]) if w == '.' else w for w in words))
+    _, complaint = process.communicate(timeout=20)
+    assert process.returncode == 2
+    # rcl writes a line of its own before the exception.
+    lines = [line for line in complaint.splitlines() if not line.startswith('[')]
+    assert len(lines) == 1, complaint
+    assert said in lines[0]
+
+
+def test_stamps_of_the_moment(player, listen, recordings):
+    """Not the recording's: the same bytes would be the recording's stamps."""
+    process = player(recordings[Layout.RAW], '--stamps', 'now', '--start-paused')
+    listener = listen(IMU)
+    listener.wait_for_publishers()
+    listener.tell('call', 'resume')
+    process.communicate(timeout=30)
+    time.sleep(0.2)
+    digests = [digest for _, digest in listener.heard()[OXTS]]
+    assert len(set(digests)) == FRAMES
+
+
+def test_ros2_run_finds_the_player(recordings):
+    """The executable player is the command play, and takes everything as parameters."""
+    parameters = [f'source:={recordings[Layout.RAW]}', 'rate:=10.0']
+    words = ['--ros-args', *itertools.chain(*(('-p', each) for each in parameters))]
+    words += ['-r', '__node:=other']
+    main = 'import sys; from kitti_ros2.cli import player; sys.exit(player())'
+    process = subprocess.run(
+        [sys.executable, '-c', main, *words], env=live.environment(), capture_output=True,
+        text=True, timeout=30, check=False,
+    )  # fmt: skip
+    assert process.returncode == 0, process.stderr
+    assert '[other]' in process.stderr
+
+
+def test_lossless_loses_nothing(player, listen, recordings):
+    process = player(recordings[Layout.RAW], '--lossless', '--times', '20', '--start-paused')
+    listener = listen({**POINTS, **IMU})
+    listener.wait_for_publishers()
+    listener.tell('call', 'resume')
+    process.communicate(timeout=60)
+    time.sleep(0.3)
+    heard = listener.heard()
+    assert (len(heard[SCAN]), len(heard[OXTS])) == (20 * FRAMES, 20 * FRAMES)
+    assert all(a <= b for (a, _), (b, _) in itertools.pairwise(heard[SCAN]))
