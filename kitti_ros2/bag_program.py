@@ -10,6 +10,7 @@ import numpy as np
 
 from .bags.reader import bag_stamps, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
+from .messages.cdr import filling
 from .messages.topics import LARGE_TYPES, match_names
 from .program import Due, Missing, Outlet, nearest_frames
 
@@ -102,7 +103,7 @@ class BagProgram:
         outlet = self._index[message.topic]
         if self.outlets[outlet].on_demand and outlet not in wanted:
             return [], []
-        return [Due(outlet, message.stamp_ns, bytes(message.data))], []
+        return [_due(outlet, message)], []
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""
@@ -138,10 +139,15 @@ class BagProgram:
             return []
         with open_messages(self._path, topics) as messages:
             return [
-                Due(self._index[message.topic], message.stamp_ns, bytes(message.data))
+                _due(self._index[message.topic], message)
                 for message in messages
                 if message.stamp_ns <= last_ns
             ]
+
+
+def _due(outlet: int, message: BagMessage) -> Due:
+    data = bytes(message.data)
+    return Due(outlet, message.stamp_ns, data + filling(len(data)))
 
 
 def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
