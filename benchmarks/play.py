@@ -36,6 +36,7 @@ from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.node.message_types import message_class
 from kitti_ros2.node.middleware import start_ros
 from kitti_ros2.node.outlets import Outlets
+from kitti_ros2.node.player import KittiPlayer
 from kitti_ros2.node.run import run_player
 from kitti_ros2.node.session import Session
 from kitti_ros2.options import Images, MessageOptions, SelectionOptions
@@ -96,6 +97,7 @@ def be_player(src: Path, values: dict[str, Any]) -> dict[str, Any]:
         if not begun:
             begun.append(Usage())
         late.append(now_ns - due_ns)
+        latest[0] = begun[0].since()
 
     def sample() -> None:
         while True:
@@ -106,12 +108,28 @@ def be_player(src: Path, values: dict[str, Any]) -> dict[str, Any]:
     keep_freed_memory()
     if values.get('loop', 1) > 1:
         threading.Thread(target=sample, daemon=True).start()
-    run_player({'source': str(src), **values}, [], end_by_signal(), keyboard=False)
-    latest[0] = begun[0].since()
+    subscribed = values.pop('subscribed')
+    start = KittiPlayer.start
+
+    def start_and_resume(player: KittiPlayer) -> None:
+        start(player)
+        threading.Thread(target=_resume, args=(player, subscribed), daemon=True).start()
+
+    KittiPlayer.start = start_and_resume  # type: ignore[method-assign, assignment]
+    values = {'source': str(src), 'start_paused': True, **values}
+    run_player(values, [], end_by_signal(), keyboard=False)
     return {'late': late, 'memory': memory, **latest[0]}
 
 
-def be_bare(src: Path, *, paced: bool) -> dict[str, Any]:
+def _resume(player: KittiPlayer, topics: list[str]) -> None:
+    """Begin when every topic has its subscriber."""
+    while not all(player.count_subscribers(topic) for topic in topics):
+        time.sleep(0.05)
+    time.sleep(1.0)
+    player.playback.resume()
+
+
+def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
     """Publish the same bytes, made before, in time or as fast as they are taken."""
     program = open_program(src, raw=False)
     outlets = frozenset(range(len(program.outlets)))
@@ -120,7 +138,9 @@ def be_bare(src: Path, *, paced: bool) -> dict[str, Any]:
     node = Node('bare', context=context)
     group = Outlets(node, program, {})
     publishers = group._publishers  # noqa: SLF001 - nothing of ours but the topics
-    sys.stdin.readline()
+    while not all(node.count_subscribers(topic) for topic in topics):
+        time.sleep(0.05)
+    time.sleep(1.0)
     usage, begin = Usage(), time.monotonic_ns()
     for position, messages in enumerate(ready):
         if paced:
@@ -212,21 +232,12 @@ class Process:
         """The next line it prints."""
         return self._process.stdout.readline() if self._process.stdout else ''
 
-    def go(self) -> None:
-        """Give it a line."""
-        if self._process.stdin:
-            self._process.stdin.write('\n')
-            self._process.stdin.flush()
-
     def result(self) -> Any:  # noqa: ANN401 - whatever the role returns
         """Wait for it."""
         out, _ = self._process.communicate(timeout=600)
         if self._process.returncode:
             raise SystemExit(f'{self._role} failed')
         return json.loads(out.splitlines()[-1])
-
-
-DISCOVERY_S = 2.5
 
 
 def with_subscriber(
@@ -241,20 +252,15 @@ def with_subscriber(
     return played, subscriber.result()
 
 
-def play(src: Path, **values: object) -> Callable[[], Process]:
-    """Starts a player; its delay leaves time to be discovered."""
-    return lambda: Process('player', str(src), json.dumps({'delay': DISCOVERY_S, **values}))
+def play(src: Path, topics: dict[str, str], **values: object) -> Callable[[], Process]:
+    """Starts a player, which begins when all topics are subscribed."""
+    options = json.dumps({'subscribed': list(topics), **values})
+    return lambda: Process('player', str(src), options)
 
 
-def bare(src: Path, pace: str) -> Callable[[], Process]:
+def bare(src: Path, topics: dict[str, str], pace: str) -> Callable[[], Process]:
     """Starts a bare loop."""
-
-    def start() -> Process:
-        process = Process('bare', str(src), pace)
-        threading.Timer(DISCOVERY_S + 2, process.go).start()
-        return process
-
-    return start
+    return lambda: Process('bare', str(src), pace, *topics)
 
 
 def quantile(values: list[int], share: float) -> float:
@@ -286,10 +292,11 @@ def measure_real_time(src: Path, repeat: int) -> None:
     topics = {name: types[name] for name in counts}
     half, most, timer, lost = [], [], [], 0
     for _ in range(repeat):
-        played, heard = with_subscriber(topics, play(src))
+        beside = Process('timer', '15')
+        played, heard = with_subscriber(topics, play(src, topics))
         half.append(quantile(played['late'], 0.5))
         most.append(quantile(played['late'], 0.99))
-        timer.append(quantile(Process('timer', '5').result()['late'], 0.99))
+        timer.append(quantile(beside.result()['late'], 0.99))
         lost += sum(counts.values()) - sum(heard.values())
     report('schedule error p50, ms', statistics.median(half), '<= 0.5')
     report('schedule error p99, ms', statistics.median(most), '<= 3')
@@ -307,14 +314,14 @@ def measure_load(src: Path, repeat: int) -> None:
     cpu, bare_cpu, fast, bare_fast, lost = [], [], [], [], 0
     total = sum(expected(program).values())
     for _ in range(repeat):
-        played, _ = with_subscriber(topics, play(src))
+        played, _ = with_subscriber(topics, play(src, topics))
         cpu.append(played['cpu'] / played['wall'])
-        played, _ = with_subscriber(topics, bare(src, 'paced'))
+        played, _ = with_subscriber(topics, bare(src, topics, 'paced'))
         bare_cpu.append(played['cpu'] / played['wall'])
-        played, heard = with_subscriber(topics, play(src, lossless=True))
+        played, heard = with_subscriber(topics, play(src, topics, lossless=True))
         fast.append(frames / played['wall'])
         lost += total - sum(heard.values())
-        played, _ = with_subscriber(topics, bare(src, 'flat out'))
+        played, _ = with_subscriber(topics, bare(src, topics, 'flat out'))
         bare_fast.append(frames / played['wall'])
     report('one core busy at rate 1, share', statistics.median(cpu), '<= 0.4')
     ratio = statistics.median(cpu) / statistics.median(bare_cpu)
@@ -329,7 +336,7 @@ def measure_memory(src: Path, rounds: int) -> None:
     """Many rounds."""
     program = open_program(src, raw=False)
     topics = {each.name: each.msgtype for each in program.outlets if not each.latched}
-    played, _ = with_subscriber(topics, play(src, lossless=True, loop=rounds))
+    played, _ = with_subscriber(topics, play(src, topics, lossless=True, loop=rounds))
     memory = played['memory']
     tenth = max(1, len(memory) // 10)
     early = statistics.median(memory[tenth : 2 * tenth])
@@ -351,7 +358,7 @@ def main() -> None:
     src = Path(args.src[0])
     roles: dict[str, Callable[[], Any]] = {
         'player': lambda: be_player(src, json.loads(args.src[1])),
-        'bare': lambda: be_bare(src, paced=args.src[1] == 'paced'),
+        'bare': lambda: be_bare(src, args.src[2:], paced=args.src[1] == 'paced'),
         'timer': lambda: be_timer(float(args.src[0])),
         'subscriber': lambda: be_subscriber(json.loads(args.src[0])),
     }

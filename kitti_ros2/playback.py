@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 _SECOND = 1_000_000_000
 _LONG_WAIT_NS = 4_000_000
-"""A wait of this length is an opportunity for other work."""
+_IDLE_EVERY_NS = 50_000_000
+"""A long wait is an opportunity for other work: at its beginning, and again and again."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Playback:
         self._burst_left = 0
         self._burst_sent = 0
         self._jump = False
-        self._idle_told = False
+        self._next_idle = 0
         now = self._clock.now_ns()
         self._anchor_ns: int = now + options.delay_ns
         self._anchor_stamp: int = self._stamps[0]
@@ -187,8 +188,8 @@ class Playback:
                 if not self._begin_again():
                     return None
                 continue
-            if not self._idle_told and (due is None or due - now > _LONG_WAIT_NS):
-                self._idle_told = True
+            if now >= self._next_idle and (due is None or due - now > _LONG_WAIT_NS):
+                self._next_idle = now + _IDLE_EVERY_NS
                 return Idle()
             self._wait(now, due)
         return None
@@ -198,7 +199,7 @@ class Playback:
         if self._rushing or self._options.lossless:
             self._anchor_ns, self._anchor_stamp = due, self._stamps[self._position]
         self._position += 1
-        self._idle_told = False
+        self._next_idle = 0
         return event
 
     @property
@@ -230,7 +231,9 @@ class Playback:
         return False
 
     def _wait(self, now: int, due: int | None) -> None:
-        moments = [due] if due is not None else []
+        moments = [self._next_idle] if self._next_idle > now else []
+        if due is not None:
+            moments.append(due)
         if self._options.clock_hz:
             moments.append(self._next_tick)
         seconds = (min(moments) - now) / _SECOND if moments else None
@@ -259,7 +262,7 @@ class Playback:
         self._rush_until = self._burst_left = 0
         self._anchor_ns, self._anchor_stamp = self._clock.now_ns(), stamp_ns
         self._jump = True
-        self._idle_told = False
+        self._next_idle = 0
 
     # The controls.
 
@@ -429,5 +432,5 @@ class Playback:
             self._wake()
 
     def _wake(self) -> None:
-        self._idle_told = False
+        self._next_idle = 0
         self._condition.notify_all()

@@ -147,7 +147,9 @@ class RecordingProgram:
             Missing(f'{", ".join(each.topics)}: {one_line(each.error)}', len(each.topics))
             for each in failures
         ]
-        return [_due(message) for message in messages], missing
+        # Small ones first: each waits for those before it.
+        due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
+        return due, missing
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
@@ -17,6 +20,9 @@ if TYPE_CHECKING:
     from .program import Due, Missing, Program
 
     Fetched = tuple[list[Due], list[Missing]]
+
+
+_NICENESS = 10
 
 
 class ReadAhead:
@@ -33,7 +39,9 @@ class ReadAhead:
         self._program = program
         self._total = len(program.stamps_ns)
         self._size = max(1, min(samples, self._total))
-        self._pool = ThreadPoolExecutor(program.workers, thread_name_prefix='read-ahead')
+        self._pool = ThreadPoolExecutor(
+            program.workers, thread_name_prefix='read-ahead', initializer=_step_back
+        )
         self._ahead: deque[Future[Fetched]] = deque()
         self._next = 0
         self._wanted: frozenset[int] = frozenset()
@@ -84,3 +92,9 @@ class ReadAhead:
         for future in self._ahead:
             future.cancel()
         self._ahead.clear()
+
+
+def _step_back() -> None:
+    """Let threads with something due go first; on Linux a thread has a niceness of its own."""
+    if sys.platform == 'linux':
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)

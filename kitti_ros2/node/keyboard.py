@@ -7,6 +7,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import signal
 import sys
 import termios
 import threading
@@ -38,12 +39,13 @@ class Key(Enum):
     QUIT = b'q'
 
 
-_ESCAPE = 0x1B
+_ESCAPE = b'\x1b'
 _ARROW_BEGINS = (b'[', b'O')
 _PLAIN = {Key.SPACE.value: Key.SPACE, Key.QUIT.value: Key.QUIT}
 _ARROWS = {key.value: key for key in (Key.UP, Key.DOWN, Key.RIGHT, Key.LEFT)}
 _REST_OF_ESCAPE_S = 0.05
 _LOOK_AGAIN_S = 0.5
+_NOT_OURS = termios.ICANON | termios.ECHO
 
 
 class Keyboard:
@@ -52,30 +54,28 @@ class Keyboard:
     Args:
         actions: What to do, by key.
         on_error: Told what an action raises.
-        stream: Where keys come from.
+        stream: Where keys come from; None for standard input, as it is when entered.
     """
 
     def __init__(
         self,
         actions: Mapping[Key, Callable[[], object]],
         on_error: Callable[[Exception], None],
-        stream: TextIO = sys.stdin,
+        stream: TextIO | None = None,
     ) -> None:
         self._actions = actions
         self._on_error = on_error
         self._stream = stream
         self._thread: threading.Thread | None = None
-        self._attributes: list[Any] = []
+        self._closing = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
-        if not _is_our_terminal(self._stream):
-            return self
-        self._terminal = self._stream.fileno()
-        self._attributes = termios.tcgetattr(self._terminal)
-        self._reader, self._writer = os.pipe()
-        tty.setcbreak(self._terminal, termios.TCSANOW)
-        self._thread = threading.Thread(target=self._listen, name='keyboard', daemon=True)
-        self._thread.start()
+        stream = sys.stdin if self._stream is None else self._stream
+        if _is_our_terminal(stream):
+            # What has been done is undone too when a later step fails.
+            with contextlib.ExitStack() as stack:
+                self._open(stream.fileno(), stack)
+                self._closing = stack.pop_all()
         return self
 
     def __exit__(
@@ -84,31 +84,48 @@ class Keyboard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._thread is None:
-            return
-        os.write(self._writer, b'.')
-        self._thread.join()
-        os.close(self._reader)
-        os.close(self._writer)
-        with contextlib.suppress(termios.error):  # the terminal may be gone
-            termios.tcsetattr(self._terminal, termios.TCSANOW, self._attributes)
+        self._closing.close()
+
+    def _open(self, terminal: int, stack: contextlib.ExitStack) -> None:
+        self._terminal = terminal
+        self._reader, writer = os.pipe()
+        stack.callback(os.close, self._reader)
+        stack.callback(os.close, writer)
+        stack.callback(_restore, terminal, termios.tcgetattr(terminal))
+        tty.setcbreak(terminal, termios.TCSANOW)
+        self._thread = threading.Thread(target=self._listen, name='keyboard', daemon=True)
+        self._thread.start()
+        stack.callback(self._thread.join)
+        stack.callback(os.write, writer, b'.')
 
     def _listen(self) -> None:
+        # Should we go to the background between a look and a read, the read fails, not the job.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTIN, signal.SIGTTOU})
         while True:
             try:
-                ready, _, _ = select.select([self._terminal, self._reader], [], [], _LOOK_AGAIN_S)
-                if self._reader in ready:
+                if not self._turn():
                     return
-                if self._terminal in ready and not self._press():
-                    return
-                self._set_again()
             except OSError:
-                return  # the terminal is gone
+                if not os.isatty(self._terminal):
+                    return  # the terminal is gone
+
+    def _turn(self) -> bool:
+        """Wait for a key or the next look at the terminal; False when there is no more to do."""
+        watched = [self._reader]
+        if _in_foreground(self._terminal):
+            _set_again(self._terminal)
+            watched.append(self._terminal)
+        ready, _, _ = select.select(watched, [], [], _LOOK_AGAIN_S)
+        if self._reader in ready:
+            return False
+        if self._terminal in ready and _in_foreground(self._terminal):
+            return self._press()
+        return True
 
     def _press(self) -> bool:
         """Act on one key; False at the end of the stream."""
         byte = os.read(self._terminal, 1)
-        key = self._arrow() if byte == bytes([_ESCAPE]) else _PLAIN.get(byte)
+        key = self._arrow() if byte == _ESCAPE else _PLAIN.get(byte)
         if key is not None and key in self._actions:
             try:
                 self._actions[key]()
@@ -118,25 +135,44 @@ class Keyboard:
 
     def _arrow(self) -> Key | None:
         """The arrow whose sequence has begun with an escape; None for anything else."""
-        if self._read_soon() not in _ARROW_BEGINS:
+        begin = self._read_soon()
+        while begin == _ESCAPE:  # the one before was a key of its own
+            begin = self._read_soon()
+        if begin not in _ARROW_BEGINS:
             return None
-        return _ARROWS.get(self._read_soon())
+        byte = self._read_soon()
+        if byte in _ARROWS:
+            return _ARROWS[byte]
+        while b' ' <= byte <= b'?':  # parameters of another key, which are no keys
+            byte = self._read_soon()
+        return None
 
     def _read_soon(self) -> bytes:
-        ready, _, _ = select.select([self._terminal], [], [], _REST_OF_ESCAPE_S)
-        return os.read(self._terminal, 1) if ready else b''
-
-    def _set_again(self) -> None:
-        """A shell that stopped us (Ctrl-Z) has set its own mode; ours comes back with fg."""
-        if not _in_foreground(self._terminal):
-            return
-        with contextlib.suppress(termios.error):
-            if termios.tcgetattr(self._terminal)[3] & termios.ICANON:
-                tty.setcbreak(self._terminal, termios.TCSANOW)
+        """The next byte; empty when none comes, or when we are closed."""
+        watched = [self._reader, self._terminal]
+        ready, _, _ = select.select(watched, [], [], _REST_OF_ESCAPE_S)
+        return os.read(self._terminal, 1) if ready == [self._terminal] else b''
 
 
-def _is_our_terminal(stream: TextIO) -> bool:
-    return not stream.closed and stream.isatty() and _in_foreground(stream.fileno())
+def _set_again(terminal: int) -> None:
+    """A shell that stopped us (Ctrl-Z) has set its own mode; ours comes back with fg."""
+    with contextlib.suppress(termios.error):
+        if termios.tcgetattr(terminal)[3] & _NOT_OURS:
+            tty.setcbreak(terminal, termios.TCSANOW)
+
+
+def _restore(terminal: int, attributes: list[Any]) -> None:
+    """Only from the foreground: else the shell has its mode back, and we would be stopped."""
+    if _in_foreground(terminal):
+        with contextlib.suppress(termios.error):  # the terminal may be gone
+            termios.tcsetattr(terminal, termios.TCSANOW, attributes)
+
+
+def _is_our_terminal(stream: TextIO | None) -> bool:
+    """Standard input is None where a process is started without one."""
+    if stream is None or stream.closed or not stream.isatty():
+        return False
+    return _in_foreground(stream.fileno())
 
 
 def _in_foreground(terminal: int) -> bool:

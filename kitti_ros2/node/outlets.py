@@ -30,7 +30,7 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
-_COUNT_EVERY_NS = 50_000_000
+_COUNT_EVERY_NS = 200_000_000
 
 
 class Outlets:
@@ -74,16 +74,18 @@ class Outlets:
         self._wanted: frozenset[int] = frozenset()
         self._counted_ns = 0
 
-    def wanted(self) -> frozenset[int]:
-        """The outlets on demand with a subscriber; looked up a few times a second."""
-        now = time.monotonic_ns()
-        if now - self._counted_ns > _COUNT_EVERY_NS:
-            self._counted_ns = now
-            self._wanted = frozenset(
-                index
-                for index in self._large
-                if self._publishers[index].get_subscription_count() > 0
-            )
+    def wanted(self, now_ns: int) -> frozenset[int]:
+        """The outlets on demand with a subscriber; looked up when the last look is old."""
+        if now_ns - self._counted_ns > _COUNT_EVERY_NS:
+            self.look()
+        return self._wanted
+
+    def look(self) -> frozenset[int]:
+        """The outlets on demand with a subscriber now."""
+        self._counted_ns = time.monotonic_ns()
+        self._wanted = frozenset(
+            index for index in self._large if self._publishers[index].get_subscription_count() > 0
+        )
         return self._wanted
 
     def publish(self, outlet: int, data: bytes) -> None:

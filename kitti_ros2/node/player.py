@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 NODE_NAME = 'kitti_player'
 _MOST_WORKERS = 4
-_STATE_EVERY_NS = 100_000_000
+_STATE_EVERY_NS = 200_000_000
 _LIVE = ('rate', 'loop', 'step')
 _OF_SOURCE = ('source', 'layout', 'sequence')
 

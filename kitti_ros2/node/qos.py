@@ -21,7 +21,9 @@ from ..errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from enum import Enum
     from pathlib import Path
+    from typing import TypeGuard
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def load_overrides(path: Path) -> dict[str, QosOverride]:
         content = yaml.safe_load(path.read_text('utf-8'))
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; it should hold QoS overrides') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or no such date
         mark = getattr(error, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
         raise UsageError(f'{where}: no YAML; expected topics with their QoS') from None
@@ -77,61 +79,66 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
             known = ', '.join(_POLICIES)
             raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {known}')
         try:
-            field, parsed = _POLICIES[name](value)
-        except (KeyError, TypeError, ValueError):
-            raise UsageError(f'{path}: {topic}: {name} cannot be {value!r}') from None
-        values[field] = parsed
+            values[name] = _POLICIES[name](value)
+        except ValueError as expected:
+            raise UsageError(
+                f'{path}: {topic}: {name} cannot be {value!r}; expected {expected}'
+            ) from None
     return QosOverride(values)
 
 
-def _choice(field: str, kind: type, *names: str) -> Callable[[Any], tuple[str, Any]]:
-    known = {name: kind[name.upper()] for name in names}  # type: ignore[index] # an enum
-    return lambda value: (field, known[value])
+def _choice(kind: type[Enum], *names: str) -> Callable[[object], Enum]:
+    known = {name: kind[name.upper()] for name in names}
 
-
-def _duration(field: str) -> Callable[[Any], tuple[str, Any]]:
-    def parse(value: Any) -> tuple[str, Any]:  # noqa: ANN401 - from YAML
-        if set(value) - {'sec', 'nsec'}:
-            raise ValueError(value)
-        return field, Duration(
-            seconds=int(value.get('sec', 0)), nanoseconds=int(value.get('nsec', 0))
-        )
+    def parse(value: object) -> Enum:
+        policy = known.get(str(value).lower())  # rosbag2 does not mind the case either
+        if policy is None:
+            raise ValueError(f'one of {", ".join(names)}')
+        return policy
 
     return parse
 
 
-def _whole(field: str) -> Callable[[Any], tuple[str, Any]]:
-    def parse(value: Any) -> tuple[str, Any]:  # noqa: ANN401 - from YAML
-        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            raise ValueError(value)
-        return field, value
-
-    return parse
-
-
-def _flag(field: str) -> Callable[[Any], tuple[str, Any]]:
-    def parse(value: Any) -> tuple[str, Any]:  # noqa: ANN401 - from YAML
-        if not isinstance(value, bool):
-            raise TypeError(value)
-        return field, value
-
-    return parse
+def _duration(value: object) -> Duration:
+    """Zero stands for infinity, as in rosbag2, which wants both parts too."""
+    expected = ValueError('{sec: SECONDS, nsec: NANOSECONDS}, whole numbers from 0')
+    if not isinstance(value, dict) or set(value) != {'sec', 'nsec'}:
+        raise expected
+    if not all(_is_whole(part) for part in value.values()):
+        raise expected
+    nanoseconds = value['sec'] * 1_000_000_000 + value['nsec']
+    if nanoseconds > _LONGEST_NS:
+        raise ValueError(f'at most {_LONGEST_NS} ns in all')
+    return Duration(nanoseconds=nanoseconds)
 
 
-_POLICIES: dict[str, Callable[[Any], tuple[str, Any]]] = {
-    'history': _choice('history', HistoryPolicy, 'keep_last', 'keep_all', 'system_default'),
-    'depth': _whole('depth'),
-    'reliability': _choice(
-        'reliability', ReliabilityPolicy, 'reliable', 'best_effort', 'system_default'
-    ),
-    'durability': _choice(
-        'durability', DurabilityPolicy, 'volatile', 'transient_local', 'system_default'
-    ),
-    'liveliness': _choice(
-        'liveliness', LivelinessPolicy, 'automatic', 'manual_by_topic', 'system_default'
-    ),
-    'deadline': _duration('deadline'),
-    'lifespan': _duration('lifespan'),
-    'liveliness_lease_duration': _duration('liveliness_lease_duration'),
-    'avoid_ros_namespace_conventions': _flag('avoid_ros_namespace_conventions'),
+def _depth(value: object) -> int:
+    if not _is_whole(value) or value > _DEEPEST:
+        raise ValueError(f'a whole number from 0 to {_DEEPEST}')
+    return value
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError('true or false')  # noqa: TRY004 - the value is wrong, not the call
+    return value
+
+
+def _is_whole(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+_LONGEST_NS = 2**63 - 1  # of rcl
+_DEEPEST = 2**31 - 1  # of DDS
+
+_POLICIES: dict[str, Callable[[object], object]] = {
+    'history': _choice(HistoryPolicy, 'keep_last', 'keep_all', 'system_default'),
+    'depth': _depth,
+    'reliability': _choice(ReliabilityPolicy, 'reliable', 'best_effort', 'system_default'),
+    'durability': _choice(DurabilityPolicy, 'volatile', 'transient_local', 'system_default'),
+    'liveliness': _choice(LivelinessPolicy, 'automatic', 'manual_by_topic', 'system_default'),
+    'deadline': _duration,
+    'lifespan': _duration,
+    'liveliness_lease_duration': _duration,
+    'avoid_ros_namespace_conventions': _flag,
 }

@@ -130,7 +130,7 @@ class Session:
         frames = len(set(self.program.frames.tolist()))
         samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
         with ReadAhead(self.program, samples) as ahead:
-            ahead.want(self._outlets.wanted())
+            ahead.want(self._outlets.look())
             ahead.refill()
             for event in self.playback.events():
                 self._do(event, ahead)
@@ -144,14 +144,14 @@ class Session:
         elif isinstance(event, Jump):
             self._jump(event)
         elif isinstance(event, Idle):
-            ahead.want(self._outlets.wanted())
+            ahead.want(self._outlets.look())
             ahead.refill()
             if self.playback.state().paused:
                 self._clear_stale()
             self._changed()
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
-        wanted = self._outlets.wanted()
+        wanted = self._outlets.wanted(time.monotonic_ns())
         ahead.want(wanted)
         messages, failures = ahead.take(event.position)
         for missing in failures:
