@@ -56,7 +56,9 @@ class Tick:
 
 @dataclass(frozen=True)
 class Idle:
-    """Nothing is due for a while."""
+    """Nothing is due for a while: so many nanoseconds, None while paused."""
+
+    for_ns: int | None
 
 
 Event: TypeAlias = 'Send | Jump | Tick | Idle'
@@ -190,7 +192,7 @@ class Playback:
                 continue
             if now >= self._next_idle and (due is None or due - now > _LONG_WAIT_NS):
                 self._next_idle = now + _IDLE_EVERY_NS
-                return Idle()
+                return Idle(None if due is None else due - now)
             self._wait(now, due)
         return None
 

@@ -33,14 +33,17 @@ class ReadAhead:
     Args:
         program: What is played.
         samples: How many samples to fetch ahead.
+        polite: Whether other threads go first.
     """
 
-    def __init__(self, program: Program, samples: int) -> None:
+    def __init__(self, program: Program, samples: int, *, polite: bool) -> None:
         self._program = program
         self._total = len(program.stamps_ns)
         self._size = max(1, min(samples, self._total))
         self._pool = ThreadPoolExecutor(
-            program.workers, thread_name_prefix='read-ahead', initializer=_step_back
+            program.workers,
+            thread_name_prefix='read-ahead',
+            initializer=_step_back if polite else None,
         )
         self._ahead: deque[Future[Fetched]] = deque()
         self._next = 0

@@ -12,6 +12,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..errors import LackingError
+from .byte_publisher import byte_publisher
 from .message_types import message_class
 from .qos import make_profile
 
@@ -63,7 +64,11 @@ class Outlets:
                 make_profile(outlet.latched, outlet.depth, overrides.get(outlet.name)),
                 qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
             )
-        self._publish = {index: each.publish for index, each in self._publishers.items()}
+        # A small message is sooner sent than the interpreter's lock is had again.
+        self._publish = {
+            index: byte_publisher(each) if self.outlets[index].on_demand else each.publish
+            for index, each in self._publishers.items()
+        }
         self._large = [index for index in self._publishers if self.outlets[index].on_demand]
         self._window = {
             index: max(1, publisher.qos_profile.depth - 1)

@@ -33,6 +33,7 @@ _ENCAPSULATION = b'\x00\x01\x00\x00'
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
 _LAST_WAIT_S = 2.0
 _PATIENCE_S = 1.0
+_LONG_GAP_NS = 20_000_000
 
 
 @dataclass
@@ -129,7 +130,7 @@ class Session:
     def _play(self) -> None:
         frames = len(set(self.program.frames.tolist()))
         samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
-        with ReadAhead(self.program, samples) as ahead:
+        with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
             ahead.want(self._outlets.look())
             ahead.refill()
             for event in self.playback.events():
@@ -145,7 +146,9 @@ class Session:
             self._jump(event)
         elif isinstance(event, Idle):
             ahead.want(self._outlets.look())
-            ahead.refill()
+            # Decoding takes the processors from what is due next: the longest gap is best.
+            if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
+                ahead.refill()
             if self.playback.state().paused:
                 self._clear_stale()
             self._changed()
