@@ -31,7 +31,7 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
-_COUNT_EVERY_NS = 200_000_000
+_COUNT_EVERY_NS = 50_000_000
 
 
 class Outlets:

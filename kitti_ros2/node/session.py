@@ -145,11 +145,11 @@ class Session:
         elif isinstance(event, Jump):
             self._jump(event)
         elif isinstance(event, Idle):
-            ahead.want(self._outlets.look())
+            ahead.want(self._outlets.wanted(time.monotonic_ns()))
             # Decoding takes the processors from what is due next: the longest gap is best.
             if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
                 ahead.refill()
-            if self.playback.state().paused:
+            if event.for_ns is None:
                 self._clear_stale()
             self._changed()
 
