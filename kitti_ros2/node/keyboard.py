@@ -69,6 +69,11 @@ class Keyboard:
         self._thread: threading.Thread | None = None
         self._closing = contextlib.ExitStack()
 
+    @property
+    def listening(self) -> bool:
+        """Whether keys are heard."""
+        return self._thread is not None
+
     def __enter__(self) -> Self:
         stream = sys.stdin if self._stream is None else self._stream
         if _is_our_terminal(stream):

@@ -68,7 +68,9 @@ def run_player(
         thread.start()
         stack.callback(_end_spin, executor, thread)
         if keyboard:
-            stack.enter_context(_keyboard(node, ending.set))
+            keys = stack.enter_context(_keyboard(node, ending.set))
+            if keys.listening:
+                sys.stderr.write(f'{HELP}\n')
         gc.freeze()
         ending.wait()
         if node.error is not None:
@@ -104,7 +106,7 @@ def _keyboard(node: KittiPlayer, quit_now: Callable[[], None]) -> Keyboard:
 
         return act
 
-    keyboard = Keyboard(
+    return Keyboard(
         {
             Key.SPACE: control('toggle_paused'),
             Key.RIGHT: control('play_next'),
@@ -115,6 +117,3 @@ def _keyboard(node: KittiPlayer, quit_now: Callable[[], None]) -> Keyboard:
         },
         on_error=lambda error: node.get_logger().warning(str(error)),
     )
-    if sys.stdin.isatty():
-        sys.stderr.write(HELP + '\n')
-    return keyboard
