@@ -48,7 +48,8 @@ def run_player(
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How many messages could not be made, when all was played; 0 when it was told to end.
+        How much was lost, when all was played: messages that could not be made, and what was
+        missing from the start; 0 when it was told to end.
 
     Raises:
         KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
@@ -75,7 +76,8 @@ def run_player(
         ending.wait()
         if node.error is not None:
             raise node.error
-        return node.session.counts.failures if node.ended.is_set() else 0
+        session = node.session
+        return session.counts.failures + len(session.program.losses) if node.ended.is_set() else 0
 
 
 def _spin(executor: SingleThreadedExecutor, ended: Callable[[], None]) -> None:

@@ -7,7 +7,8 @@
 It says `ready` when it is subscribed, calls a service or sets a parameter for every line on its
 standard input, and prints what it heard when that ends: by topic a list of [seconds, digest].
 Lines: `call NAME` (a std_srvs/Trigger of /kitti_player), `set NAME VALUE` (VALUE as JSON),
-`count TOPIC` (how many messages so far), `state` (the last ~/state), `wait TOPIC N SECONDS`.
+`count TOPIC` (how many messages so far), `last TOPIC` (its last message, in hex), `state` (the
+last ~/state), `wait TOPIC N SECONDS`, `describe TYPE HASH`, `publishers TOPIC`.
 """
 
 import hashlib
@@ -24,6 +25,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from std_srvs.srv import Trigger
+from type_description_interfaces.srv import GetTypeDescription
 
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.node.message_types import message_class
@@ -40,6 +42,7 @@ class Listener:
         self.ears = rclpy.create_node('ears')
         self.subscriptions = {}
         self.heard = {topic: [] for topic in topics}
+        self.last = {}
         self.values = {}
         for topic, msgtype in topics.items():
             # Reliable, and with room for all: what is missing here was never sent.
@@ -72,6 +75,7 @@ class Listener:
                 while found := subscription.handle.take_message(subscription.msg_type, True):
                     digest = hashlib.sha1(found[0]).hexdigest()
                     self.heard[topic].append((time.monotonic(), digest))
+                    self.last[topic] = found[0]
                     taken += 1
             if not taken:
                 time.sleep(0.002)
@@ -95,6 +99,18 @@ class Listener:
         answer = self._ask(client, SetParameters.Request(parameters=[parameter]))
         return answer and answer.results[0]
 
+    def describe(self, name, digest):
+        client = self.node.create_client(GetTypeDescription, f'{PLAYER}/get_type_description')
+        request = GetTypeDescription.Request(type_name=name, type_hash=digest)
+        answer = self._ask(client, request)
+        description = answer.type_description
+        fields = [
+            [field.name, field.type.nested_type_name]
+            for field in description.type_description.fields
+        ]
+        known = sorted(each.type_name for each in description.referenced_type_descriptions)
+        return [answer.successful, fields, known]
+
     def _ask(self, client, request):
         if not client.wait_for_service(10):
             return None
@@ -116,6 +132,10 @@ class Listener:
             return len(self.heard[rest[0]])
         if verb == 'wait':
             return self.wait(rest[0], int(rest[1]), float(rest[2]))
+        if verb == 'last':
+            return self.last[rest[0]].hex()
+        if verb == 'describe':
+            return self.describe(*rest)
         if verb == 'publishers':
             return self.node.count_publishers(rest[0])
         return self.values

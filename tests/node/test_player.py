@@ -12,6 +12,8 @@ import pytest
 
 from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
 from kitti_ros2.samples import Layout
 
@@ -20,6 +22,7 @@ pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 import live
 
 SCAN = '/kitti/velo/points'
+TF = 'tf2_msgs/msg/TFMessage'
 MARKERS = '/kitti/labels/markers'
 OXTS = '/kitti/oxts/imu'
 IMU = {OXTS: 'sensor_msgs/msg/Imu'}
@@ -223,7 +226,7 @@ def test_another_source(player, listen, recordings):
 
 def test_a_late_subscriber_gets_what_is_latched(player, listen, recordings):
     latched = {
-        '/tf_static': 'tf2_msgs/msg/TFMessage',
+        '/tf_static': TF,
         '/kitti/ground_truth/path': 'nav_msgs/msg/Path',
         '/kitti/source/calibration': 'std_msgs/msg/String',
     }
@@ -232,6 +235,43 @@ def test_a_late_subscriber_gets_what_is_latched(player, listen, recordings):
     first.tell('wait', OXTS, FRAMES, 5)
     late = listen(latched)
     assert [late.tell('wait', topic, 1, 5) >= 1 for topic in latched] == [True] * 3
+
+
+def test_the_frames_resolve_for_a_late_subscriber(player, listen, recordings):
+    """From map to each camera, by what /tf_static and /tf hold."""
+    _, first = paused(player, listen, recordings)
+    first.tell('call', 'resume')
+    first.tell('wait', OXTS, 2, 5)
+    first.tell('call', 'pause')
+    late = listen({'/tf_static': TF, '/tf': TF})
+    late.wait_for_publishers()
+    late.tell('set', 'step', 1)
+    late.tell('call', 'play_next')
+    parents = {}
+    for topic in late.topics:
+        assert late.tell('wait', topic, 1, 5) >= 1
+        message = deserialize(bytes.fromhex(late.tell('last', topic)), TF)
+        parents |= {each.child_frame_id: each.header.frame_id for each in message.transforms}
+    for camera in ('gray_left', 'gray_right', 'color_left', 'color_right'):
+        chain = [f'camera_{camera}_optical_frame']
+        while chain[-1] in parents:
+            chain.append(parents[chain[-1]])
+        assert chain[-4:] == ['velo_link', 'imu_link', 'base_link', 'map'], camera
+
+
+def test_the_player_describes_a_type_without_its_package(player, listen, recordings):
+    _, listener = paused(player, listen, recordings)
+    successful, fields, known = listener.tell('describe', TF, TYPESTORE.hash_rihs01(TF))
+    assert successful
+    assert fields == [['transforms', 'geometry_msgs/msg/TransformStamped']]
+    assert known == [
+        'builtin_interfaces/msg/Time',
+        'geometry_msgs/msg/Quaternion',
+        'geometry_msgs/msg/Transform',
+        'geometry_msgs/msg/TransformStamped',
+        'geometry_msgs/msg/Vector3',
+        'std_msgs/msg/Header',
+    ]
 
 
 def test_a_file_that_fails_costs_its_message(player, listen, drive):
