@@ -245,8 +245,8 @@ def test_the_frames_resolve_for_a_late_subscriber(player, listen, recordings):
     first.tell('call', 'pause')
     late = listen({'/tf_static': TF, '/tf': TF})
     late.wait_for_publishers()
-    late.tell('set', 'step', 1)
-    late.tell('call', 'play_next')
+    assert late.tell('set', 'position', 1)[0]
+    assert late.tell('call', 'play_next')[0]
     parents = {}
     for topic in late.topics:
         assert late.tell('wait', topic, 1, 5) >= 1
