@@ -3,6 +3,7 @@
 """The player's clock and controls, in a time that the test makes."""
 
 import threading
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -189,18 +190,26 @@ def test_a_step_back_plays_the_frame_before():
     assert [i for _, i in sends(events)][9:] == [3, 4, 5]
 
 
-def test_a_burst_plays_that_many_messages_at_once():
+def test_a_burst_plays_whole_samples_until_there_are_so_many_messages():
     clock = FakeClock()
     playback, events = play(clock, start_paused=True)
-    clock.at(1, lambda: playback.burst(5, timeout=0))
-    clock.at(2, playback.stop)
+    counted = []
+    asking = threading.Thread(target=lambda: counted.append(playback.burst(5)), daemon=True)
+
+    def ask():
+        asking.start()
+        while not playback._burst_left:
+            time.sleep(0.001)
+
+    clock.at(1, ask)
+    clock.at(2, lambda: (asking.join(5), playback.stop()))
     played = []
     for at, event in events:
         if isinstance(event, Send):
             played.append((round(at, 3), event.position))
             playback.sent(2)
-    # The timeout of 0 ends it: what the walk does not get to is not played.
-    assert len(played) <= 3
+    assert played == [(1, 0), (1, 1), (1, 2)]
+    assert counted == [6]
 
 
 def test_time_runs_no_step():

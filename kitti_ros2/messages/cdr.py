@@ -108,7 +108,12 @@ _KEPT = 'geometry_msgs/msg/PoseStamped'
 
 @lru_cache(maxsize=64)
 def _headers(msgtype: str) -> _Headers:
-    """Where a type has headers: none, as its first field alone, or further within."""
+    """Where a type has headers: none, as its first field alone, or further within.
+
+    Of a type that is not ours nothing is known.
+    """
+    if msgtype not in TYPESTORE.fielddefs:
+        return _Headers.NONE
     fields = [_type_name(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
     inner = [name for name in fields if name and name not in (_HEADER, _KEPT)]
     if any(_headers(name) is not _Headers.NONE for name in inner):

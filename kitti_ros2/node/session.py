@@ -172,6 +172,7 @@ class Session:
         self.playback.sent(sent)
         if ahead.low():
             ahead.refill()
+        self._changed()
 
     def _publish(self, message: Due, due_ns: int) -> int:
         """Publish, except what says nothing new; returns how many messages that were."""
