@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The services with rosbag2's types: requests and responses have the fields of its .srv files."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from kitti_ros2.errors import UsageError
+from kitti_ros2.options import PlaybackOptions
+from kitti_ros2.playback import Playback
+
+pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
+
+from kitti_ros2.node import controls
+
+SECOND = 1_000_000_000
+NAMES = ['Pause', 'Resume', 'TogglePaused', 'IsPaused', 'GetRate', 'SetRate']
+NAMES += ['PlayNext', 'Burst', 'Seek', 'Stop']
+TYPES = SimpleNamespace(**{name: name for name in NAMES})
+
+
+class Player:
+    """What the services act on, without a node."""
+
+    def __init__(self):
+        stamps = np.arange(1, 11) * SECOND
+        self.playback = Playback(stamps, np.arange(10), PlaybackOptions(start_paused=True))
+        self.told = 0
+
+    def set_rate(self, rate):
+        self.playback.change(rate=rate)
+
+    def tell_state(self):
+        self.told += 1
+
+
+@pytest.fixture
+def player():
+    return Player()
+
+
+@pytest.fixture
+def call(player):
+    services = {
+        name: (kind, handler) for name, kind, handler in controls._rosbag2_services(player, TYPES)
+    }
+
+    def call(name, **request):
+        response = SimpleNamespace()
+        assert services[name][1](SimpleNamespace(**request), response) is response
+        return vars(response)
+
+    call.services = services
+    return call
+
+
+def test_names_and_types_are_rosbag2s(call):
+    assert {name: kind for name, (kind, _) in call.services.items()} == {
+        'pause': 'Pause',
+        'resume': 'Resume',
+        'toggle_paused': 'TogglePaused',
+        'is_paused': 'IsPaused',
+        'get_rate': 'GetRate',
+        'set_rate': 'SetRate',
+        'play_next': 'PlayNext',
+        'burst': 'Burst',
+        'seek': 'Seek',
+        'stop': 'Stop',
+    }
+
+
+def test_pause_resume_and_toggle(call, player):
+    assert call('is_paused') == {'paused': True}
+    assert call('resume') == {}
+    assert call('is_paused') == {'paused': False}
+    call('toggle_paused')
+    assert player.playback.state().paused
+    call('toggle_paused')
+    call('pause')
+    assert player.playback.state().paused
+    assert player.told == 6
+
+
+def test_rate(call):
+    assert call('set_rate', rate=2.5) == {'success': True}
+    assert call('get_rate') == {'rate': 2.5}
+    assert call('set_rate', rate=0.0) == {'success': False}
+    assert call('get_rate') == {'rate': 2.5}
+
+
+def test_seek(call, player):
+    assert call('seek', time=SimpleNamespace(sec=4, nanosec=5)) == {'success': True}
+    assert player.playback.state().stamp_ns == 4 * SECOND + 5
+    assert call('seek', time=SimpleNamespace(sec=99, nanosec=0)) == {'success': False}
+
+
+def test_while_time_runs_nothing_is_stepped(call):
+    call('resume')
+    assert call('play_next') == {'success': False}
+    assert call('burst', num_messages=3) == {'actually_burst': 0}
+
+
+def test_stop(call, player):
+    call('stop')
+    assert player.playback.stopped
+
+
+def test_without_rosbag2_they_are_triggers(player, monkeypatch):
+    monkeypatch.setattr(controls, '_PACKAGE', 'no_such_package')
+    assert controls._rosbag2_types() is None
+    services = {name: act for name, _, act in controls._plain_services(player, None)}
+    player.playback.resume()
+    response = services['play_next'](None, SimpleNamespace(success=None, message=''))
+    assert not response.success
+    assert set(services) == {'pause', 'resume', 'toggle_paused', 'play_next', 'stop'}
+
+
+def test_only_what_is_wrong_is_no_success():
+    def fail():
+        raise UsageError('no')
+
+    def break_down():
+        raise KeyError
+
+    assert not controls._succeeds(fail)
+    with pytest.raises(KeyError):
+        controls._succeeds(break_down)
