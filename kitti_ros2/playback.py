@@ -388,7 +388,7 @@ class Playback:
     def _arrived(self, target: int) -> bool:
         return self._stopped or self._completed >= target
 
-    def play_previous(self) -> bool:
+    def play_previous(self, timeout: float = 5.0) -> bool:
         """While paused, go back by a frame and play it.
 
         Returns:
@@ -400,9 +400,9 @@ class Playback:
                 return False
             start = self._frame_starts[frame]
             self._move(start, self._stamps[start])
-            self._rush_until = self._frame_starts[frame + 1]
+            target = self._rush_until = self._frame_starts[frame + 1]
             self._wake()
-            return True
+            return self._condition.wait_for(lambda: self._arrived(target), timeout)
 
     def burst(self, messages: int, timeout: float = 60.0) -> int:
         """Play some messages at once while paused; whole samples, so it may be a few more.

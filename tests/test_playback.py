@@ -185,7 +185,7 @@ def test_a_step_back_plays_the_frame_before():
     clock = FakeClock()
     playback, events = play(clock)
     clock.at(0.25, playback.pause)
-    clock.at(1, playback.play_previous)
+    clock.at(1, lambda: playback.play_previous(timeout=0))
     clock.at(2, playback.stop)
     assert [i for _, i in sends(events)][9:] == [3, 4, 5]
 

@@ -74,29 +74,30 @@ def _plain_services(player: Controlled, types: ModuleType | None) -> Any:  # noq
     ]
 
 
-def _where(playback: Playback) -> str:
+def where(playback: Playback) -> str:
+    """What it does and where it is, for people."""
     state = playback.state()
     return f'{"paused" if state.paused else "playing"}, frame {state.frame}'
 
 
 def _pause(playback: Playback) -> tuple[bool, str]:
     playback.pause()
-    return True, _where(playback)
+    return True, where(playback)
 
 
 def _resume(playback: Playback) -> tuple[bool, str]:
     playback.resume()
-    return True, _where(playback)
+    return True, where(playback)
 
 
 def _toggle(playback: Playback) -> tuple[bool, str]:
     playback.toggle_paused()
-    return True, _where(playback)
+    return True, where(playback)
 
 
 def _play_next(playback: Playback) -> tuple[bool, str]:
     if playback.play_next():
-        return True, _where(playback)
+        return True, where(playback)
     state = playback.state()
     if not state.paused:
         return False, 'time runs; pause first'

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-HELP = (
-    'keys: space pauses, right plays the next frame, left the one before, up and down change the'
-    ' rate, q quits'
-)
+HELP = 'keys: space pause, right next frame, left the one before, up/down rate, q quit'
 
 
 class Key(Enum):

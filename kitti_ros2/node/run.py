@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
+from .controls import where
 from .keyboard import HELP, Key, Keyboard
 from .middleware import start_ros
 from .parameters import to_parameters
@@ -105,6 +106,8 @@ def _keyboard(node: KittiPlayer, quit_now: Callable[[], None]) -> Keyboard:
 
         def act() -> None:
             getattr(node.playback, name)()
+            node.tell_state()
+            node.get_logger().info(where(node.playback))
 
         return act
 
