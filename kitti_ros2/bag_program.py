@@ -53,11 +53,13 @@ class BagProgram:
         self._path = path
         stamps = bag_stamps(path)
         wanted = match_names(sorted(stamps), selection.topics)
-        self._topics = frozenset(topic for topic in wanted if len(stamps[topic]))
-        if not self._topics:
-            raise BadBagError(path, 'holds no message of these topics')
         self.name = path.name
-        with open_messages(path, self._topics) as messages:
+        with open_messages(path, wanted) as messages:
+            # The index also counts what is not CDR.
+            read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
+            self._topics = frozenset(read)
+            if not self._topics:
+                raise BadBagError(path, 'holds no message of these topics')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(messages.warnings)
             self.outlets: Sequence[Outlet] = [
@@ -69,12 +71,14 @@ class BagProgram:
                     msgtype in LARGE_TYPES,
                 )
                 for topic, msgtype in messages.channels
+                if topic in self._topics
             ]
         self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
         reference = _reference(path, stamps)
+        begin = min(int(found[0]) for found in stamps.values() if len(found))
         first, last = (
-            _bound_ns(bound, every, reference, side)
+            _bound_ns(bound, every, reference, (begin, side))
             for side, bound in enumerate((selection.start, selection.end))
         )
         taken = every[slice(*np.searchsorted(every, [first, last + 1]))]
@@ -98,7 +102,8 @@ class BagProgram:
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
             return [], [Missing(str(error), 1)]
-        if message is None:
+        if message is None or message.stamp_ns != self.stamps_ns[index]:
+            self._iterator = None
             return [], [Missing(f'{self._path}: holds fewer messages than its index tells', 1)]
         outlet = self._index[message.topic]
         if self.outlets[outlet].on_demand and outlet not in wanted:
@@ -160,18 +165,21 @@ def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
     return stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
 
 
-def _bound_ns(bound: Bound | None, every: Int64Array, reference: Int64Array, side: int) -> int:
-    """First (side 0) or last (side 1) stamp that a bound takes."""
+def _bound_ns(
+    bound: Bound | None, every: Int64Array, reference: Int64Array, end: tuple[int, int]
+) -> int:
+    """First (side 0) or last (side 1) stamp that a bound takes; end is the bag's begin and side."""
+    begin, side = end
     if bound is None:
         return int(every[-1] if side else every[0])
     if bound.stamp_ns is not None:
         return bound.stamp_ns
     if bound.offset_ns is not None:
-        return int(every[0]) + bound.offset_ns
+        return begin + bound.offset_ns
     frames = nearest_frames(every, reference, np.arange(len(reference)))
     frame = bound.frame or 0
     if side:
-        end = int(np.searchsorted(frames, frame, 'right'))
-        return int(every[end - 1]) if end else int(every[0]) - 1
-    begin = int(np.searchsorted(frames, frame))
-    return int(every[begin]) if begin < len(every) else int(every[-1]) + 1
+        after = int(np.searchsorted(frames, frame, 'right'))
+        return int(every[after - 1]) if after else int(every[0]) - 1
+    first = int(np.searchsorted(frames, frame))
+    return int(every[first]) if first < len(every) else int(every[-1]) + 1

@@ -188,7 +188,8 @@ def frame_numbers(schedule: Schedule, *, numbered: bool) -> Int64Array:
             scan's frame reaches half-way to the scans beside it.
     """
     codes = {stream: code for code, stream in enumerate(Stream)}
-    once = np.isin(schedule.streams, [codes[stream] for stream in ONCE])
+    alone = [codes[stream] for stream in ONCE if schedule.count(stream) == 1]
+    once = np.isin(schedule.streams, alone)
     if numbered:
         frames = schedule.numbers.copy()
         # What holds for the whole recording is due with whatever comes first.
@@ -197,6 +198,8 @@ def frame_numbers(schedule: Schedule, *, numbered: bool) -> Int64Array:
     reference = max(Stream, key=lambda s: (s is Stream.SCAN and schedule.count(s) > 0,
                                            schedule.count(s) if s not in ONCE else 0))  # fmt: skip
     chosen = schedule.streams == codes[reference]
+    if not chosen.any():
+        return np.zeros(len(schedule), dtype=np.int64)
     return nearest_frames(schedule.stamps_ns, schedule.stamps_ns[chosen], schedule.numbers[chosen])
 
 
