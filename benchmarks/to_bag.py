@@ -13,23 +13,18 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kitti_ros2.cli.memory import keep_freed_memory
 from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from yardsticks import COMMAND, Run, copy, fresh, median, process, report, timed  # isort: skip
 
 DECODE = """
 import sys, time, cv2, numpy as np
@@ -38,34 +33,6 @@ for path in sys.argv[1:]:
     cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
 print(time.perf_counter() - started)
 """
-
-MAIN = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
-
-
-@dataclass(frozen=True)
-class Run:
-    """One timed run: seconds, and the bytes it wrote where that matters."""
-
-    seconds: float
-    size_bytes: int = 0
-
-    @property
-    def rate(self) -> float:
-        """Bytes per second."""
-        return self.size_bytes / self.seconds
-
-
-def timed(work: Callable[[], int]) -> Run:
-    """Time work, which returns the bytes it wrote."""
-    os.sync()  # what an earlier run left to be written is not this one's burden
-    started = time.perf_counter()
-    size_bytes = work()
-    return Run(time.perf_counter() - started, size_bytes)
-
-
-def tree_bytes(folder: Path) -> int:
-    """Size of all files below a folder."""
-    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
 
 
 class Bench:
@@ -80,24 +47,13 @@ class Bench:
             path for path in self.root.rglob('*.png') if self.recording.name in path.parts
         )
 
-    def fresh(self, name: str) -> Path:
-        """An output path with nothing at it."""
-        path = self.folder / name
-        shutil.rmtree(path, ignore_errors=True)
-        path.unlink(missing_ok=True)
-        return path
-
     def copy(self) -> Run:
         """Copy the drive with its calibration, by cp -r."""
-        out = self.fresh('copy')
-        run = timed(lambda: subprocess.run(['cp', '-r', self.root, out], check=True).returncode)
-        size_bytes = tree_bytes(out)
-        self.fresh('copy')
-        return Run(run.seconds, size_bytes)
+        return copy(self.root, self.folder / 'copy')
 
     def convert(self, images: Images) -> Run:
         """The conversion alone, in this process."""
-        out = self.fresh('out.mcap')
+        out = fresh(self.folder / 'out.mcap')
 
         def work() -> int:
             recording = open_recording(self.src)
@@ -105,35 +61,13 @@ class Bench:
             return convert(recording, out, messages, SelectionOptions(), BagOptions()).size_bytes
 
         run = timed(work)
-        self.fresh('out.mcap')
+        fresh(out)
         return run
 
     def process(self, src: Path | None = None, *options: str) -> tuple[Run, float]:
         """The whole command, start included; also its peak memory in MB."""
-        out = self.fresh('out.mcap')
-        words = [
-            sys.executable,
-            '-c',
-            MAIN,
-            'to-bag',
-            str(src or self.src),
-            str(out),
-            '-q',
-            *options,
-        ]
-        peak = 0.0
-
-        def work() -> int:
-            nonlocal peak
-            _, status, usage = os.wait4(os.posix_spawn(words[0], words, os.environ), 0)
-            if os.waitstatus_to_exitcode(status):
-                raise SystemExit(f'{" ".join(words)} failed')
-            peak = usage.ru_maxrss / 1000
-            return out.stat().st_size
-
-        run = timed(work)
-        self.fresh('out.mcap')
-        return run, peak
+        out = self.folder / 'out.mcap'
+        return process(out, 'to-bag', str(src or self.src), str(out), '-q', *options)
 
     def decode(self) -> float:
         """Seconds of a bare loop over the drive's PNGs, one core, in a process of its own."""
@@ -146,16 +80,6 @@ def command_seconds(*words: str) -> float:
     started = time.perf_counter()
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - started
-
-
-def median(values: list[float]) -> float:
-    """The median, rounded for print."""
-    return statistics.median(values)
-
-
-def report(name: str, value: float, bound: str, note: str) -> None:
-    """One line."""
-    print(f'{name:<42}{value:8.2f}   {bound:<10} {note}', flush=True)
 
 
 def measure_pass_through(bench: Bench, repeat: int) -> None:
@@ -203,7 +127,7 @@ def measure_help(repeat: int) -> None:
     helps, numpys = [], []
     for _ in range(repeat):
         numpys.append(command_seconds(python, '-c', 'import numpy'))
-        helps.append(command_seconds(python, '-c', MAIN, '--help'))
+        helps.append(command_seconds(python, '-c', COMMAND, '--help'))
     note = f'{median(helps) * 1000:.0f} ms'
     report('kitti-ros2 --help / import numpy', median(helps) / median(numpys), '<= 3', note)
 

@@ -5,22 +5,21 @@
 from __future__ import annotations
 
 import os
-from collections import Counter, deque
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from .bags.writer import Channel, open_bag
 from .encoder import Encoder, one_line
 from .errors import KittiRos2Error
 from .messages.ros_types import TYPESTORE
 from .options import Images
+from .ordered_map import ordered_map
 from .samples import Loss
 from .schedule import make_schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator
-    from concurrent.futures import Future
+    from collections.abc import Callable, Hashable
     from pathlib import Path
 
     from .bags.writer import BagWriter
@@ -29,10 +28,6 @@ if TYPE_CHECKING:
     from .options import BagOptions, MessageOptions, SelectionOptions
     from .samples import Recording
 
-T = TypeVar('T')
-R = TypeVar('R')
-
-_AHEAD_PER_WORKER = 3
 _MOST_WORKERS = 8  # each holds images of several megabytes
 
 
@@ -100,7 +95,7 @@ def convert(
             if messages.images is Images.COMPRESSED
             else min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
         )
-        for done, outcome in enumerate(_ordered_map(encoder.encode, schedule, workers), 1):
+        for done, outcome in enumerate(ordered_map(encoder.encode, schedule, workers), 1):
             tally.take(*outcome, channels)
             progress(done, tally.size_bytes)
     return Report(
@@ -166,15 +161,3 @@ class _Tally:
     def losses(self) -> tuple[Loss, ...]:
         """All losses, those of the same stream and reason counted together."""
         return tuple(Loss(stream, n, message) for (stream, message), n in self._losses.items())
-
-
-def _ordered_map(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:
-    """Map in order on a pool of threads, at most a few items ahead."""
-    with ThreadPoolExecutor(workers) as pool:
-        ahead: deque[Future[R]] = deque()
-        for item in items:
-            ahead.append(pool.submit(function, item))
-            if len(ahead) > workers * _AHEAD_PER_WORKER:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()

@@ -17,6 +17,7 @@ from .options import (
     BagOptions,
     Bound,
     Images,
+    ImportOptions,
     MarkerColors,
     MarkerOptions,
     MessageOptions,
@@ -135,6 +136,15 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
         read_ahead=read_ahead,
         qos_overrides_path=parsed.get('qos_overrides_path'),
     )
+
+
+def make_import_options(values: Mapping[str, object]) -> ImportOptions:
+    """Options of to-kitti from values by name; None and absent ones take their default.
+
+    Raises:
+        UsageError: A name is unknown, or a value cannot be meant.
+    """
+    return ImportOptions(**_parse(values, _TO_KITTI))
 
 
 def _parse(values: Mapping[str, object], parsers: Mapping[str, _Parser]) -> dict[str, Any]:
@@ -334,6 +344,14 @@ _PLAY: dict[str, _Parser] = {
     'stamps': _choice(Stamps),
     'read_ahead': _integer,
     'qos_overrides_path': _path,
+}
+
+_TO_KITTI: dict[str, _Parser] = {
+    'layout': _choice(Layout),
+    'name': _text,
+    'calib': _path,
+    'train_fraction': _number,
+    'append': _flag,
 }
 
 TO_BAG_OPTIONS = tuple(_TO_BAG)

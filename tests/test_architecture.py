@@ -15,7 +15,15 @@ PACKAGE = 'kitti_ros2'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
 GROUND = frozenset({'errors', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
-BELOW_JOBS = GROUND | {'options', 'schedule', 'encoder', 'kitti', 'messages', 'bags'}
+BELOW_JOBS = GROUND | {
+    'options',
+    'ordered_map',
+    'schedule',
+    'encoder',
+    'kitti',
+    'messages',
+    'bags',
+}
 JOBS = frozenset(
     {'convert', 'importer', 'inspection', 'playback', 'program', 'bag_program', 'readahead'}
 )
@@ -30,6 +38,7 @@ ROOMS = {
     'samples': GROUND - {'samples', 'labels'},
     'labels': GROUND - {'labels'},
     'options': GROUND,
+    'ordered_map': frozenset(),
     'kitti': GROUND | {'options'},
     'messages': GROUND | {'options'},
     'bags': GROUND | {'options', 'kitti', 'messages'},

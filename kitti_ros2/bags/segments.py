@@ -13,7 +13,7 @@ from kitti_ros2.errors import OutputError, UsageError
 
 from .contract import SegmentContext, Tally
 from .metadata import bag_information, information_text, metadata_yaml
-from .staging import Staging, output_error
+from .staging import Staging, keep_all, keep_all_but_bags, output_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,7 +62,8 @@ class SegmentedWriter:
         self._size = 0
         self._done = False
         self._failure: OutputError | None = None
-        self._staging = Staging(path, overwrite=context.options.overwrite)
+        refusal = keep_all_but_bags if context.options.overwrite else keep_all
+        self._staging = Staging(path, refusal)
         self.path = self._staging.path
         try:
             with self._reported():

@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING
 from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 _REPLACED = 'replaced'
+_NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
 _MAGIC_BYTES = 8
 _MAGIC = (b'\x89MCAP0\r\n', b'#ROSBAG ')
 _BAG_FILES = ('.mcap', '.bag')
@@ -62,20 +63,24 @@ class Staging:
         path: The output.
         content: Where to build it: a path inside the partial directory that does not exist yet.
 
+    Args:
+        path: The output.
+        refusal: What to do about an output that exists already, None where it may be replaced.
+
     Raises:
         OutputExistsError: The output exists and may not be replaced.
         OutputError: Another run is writing it, or the disk refuses.
         UsageError: The path names no possible output.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool) -> None:
+    def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
         self.path = _named(path)
-        self._overwrite = overwrite
+        self._refusal = refusal
         self._partial = self.path.with_name(f'.{self.path.name}.partial')
         self.content = self._partial / 'content'
         self._created: list[Path] = []
         self._lock = -1
-        _check_free(self.path, overwrite=overwrite)
+        self._check_free()
         try:
             with reported(self.path):
                 self._created = _make_parents(self.path.parent)
@@ -92,7 +97,7 @@ class Staging:
             OutputExistsError: The output appeared meanwhile, or is none that may be replaced.
             OutputError: The disk refuses.
         """
-        _check_free(self.path, overwrite=self._overwrite)
+        self._check_free()
         with reported(self.path):
             if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
                 self.path.rename(self._partial / _REPLACED)
@@ -113,6 +118,18 @@ class Staging:
             with suppress(OSError):
                 folder.rmdir()
         self._created.clear()
+
+    def _check_free(self) -> None:
+        with reported(self.path):
+            if not os.path.lexists(self.path):
+                return
+            if self.path.is_symlink():
+                raise OutputExistsError(
+                    self.path, 'it is a symbolic link; give the path it points to'
+                )
+            refusal = self._refusal(self.path)
+            if refusal is not None:
+                raise OutputExistsError(self.path, refusal)
 
     def _acquire(self) -> int:
         while True:
@@ -176,18 +193,14 @@ def _named(path: Path) -> Path:
     return path
 
 
-def _check_free(path: Path, *, overwrite: bool) -> None:
-    with reported(path):
-        if not os.path.lexists(path):
-            return
-        if not overwrite:
-            raise OutputExistsError(path)
-        if path.is_symlink():
-            raise OutputExistsError(path, 'it is a symbolic link; give the path it points to')
-        if not _looks_like_bag(path):
-            raise OutputExistsError(
-                path, 'it is no bag, so --overwrite does not touch it; choose another name'
-            )
+def keep_all_but_bags(path: Path) -> str | None:
+    """Why --overwrite does not replace what is there; None for a bag."""
+    return None if _looks_like_bag(path) else _NO_BAG
+
+
+def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
+    """Why nothing that is there is replaced."""
+    return 'choose another name, or pass --overwrite'
 
 
 def _looks_like_bag(path: Path) -> bool:

@@ -20,6 +20,7 @@ _SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
 _TRAILING_BYTES = 64
+_GREY = 0
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
 
 
@@ -27,7 +28,7 @@ def parse_image(data: bytes, path: Path | str) -> Image:
     """An image from a PNG file's bytes.
 
     Raises:
-        BadFileError: The file is empty, no PNG, cut short, or of 16 bits a channel.
+        BadFileError: The file is empty, no PNG, cut short, or of 16 bits a channel and not grey.
     """
     remedy = 'copy the file again from its source'
     if not data:
@@ -37,8 +38,9 @@ def parse_image(data: bytes, path: Path | str) -> Image:
     _, _, kind, width, height, depth, colour = _HEADER.unpack_from(data)
     if kind != b'IHDR' or colour not in _CHANNELS or not width or not height:
         raise BadFileError(path, 'a broken PNG header', 'a PNG image', remedy=remedy)
-    if depth > 8:
-        raise BadFileError(path, f'{depth} bits a channel', 'an image of 8 bits a channel')
+    if depth > 8 and colour != _GREY:
+        expected = 'an image of 8 bits a channel, or of 16 bits grey'
+        raise BadFileError(path, f'{depth} bits a channel', expected)
     # Some programs put a few bytes behind the end, which decoders ignore.
     if data.rfind(_END, -_TRAILING_BYTES) < 0:
         raise BadFileError(

@@ -32,6 +32,10 @@ class Lines(Generic[T]):
     def __len__(self) -> int:
         return len(self.values)
 
+    def sound(self) -> dict[int, T]:
+        """The values of the good lines, by line."""
+        return {line: value for line, value in enumerate(self.values) if value is not None}
+
 
 def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str], T]) -> Lines[T]:
     """Parse each line of a text; blank lines at the end are no lines.

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
 from ..errors import UsageError
@@ -31,6 +32,7 @@ class ObjectWriter(LayoutWriter):
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
         dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
+        train_fraction: The part of the frames that trains, 0 to 1; the rest validates.
         store: Where the files go.
     """
 
@@ -54,6 +56,7 @@ class ObjectWriter(LayoutWriter):
         split: str = names.SPLITS[0],
         *,
         dont_care_when_empty: bool = False,
+        train_fraction: float = 0.5,
         store: LocalStore = STORE,
     ) -> None:
         if split not in names.SPLITS:
@@ -63,7 +66,9 @@ class ObjectWriter(LayoutWriter):
         self._split = split
         self._dont_care_when_empty = dont_care_when_empty
         self._store = store
+        self._train_fraction = train_fraction
         self._numbers: set[int] = set()
+        self._unlisted: set[int] = set()
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """calib/NNNNNN.txt."""
@@ -91,14 +96,18 @@ class ObjectWriter(LayoutWriter):
             text = EMPTY_OBJECT_LINE
         self._store.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
 
-    def close(self) -> None:
-        """ImageSets: test.txt, or trainval.txt and its halves train.txt and val.txt.
+    def leave_out(self, number: int) -> None:
+        """Keep a frame that is not whole out of ImageSets: loaders read what these name."""
+        self._unlisted.add(number)
 
-        The first half of the frames trains: neighbours in time must not stand in both.
+    def close(self) -> None:
+        """ImageSets: test.txt, or trainval.txt and its parts train.txt and val.txt.
+
+        The first frames train: neighbours in time must not stand in both.
         """
-        numbers = sorted(self._numbers)
-        half = (len(numbers) + 1) // 2
-        sets = {'trainval': numbers, 'train': numbers[:half], 'val': numbers[half:]}
+        numbers = sorted(self._numbers - self._unlisted)
+        part = ceil(len(numbers) * self._train_fraction)
+        sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
         if self._split != names.SPLITS[0]:
             sets = {'test': numbers}
         for name, members in sets.items():

@@ -77,7 +77,8 @@ class RawWriter(LayoutWriter):
         root: The folder above DATE.
         date: The drive's date, YYYY_MM_DD.
         drive: Its number.
-        kind: sync or extract; extract's scans are text.
+        kind: sync or extract.
+        text_scans: Whether scans are text (millimetres), as KITTI's own extracts have them.
         store: Where the files go.
     """
 
@@ -101,6 +102,8 @@ class RawWriter(LayoutWriter):
         date: str = '2011_09_26',
         drive: int = 1,
         kind: str = KINDS[0],
+        *,
+        text_scans: bool = False,
         store: LocalStore = STORE,
     ) -> None:
         name = f'{date}_drive_{drive:04d}_{kind}'
@@ -111,7 +114,7 @@ class RawWriter(LayoutWriter):
             )
         self.path = root / date / name
         self._store = store
-        self._text_scans = kind == 'extract'
+        self._text_scans = text_scans
         self._stamps: dict[Path, dict[int, int]] = {}
         self._tracks: dict[int, dict[int, Box]] = {}
         self._labelled = False

@@ -24,6 +24,11 @@ def test_size_and_channels_without_decoding(shape, channels):
     assert image.png is data
 
 
+def test_grey_may_have_16_bits():
+    image = parse_image(png(5, 7, dtype=np.uint16), 'x.png')
+    assert (image.width, image.height, image.channels) == (7, 5, 1)
+
+
 def test_a_byte_behind_the_end_is_no_cut():
     assert parse_image(png(5, 7) + b'\n', 'x.png').width == 7
 
@@ -36,7 +41,7 @@ def test_a_byte_behind_the_end_is_no_cut():
         (png(5, 7)[:20], 'no PNG'),
         (png(5, 7)[:-5], 'cut after'),
         (png(5, 7)[:40], 'cut after'),
-        (png(5, 7, dtype=np.uint16), '16 bits'),
+        (png(5, 7, 3, dtype=np.uint16), '16 bits'),
     ],
 )
 def test_bad_images(data, said):

@@ -173,7 +173,7 @@ def test_empty_label_file_gets_a_dont_care_on_request(tmp_path: Path) -> None:
 
 
 def test_extract_scans_are_text(tmp_path: Path) -> None:
-    with RawWriter(tmp_path, kind='extract') as writer:
+    with RawWriter(tmp_path, kind='extract', text_scans=True) as writer:
         writer.write_scan(0, STAMP, SCAN)
     path = writer.path / 'velodyne_points' / 'data' / '0000000000.txt'
     assert path.read_text().splitlines()[1] == '4.000 5.000 6.000 7.00'

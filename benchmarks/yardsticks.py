@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the benchmarks of the conversions share: timed runs, cp -r, the command as a process."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
+
+
+@dataclass(frozen=True)
+class Run:
+    """One timed run: seconds, and the bytes it wrote where that matters."""
+
+    seconds: float
+    size_bytes: int = 0
+
+    @property
+    def rate(self) -> float:
+        """Bytes per second."""
+        return self.size_bytes / self.seconds
+
+
+def timed(work: Callable[[], int]) -> Run:
+    """Time work, which returns the bytes it wrote."""
+    os.sync()  # what an earlier run left to be written is not this one's burden
+    started = time.perf_counter()
+    size_bytes = work()
+    return Run(time.perf_counter() - started, size_bytes)
+
+
+def tree_bytes(folder: Path) -> int:
+    """Size of all files below a folder, or of a file."""
+    if folder.is_file():
+        return folder.stat().st_size
+    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+
+
+def fresh(path: Path) -> Path:
+    """A path with nothing at it."""
+    shutil.rmtree(path, ignore_errors=True)
+    path.unlink(missing_ok=True)
+    return path
+
+
+def copy(source: Path, out: Path) -> Run:
+    """Copy a folder by cp -r."""
+    fresh(out)
+    run = timed(lambda: subprocess.run(['cp', '-r', source, out], check=True).returncode)
+    size_bytes = tree_bytes(out)
+    fresh(out)
+    return Run(run.seconds, size_bytes)
+
+
+def process(out: Path, *words: str) -> tuple[Run, float]:
+    """A command of kitti-ros2 that makes out, start included; also its peak memory in MB."""
+    fresh(out)
+    command = [sys.executable, '-c', COMMAND, *words]
+    peak = 0.0
+
+    def work() -> int:
+        nonlocal peak
+        _, status, usage = os.wait4(os.posix_spawn(command[0], command, os.environ), 0)
+        if os.waitstatus_to_exitcode(status):
+            raise SystemExit(f'{" ".join(words)} failed')
+        peak = usage.ru_maxrss / 1000
+        return 0
+
+    run = timed(work)
+    size_bytes = tree_bytes(out)
+    fresh(out)
+    return Run(run.seconds, size_bytes), peak
+
+
+def median(values: list[float]) -> float:
+    """The median."""
+    return statistics.median(values)
+
+
+def report(name: str, value: float, bound: str, note: str) -> None:
+    """One line."""
+    print(f'{name:<46}{value:8.2f}   {bound:<10} {note}', flush=True)

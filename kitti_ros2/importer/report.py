@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a conversion from a bag to KITTI did, and what it lost."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..samples import Loss
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..bags.reader import BagMessages
+    from ..samples import Layout
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What was written, and what was not.
+
+    Attributes:
+        path: The data set's folder.
+        layout: Which of the four.
+        name: Drive, sequence or split.
+        counts: Files, or lines of a common file, by stream.
+        frames: How many frames were written.
+        size_bytes: Of all files with samples.
+        losses: What was skipped.
+        notes: What is worth a word and no loss.
+    """
+
+    path: Path
+    layout: Layout
+    name: str
+    counts: Mapping[str, int]
+    frames: int
+    size_bytes: int
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+
+
+class LossTally:
+    """Messages that could not be used, those of one topic and reason counted together."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._first_ns: dict[tuple[str, str], int] = {}
+
+    def lose(self, topic: str, stamp_ns: int, reason: str) -> None:
+        """Count one."""
+        self._counts[topic, reason] += 1
+        self._first_ns.setdefault((topic, reason), stamp_ns)
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Each with the stamp of its first message."""
+        return tuple(
+            Loss(topic, count, f'{topic} at {self._first_ns[topic, reason]}: {reason}')
+            for (topic, reason), count in self._counts.items()
+        )
+
+
+def damage(messages: BagMessages, name: str) -> tuple[Loss, ...]:
+    """What a bag lost, as far as it has been read."""
+    return tuple(Loss(name, 1, warning) for warning in messages.warnings)

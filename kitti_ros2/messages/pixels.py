@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any sensor_msgs/Image or CompressedImage -> pixels: grey, or colour in the order BGR.
+
+Grey keeps its 8 or 16 bits. Colour has 8 bits a channel: of 16 the upper 8 are taken, as cv_bridge
+does. Alpha is dropped. Sources: sensor_msgs/image_encodings.hpp; compressed_image_transport, whose
+format is "ENCODING; png compressed ..." where others write just "png".
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+
+import numpy as np
+
+from .png import inflated
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from .ros_types import CompressedImage, ImageMsg
+
+    Pixels: TypeAlias = npt.NDArray[np.uint8 | np.uint16]
+
+_PNG = b'\x89PNG\r\n\x1a\n'
+_JPEG = b'\xff\xd8\xff'
+_JPEG_END = b'\xff\xd9'
+_PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
+_CHUNK = struct.Struct('>I4s')
+_CHUNK_CRC_BYTES = 4
+_PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0)}
+"""Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
+
+_TRAILING_BYTES = 52
+_DEPTH_HEAD_BYTES = 12
+_SMALLEST_MOSAIC = 3
+
+
+class _Encoding(NamedTuple):
+    """How a pixel is stored, and the conversion of OpenCV that makes it BGR, '' for none."""
+
+    value_bytes: int
+    channels: int
+    conversion: str = ''
+
+
+_ENCODINGS = {
+    'mono8': _Encoding(1, 1),
+    'mono16': _Encoding(2, 1),
+    'bgr8': _Encoding(1, 3),
+    'rgb8': _Encoding(1, 3, 'COLOR_RGB2BGR'),
+    'bgra8': _Encoding(1, 4, 'COLOR_BGRA2BGR'),
+    'rgba8': _Encoding(1, 4, 'COLOR_RGBA2BGR'),
+    'bgr16': _Encoding(2, 3),
+    'rgb16': _Encoding(2, 3, 'COLOR_RGB2BGR'),
+    'bgra16': _Encoding(2, 4, 'COLOR_BGRA2BGR'),
+    'rgba16': _Encoding(2, 4, 'COLOR_RGBA2BGR'),
+    '8UC1': _Encoding(1, 1),
+    '8UC3': _Encoding(1, 3),
+    '16UC1': _Encoding(2, 1),
+    **{
+        f'bayer_{pattern}{bits}': _Encoding(bits // 8, 1, f'COLOR_Bayer{pattern.upper()}2BGR')
+        for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')
+        for bits in (8, 16)
+    },
+    'yuv422': _Encoding(1, 2, 'COLOR_YUV2BGR_UYVY'),
+    'uyvy': _Encoding(1, 2, 'COLOR_YUV2BGR_UYVY'),
+    'yuv422_yuy2': _Encoding(1, 2, 'COLOR_YUV2BGR_YUY2'),
+    'yuyv': _Encoding(1, 2, 'COLOR_YUV2BGR_YUY2'),
+}
+
+
+def decode_pixels(message: ImageMsg) -> Pixels:
+    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; a view of the data where nothing converts.
+
+    8UC1, 16UC1 and 8UC3 are taken as mono8, mono16 and bgr8; a mosaic is interpolated bilinearly.
+
+    Raises:
+        ValueError: The encoding is unknown, the image is empty, or the data are too short.
+    """
+    encoding = _ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ValueError(
+            f'unknown encoding {message.encoding!r}; known are {", ".join(_ENCODINGS)}'
+        )
+    values = _values(message, encoding)
+    if encoding.conversion:
+        return _converted(_upper_bits(values), encoding.conversion)
+    return values if encoding.channels == 1 else _upper_bits(values)
+
+
+def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
+    """(H, W) or (H, W, channels) of the values as they are stored.
+
+    Raises:
+        ValueError: The image is empty, its rows overlap, or the data are too short.
+    """
+    height, width, step = message.height, message.width, message.step
+    if not height * width:
+        raise ValueError(f'an image of {width} x {height} pixels')
+    pixel_bytes = encoding.value_bytes * encoding.channels
+    if step < width * pixel_bytes:
+        raise ValueError(
+            f'a row of {width} pixels of {pixel_bytes} bytes does not fit in step, {step} bytes'
+        )
+    data = np.ascontiguousarray(message.data, dtype=np.uint8)
+    if len(data) < height * step:
+        raise ValueError(
+            f'{len(data)} bytes of data; {height} rows of {step} bytes are {height * step}'
+        )
+    order = '>' if message.is_bigendian else '<'
+    values: Pixels = np.ndarray(
+        (height, width, encoding.channels),
+        f'{order}u{encoding.value_bytes}',
+        data,
+        strides=(step, pixel_bytes, encoding.value_bytes),
+    )
+    if encoding.value_bytes > 1:
+        values = np.require(values, np.dtype(np.uint16), 'A')
+    return values[..., 0] if encoding.channels == 1 else values
+
+
+def _upper_bits(values: Pixels) -> npt.NDArray[np.uint8]:
+    """The upper 8 bits of values of 16; others as they are."""
+    upper = values if values.dtype.itemsize == 1 else values >> 8
+    return upper.astype(np.uint8, copy=False)
+
+
+def _converted(values: npt.NDArray[np.uint8], conversion: str) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) BGR of values as they are stored.
+
+    Raises:
+        ValueError: The image is too small, or of an odd width where pixels share their colour.
+    """
+    import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
+
+    height, width = values.shape[:2]
+    if values.ndim == 2 and min(height, width) < _SMALLEST_MOSAIC:
+        raise ValueError(f'a mosaic of {width} x {height} pixels')
+    if 'YUV' in conversion and width % 2:
+        raise ValueError(f'an odd width, {width} pixels, of which each two share their colour')
+    return np.asarray(cv2.cvtColor(values, getattr(cv2, conversion)), dtype=np.uint8)
+
+
+def decode_compressed_pixels(message: CompressedImage) -> Pixels:
+    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR, of a PNG or JPEG.
+
+    The data tell what it is; the format is asked only whether grey pixels are a mosaic.
+
+    Raises:
+        ValueError: The data are something else, are cut, or cannot be decoded.
+    """
+    import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
+
+    kind = _kind_of(message)
+    if not kind:
+        start = message.data[: len(_PNG)].tobytes()
+        raise ValueError(f'neither PNG nor JPEG: format {message.format!r}, data {start!r}')
+    data = message.data.tobytes()
+    whole = _JPEG_END in data if kind == 'JPEG' else _chunks(data) is not None
+    if not whole:
+        raise ValueError(f'the {kind} is cut after {len(data)} bytes')
+    file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
+    # A camera's calibration is of the pixels as they are stored, whatever way up EXIF wants them.
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        pixels = cv2.imdecode(file, flags)
+    except cv2.error:  # more pixels than OpenCV allows
+        pixels = None
+    if pixels is None:
+        raise ValueError(f'the {kind} cannot be decoded')
+    values = cast('Pixels', pixels)
+    if values.ndim == 3:
+        return _upper_bits(values)
+    mosaic = _mosaic(message.format)
+    return _converted(_upper_bits(values), mosaic) if mosaic else values
+
+
+def png_of(message: CompressedImage) -> bytes | None:
+    """The message's own bytes where KITTI's loaders read them as they are, else None.
+
+    They are a whole PNG of 8 bits grey or RGB or of 16 bits grey, not interlaced, without a
+    transparent colour, and no mosaic.
+
+    Raises:
+        ValueError: A depth image (compressedDepth).
+    """
+    if _kind_of(message) != 'PNG' or _mosaic(message.format):
+        return None
+    png = message.data.tobytes()
+    chunks = _chunks(png)
+    if chunks is None or len(png) < _PNG_HEADER.size:
+        return None
+    kinds, end = chunks
+    _, _, first, width, height, *form = _PNG_HEADER.unpack_from(png)
+    sound = first == b'IHDR' and width and height and b'IDAT' in kinds
+    plain = tuple(form) in _PLAIN and b'tRNS' not in kinds
+    # kitti.png_file bears some bytes behind the end, which some programs put there.
+    return png if sound and plain and len(png) - end <= _TRAILING_BYTES else None
+
+
+def _kind_of(message: CompressedImage) -> str:
+    """PNG, JPEG or '', as the data begin.
+
+    Raises:
+        ValueError: A depth image: a header of 12 bytes, then a PNG or run lengths.
+    """
+    head = message.data[: _DEPTH_HEAD_BYTES + len(_PNG)].tobytes()
+    if head.startswith(_PNG):
+        return 'PNG'
+    if head.startswith(_JPEG):
+        return 'JPEG'
+    if head.endswith(_PNG) or 'compressedDepth' in message.format:
+        raise ValueError(f'a depth image (format {message.format!r}), which is no picture')
+    return ''
+
+
+def _mosaic(format_: str) -> str:
+    """The conversion of a mosaic that was compressed as if it were grey, '' for anything else.
+
+    compressed_image_transport compresses mosaics so: "bayer_rggb8; jpeg compressed ". Where it
+    says "... compressed bgr8" they had been converted, and the pixels are not grey.
+    """
+    encoding, semicolon, _ = format_.partition(';')
+    mosaic = bool(semicolon) and encoding.startswith('bayer_') and encoding in _ENCODINGS
+    return _ENCODINGS[encoding].conversion if mosaic else ''
+
+
+def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
+    """The kinds of a PNG's chunks and where the last one ends, None of a PNG that is cut."""
+    kinds: set[bytes] = set()
+    offset, kind = len(_PNG), b''
+    while kind != b'IEND':
+        if offset + _CHUNK.size > len(png):
+            return None
+        length, kind = _CHUNK.unpack_from(png, offset)
+        kinds.add(kind)
+        offset += _CHUNK.size + length + _CHUNK_CRC_BYTES
+    return (kinds, offset) if offset <= len(png) else None

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes PNG files, several times faster than OpenCV does and no larger.
+
+Every row is filtered with Sub, each byte less that of the pixel to its left: the residuals of
+photographs compress best with it among the filters that cost next to nothing. What follows is
+mostly Huffman coding, so deflate searches no further back than a repeated byte: a larger window
+costs time and, by longer codes, size. isal does it at 0.5 GB/s, and zlib where isal is not
+installed. Both release the GIL.
+
+Formats: PNG (W3C, 3rd edition) sections 5.3, 9 and 11.2, zlib RFC 1950, deflate RFC 1951.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+_SIGNATURE = b'\x89PNG\r\n\x1a\n'
+_NUMBER = struct.Struct('>I')
+_HEADER = struct.Struct('>IIBBBBB')
+_GREY, _RGB = 0, 2
+_SUB = 1
+_ZLIB_HEAD = b'\x78\x01'
+_FASTEST = 1
+_WINDOW_BITS = 2
+_RAW_DEFLATE = -15
+_MOST_MEMORY = 9
+
+
+def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
+    """A PNG file of pixels, lossless.
+
+    Args:
+        pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; any strides.
+
+    Raises:
+        ValueError: The pixels are of another shape or type, or there are none.
+    """
+    rows, pixel_bytes = _rows(pixels)
+    height, width = pixels.shape[:2]
+    colour = _RGB if pixels.ndim == 3 else _GREY
+    header = _HEADER.pack(width, height, pixels.dtype.itemsize * 8, colour, 0, 0, 0)
+    filtered = _filtered(rows, pixel_bytes)
+    adler32, crc32 = _checksums()
+    data = [_ZLIB_HEAD, _deflated(filtered), _NUMBER.pack(adler32(filtered))]
+    parts = [_SIGNATURE]
+    for kind, body in ((b'IHDR', [header]), (b'IDAT', data), (b'IEND', [])):
+        crc = crc32(kind)
+        for part in body:
+            crc = crc32(part, crc)
+        parts += [_NUMBER.pack(sum(map(len, body))), kind, *body, _NUMBER.pack(crc)]
+    return b''.join(parts)
+
+
+def _rows(pixels: npt.NDArray[np.uint8 | np.uint16]) -> tuple[npt.NDArray[np.uint8], int]:
+    """(H, N) bytes in the file's order, and how many of them make a pixel.
+
+    Raises:
+        ValueError: The pixels are of another shape or type, or there are none.
+    """
+    kind = (pixels.dtype.type, pixels.shape[2:])
+    if pixels.ndim < 2 or not pixels.size:
+        raise ValueError(f'pixels of shape {pixels.shape}')
+    if kind == (np.uint8, ()):
+        return pixels.view(np.uint8), 1
+    if kind == (np.uint16, ()):
+        return pixels.astype('>u2', order='C').view(np.uint8), 2
+    if kind == (np.uint8, (3,)):
+        import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
+
+        rgb = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+        return np.asarray(rgb, dtype=np.uint8).reshape(len(pixels), -1), 3
+    raise ValueError(f'pixels of shape {pixels.shape} and type {pixels.dtype}')
+
+
+def _filtered(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[np.uint8]:
+    """(H, N + 1) rows behind the number of their filter, Sub."""
+    height, width = rows.shape
+    filtered = np.empty((height, 1 + width), dtype=np.uint8)
+    filtered[:, 0] = _SUB
+    filtered[:, 1 : 1 + pixel_bytes] = rows[:, :pixel_bytes]
+    np.subtract(rows[:, pixel_bytes:], rows[:, :-pixel_bytes], out=filtered[:, 1 + pixel_bytes :])
+    return filtered
+
+
+def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
+    """A raw deflate stream."""
+    try:
+        from isal import igzip_lib  # noqa: PLC0415 - a workspace may do without
+    except ImportError:
+        packer = zlib.compressobj(_FASTEST, zlib.DEFLATED, _RAW_DEFLATE, _MOST_MEMORY, zlib.Z_RLE)
+        return packer.compress(data.data) + packer.flush()
+    return igzip_lib.compress(
+        data, _FASTEST, igzip_lib.COMP_DEFLATE, igzip_lib.MEM_LEVEL_DEFAULT, _WINDOW_BITS
+    )
+
+
+def _checksums() -> tuple[Callable[..., int], Callable[..., int]]:
+    """adler32 and crc32, the fastest there are."""
+    try:
+        from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
+    except ImportError:
+        return zlib.adler32, zlib.crc32
+    return isal_zlib.adler32, isal_zlib.crc32

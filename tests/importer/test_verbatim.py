@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI -> bag -> KITTI gives back every file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.convert import convert
+from kitti_ros2.errors import BadBagError, OutputExistsError
+from kitti_ros2.importer.blueprint import FILES, RECORDING, find_blueprint
+from kitti_ros2.importer.verbatim import restore
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.ros_types import TYPESTORE, String
+from kitti_ros2.options import (
+    BagOptions,
+    Bound,
+    Images,
+    MessageOptions,
+    Preset,
+    ReadOptions,
+    SelectionOptions,
+)
+from kitti_ros2.samples import Layout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ENDINGS = {'mcap': '.mcap', 'directory': '', 'sqlite3': '', 'ros1': '.bag'}
+CONTAINERS = ('mcap', 'sqlite3', 'ros1')
+
+
+def to_bag(source, folder, storage='mcap', messages=None, selection=None, read=None, **bag):
+    """A bag of a recording."""
+    out = folder / f'bag{ENDINGS[storage]}'
+    storage = 'mcap' if storage == 'directory' else storage
+    convert(
+        open_recording(source, read),
+        out,
+        messages or MessageOptions(),
+        selection or SelectionOptions(),
+        BagOptions(storage=storage, **bag),
+    )
+    return out
+
+
+def back(bag, out):
+    """The bag as KITTI again."""
+    blueprint = find_blueprint(bag)
+    assert blueprint is not None
+    return restore(bag, blueprint, out)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob('*')
+        if path.is_file()
+    }
+
+
+def data_set_of(source: Path, layout: Layout) -> Path:
+    """The folder that corresponds to the output."""
+    return source.parent.parent if layout is Layout.RAW else source
+
+
+@pytest.mark.parametrize('storage', CONTAINERS)
+@pytest.mark.parametrize('layout', list(Layout))
+def test_every_file_comes_back_to_the_byte(recordings, layout, storage, tmp_path):
+    source = recordings[layout]
+    report = back(to_bag(source, tmp_path, storage), tmp_path / 'out')
+    assert files_of(tmp_path / 'out') == files_of(data_set_of(source, layout))
+    assert report.losses == ()
+    assert report.notes == ()
+    assert report.frames == 5
+    assert report.layout is layout
+
+
+@pytest.mark.parametrize('layout', list(Layout))
+def test_images_of_pixels_come_back_pixel_for_pixel(recordings, layout, tmp_path):
+    source = recordings[layout]
+    messages = MessageOptions(images=Images.RAW, preset=Preset.KITTI2BAG, ring_and_time=True)
+    back(to_bag(source, tmp_path, messages=messages, compression='zstd'), tmp_path / 'out')
+    made, true = files_of(tmp_path / 'out'), files_of(data_set_of(source, layout))
+    assert made.keys() == true.keys()
+    for name, content in true.items():
+        if name.endswith('.png'):
+            pixels = [
+                cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+                for data in (content, made[name])
+            ]
+            assert np.array_equal(*pixels), name
+        else:
+            assert made[name] == content, name
+
+
+def test_a_bag_of_both_kinds_of_images_gives_each_once(recordings, tmp_path):
+    source = recordings[Layout.OBJECT]
+    messages = MessageOptions(images=Images.BOTH)
+    bag = to_bag(source, tmp_path, 'directory', messages=messages, split_size=100_000)
+    report = back(bag, tmp_path / 'out')
+    assert report.losses == ()
+    assert files_of(tmp_path / 'out') == files_of(source)
+
+
+def test_missing_frames_stay_missing_and_shift_nothing(drive, tmp_path):
+    for number in (1, 3):
+        (drive / 'velodyne_points/data' / f'{number:010d}.bin').unlink()
+    (drive / 'image_02/data/0000000002.png').unlink()
+    report = back(to_bag(drive, tmp_path / 'bags'), tmp_path / 'out')
+    assert files_of(tmp_path / 'out' / drive.parent.name) == files_of(drive.parent)
+    assert report.counts['scan'] == 3
+    assert report.notes == ()
+
+
+def test_equal_calibrations_of_frames_all_come_back(recordings, tmp_path):
+    """The bag holds a calibration only when it changes."""
+    source = recordings[Layout.OBJECT]
+    texts = {path.read_text() for path in (source / 'training/calib').iterdir()}
+    assert len(texts) == 1
+    back(to_bag(source, tmp_path), tmp_path / 'out')
+    assert len(list((tmp_path / 'out/training/calib').iterdir())) == 5
+
+
+def test_a_selection_gives_its_files_and_says_what_the_bag_lacks(recordings, tmp_path):
+    source = recordings[Layout.OBJECT]
+    selection = SelectionOptions(start=Bound(frame=1), end=Bound(frame=2))
+    report = back(to_bag(source, tmp_path, selection=selection), tmp_path / 'out')
+    made, true = files_of(tmp_path / 'out'), files_of(source)
+    assert all(true[name] == data for name, data in made.items())
+    assert sorted(name for name in made if 'calib' in name) == [
+        'training/calib/000001.txt',
+        'training/calib/000002.txt',
+    ]
+    assert report.losses == ()
+    assert 'the bag holds no scan of frames 0, 3-4' in report.notes
+
+
+def test_point_labels_become_files_again(recordings, tmp_path):
+    source = tmp_path / 'set'
+    made = files_of(recordings[Layout.ODOMETRY])
+    rng = np.random.default_rng(0)
+    for name, data in list(made.items()):
+        if name.endswith('.bin'):
+            labels = rng.integers(0, 2**32, len(data) // 16, dtype=np.uint32)
+            made[name.replace('velodyne', 'labels').replace('.bin', '.label')] = labels.tobytes()
+    for name, data in made.items():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).write_bytes(data)
+    read = ReadOptions(semantic=True)
+    messages = MessageOptions(semantic=True)
+    back(to_bag(source, tmp_path, messages=messages, read=read), tmp_path / 'out')
+    assert files_of(tmp_path / 'out') == made
+
+
+def test_an_output_that_holds_something_is_refused(recordings, tmp_path):
+    bag = to_bag(recordings[Layout.OBJECT], tmp_path)
+    out = tmp_path / 'out'
+    out.mkdir()
+    back(bag, out)  # empty, so it may be taken
+    before = files_of(out)
+    with pytest.raises(OutputExistsError):
+        back(bag, out)
+    assert files_of(out) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag.mcap', 'out']
+
+
+def write_strings(path, texts):
+    """A bag of strings by topic."""
+    with open_bag(path, BagOptions(), TYPESTORE) as writer:
+        for topic, text in texts:
+            channel = writer.add_channel(
+                Channel(topic, 'std_msgs/msg/String', latched=True, depth=1)
+            )
+            writer.write(channel, 1, serialize(String(text)))
+
+
+DESCRIPTION = {'layout': 'object', 'name': 'training', 'epoch_ns': 1, 'files': {}}
+SCANS = {'folder': 'training/velodyne', 'digits': 6, 'suffix': '.bin', 'numbers': [[0, 1]]}
+
+
+@pytest.mark.parametrize('name', ['../escaped.txt', '/escaped.txt', 'a/../../escaped.txt', ''])
+def test_file_names_that_would_escape_are_refused(name, tmp_path):
+    path = tmp_path / 'bag.mcap'
+    write_strings(path, [(RECORDING, json.dumps(DESCRIPTION)), (FILES, f'{name}\ntext')])
+    with pytest.raises(BadBagError, match='outside of the output'):
+        find_blueprint(path)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'layout': 'nuscenes'},
+        {'files': {'scan': {**SCANS, 'digits': 99}}},
+        {'files': {'scan': {**SCANS, 'suffix': '.sh'}}},
+        {'files': {'scan': {**SCANS, 'numbers': [[5, 1]]}}},
+        {'files': {'scan': {**SCANS, 'numbers': [[0, 10**12]]}}},
+        {'files': {'scan': {**SCANS, 'folder': '../../velodyne'}}},
+        {'files': {'radar': SCANS}},
+        {'files': []},
+        {'epoch_ns': None},
+    ],
+)
+def test_a_description_that_cannot_be_meant_is_refused(change, tmp_path):
+    path = tmp_path / 'bag.mcap'
+    write_strings(path, [(RECORDING, json.dumps({**DESCRIPTION, **change}))])
+    with pytest.raises(BadBagError):
+        find_blueprint(path)
+
+
+def test_a_description_that_is_no_json_is_refused(tmp_path):
+    write_strings(tmp_path / 'bag.mcap', [(RECORDING, 'layout: object')])
+    with pytest.raises(BadBagError, match='not what kitti-ros2 writes'):
+        find_blueprint(tmp_path / 'bag.mcap')
+
+
+def test_a_bag_of_others_has_no_blueprint(tmp_path):
+    write_strings(tmp_path / 'bag.mcap', [('/chatter', 'hello')])
+    assert find_blueprint(tmp_path / 'bag.mcap') is None
+
+
+def test_samples_without_a_file_are_named_and_counted(recordings, tmp_path):
+    bag = to_bag(recordings[Layout.OBJECT], tmp_path)
+    blueprint = find_blueprint(bag)
+    assert blueprint is not None
+    later = replace(blueprint, epoch_ns=blueprint.epoch_ns + 7)
+    report = restore(bag, later, tmp_path / 'out')
+    assert {loss.stream: loss.count for loss in report.losses}['/kitti/velo/points'] == 5
+    assert 'no file of training has this stamp' in report.losses[0].text()
+
+
+def test_a_cut_bag_gives_what_it_has_and_says_so(recordings, tmp_path):
+    bag = to_bag(recordings[Layout.RAW], tmp_path)
+    data = bag.read_bytes()
+    bag.write_bytes(data[: len(data) * 2 // 3])
+    report = back(bag, tmp_path / 'out')
+    made, true = (
+        files_of(tmp_path / 'out'),
+        files_of(data_set_of(recordings[Layout.RAW], Layout.RAW)),
+    )
+    assert 0 < report.counts['scan'] < 5
+    assert all(true[name] == content for name, content in made.items())
+    assert any('cut off' in loss.text() for loss in report.losses)
+
+
+@pytest.mark.parametrize('storage', CONTAINERS)
+@pytest.mark.parametrize(
+    'place',
+    [
+        'object/training',
+        'tracking/training',
+        'odometry/dataset',
+        'raw/2011_09_26/2011_09_26_drive_0005_sync',
+    ],
+)
+def test_real_files_come_back_to_the_byte(real_kitti, place, storage, tmp_path):
+    back(to_bag(real_kitti / place, tmp_path, storage), tmp_path / 'out')
+    made = files_of(tmp_path / 'out')
+    root = real_kitti / place.split('/', maxsplit=1)[0]
+    if 'dataset' in place:
+        root /= 'dataset'
+    others = ('velodyne_reduced', 'drive_0001', 'drive_0052')
+    true = {
+        name: data for name, data in files_of(root).items() if not any(o in name for o in others)
+    }
+    assert made.keys() == true.keys()
+    assert made == true
+
+
+@pytest.mark.parametrize('gap', [(), ('velodyne_points:5-6',)])
+@pytest.mark.parametrize('storage', CONTAINERS)
+def test_a_full_real_drive_comes_back_to_the_byte(make_drive, gap, storage, tmp_path):
+    source = make_drive(8, *gap)
+    back(to_bag(source, tmp_path, storage), tmp_path / 'out')
+    assert files_of(tmp_path / 'out') == files_of(source.parent.parent)
