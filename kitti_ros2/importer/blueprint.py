@@ -148,7 +148,7 @@ def _read(messages: BagMessages, path: Path) -> Blueprint | None:
     for message in messages:
         if message.msgtype != _STRING:
             continue
-        text = messages.typestore.deserialize_cdr(message.data, _STRING)
+        text: Any = messages.typestore.deserialize_cdr(message.data, _STRING)
         if message.topic == RECORDING:
             values = _description(text, path)
         elif message.topic in kept:

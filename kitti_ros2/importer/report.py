@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from ..bags.merged import MergedMessages
     from ..bags.reader import BagMessages
     from ..samples import Layout
 
@@ -63,6 +64,6 @@ class LossTally:
         )
 
 
-def damage(messages: BagMessages, name: str) -> tuple[Loss, ...]:
+def damage(messages: BagMessages | MergedMessages, name: str) -> tuple[Loss, ...]:
     """What a bag lost, as far as it has been read."""
     return tuple(Loss(name, 1, warning) for warning in messages.warnings)

@@ -183,6 +183,7 @@ class _Writer:
             return None
         number = numbers[stamp_ns].pop(0)
         folder = self._blueprint.folders[stream]
+        content: Callable[[], bytes | memoryview]
         if stream is Stream.SCAN:
             content = partial(self._scan, decoded, number, folder.suffix)
         elif message.topic.endswith('/compressed'):
@@ -195,7 +196,8 @@ class _Writer:
         """A scan's file; the labels of its points go to a file of their own."""
         points = decode_points(cloud)
         if 'label' in (points.dtype.names or ()):
-            labels = points['label'].astype(np.uint32) | points['instance'].astype(np.uint32) << 16
+            labels = points['label'].astype(np.uint32)
+            labels |= points['instance'].astype(np.uint32) << np.uint32(16)
             folder = self._blueprint.folders[Stream.SCAN].path.parent / names.POINT_LABELS
             path = folder / names.file_name(number, names.FRAME_DIGITS, names.LABEL)
             STORE.write(self._root / path, format_point_labels(labels))
@@ -230,14 +232,14 @@ class _Writer:
         if folder is None:
             return
         last = max((max(found) for found in self._written.values() if found), default=-1)
-        text = None
+        last_text: str | None = None
         for number in folder.numbers:
             path = folder.file(number)
-            text = self._blueprint.calibrations.get(path, text)
-            if text is None or (path not in self._blueprint.calibrations and number > last):
+            last_text = self._blueprint.calibrations.get(path, last_text)
+            if last_text is None or (path not in self._blueprint.calibrations and number > last):
                 continue
             if path not in self._blueprint.calibrations:
-                STORE.write_text(self._root / path, text)
+                STORE.write_text(self._root / path, last_text)
                 self._counts[Stream.CALIBRATION.value] += 1
             self._written.setdefault(Stream.CALIBRATION, set()).add(number)
 

@@ -209,12 +209,14 @@ def format_odometry(calibration: Calibration) -> str:
 def format_raw(calibration: Calibration) -> dict[str, str]:
     """File name to text of the three raw calibration files.
 
+    Loaders read all four cameras, so one that is absent gets the numbers of the first.
+
     Raises:
-        ValueError: The calibration has no cam0_T_velo.
+        ValueError: The calibration has no camera or no cam0_T_velo.
     """
     r0_rect, cam0_t_velo, velo_t_imu = _extrinsics(calibration)
     lines = []
-    for index, camera in sorted(calibration.cameras.items()):
+    for index, camera in enumerate(_four_cameras(calibration)):
         size = camera.size or (0, 0)
         cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
         values = {
@@ -244,11 +246,16 @@ def _format_lines(calibration: Calibration, keys: tuple[str, str, str]) -> str:
 
 
 def _format_projections(calibration: Calibration) -> str:
+    cameras = _four_cameras(calibration)
+    return ''.join(f'P{i}: {_numbers(camera.p_rect)}\n' for i, camera in enumerate(cameras))
+
+
+def _four_cameras(calibration: Calibration) -> list[CameraCalibration]:
+    """KITTI's four, the first one in place of those that are absent."""
     if not calibration.cameras:
         raise ValueError('a calibration file needs at least one camera')
     first = calibration.cameras[min(calibration.cameras)]
-    cameras = [calibration.cameras.get(index, first) for index in range(4)]
-    return ''.join(f'P{i}: {_numbers(camera.p_rect)}\n' for i, camera in enumerate(cameras))
+    return [calibration.cameras.get(index, first) for index in range(_KITTI_CAMERAS)]
 
 
 def _format_parts(transform: Transform) -> str:

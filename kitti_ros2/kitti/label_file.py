@@ -117,9 +117,9 @@ def parse_box(line: str) -> Box:
     )
 
 
-def format_object_labels(boxes: Iterable[Box]) -> str:
+def format_object_labels(boxes: Iterable[Box], decimals: int = 2) -> str:
     """The text of an object label file; frame and track id are left out."""
-    return ''.join(f'{format_object_box(box)}\n' for box in boxes)
+    return ''.join(f'{format_object_box(box, decimals)}\n' for box in boxes)
 
 
 def format_tracking_labels(boxes: Iterable[Box]) -> str:

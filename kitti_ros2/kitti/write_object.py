@@ -32,6 +32,7 @@ class ObjectWriter(LayoutWriter):
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
         dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
+        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
         train_fraction: The part of the frames that trains, 0 to 1; the rest validates.
         store: Where the files go.
     """
@@ -56,6 +57,7 @@ class ObjectWriter(LayoutWriter):
         split: str = names.SPLITS[0],
         *,
         dont_care_when_empty: bool = False,
+        label_decimals: int = 2,
         train_fraction: float = 0.5,
         store: LocalStore = STORE,
     ) -> None:
@@ -66,6 +68,7 @@ class ObjectWriter(LayoutWriter):
         self._split = split
         self._dont_care_when_empty = dont_care_when_empty
         self._store = store
+        self._label_decimals = label_decimals
         self._train_fraction = train_fraction
         self._numbers: set[int] = set()
         self._unlisted: set[int] = set()
@@ -91,7 +94,9 @@ class ObjectWriter(LayoutWriter):
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """label_2/NNNNNN.txt."""
-        text = labels if isinstance(labels, str) else format_object_labels(labels)
+        text = labels if isinstance(labels, str) else ''
+        if not isinstance(labels, str):
+            text = format_object_labels(labels, self._label_decimals)
         if not text and self._dont_care_when_empty:
             text = EMPTY_OBJECT_LINE
         self._store.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)

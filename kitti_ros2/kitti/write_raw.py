@@ -8,6 +8,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from ..errors import UsageError
 from ..labels import rect_from_velo
 from ..samples import Layout, Stream
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 from ..samples import Calibration, OxtsPacket, Scan
 
 KINDS = ('sync', 'extract')
+_MOST_OCCLUDED = 2
+_UNKNOWN = -1
 DATAFORMAT = """\
 lat: degrees north
 lon: degrees east
@@ -209,9 +213,13 @@ class RawWriter(LayoutWriter):
     def _tracklet_pose(self, box: Box) -> TrackletPose:
         if self._rect_T_velo is None:
             raise UsageError('tracklets are in the scanner frame: write_calibration comes first')
-        (x, y, z), yaw = box_to_velo(box.location, box.rotation_y, self._rect_T_velo)
+        # A tracklet stands upright to the scanner, a label to the camera: the middle is common.
+        half = box.size_hwl[0] / 2
+        middle = np.array(box.location) - [0.0, half, 0.0]
+        (x, y, z), yaw = box_to_velo(middle, box.rotation_y, self._rect_T_velo)
         truncation = TRUNCATION_CUT if box.truncated > 0 else TRUNCATION_IN_IMAGE
-        return TrackletPose((x, y, z), yaw, min(box.occluded, 2), truncation)
+        occlusion = box.occluded if box.occluded <= _MOST_OCCLUDED else _UNKNOWN
+        return TrackletPose((x, y, z - half), yaw, occlusion, truncation)
 
 
 def fill_stamps(stamps: Mapping[int, int]) -> list[int]:

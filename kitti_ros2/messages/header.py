@@ -4,19 +4,19 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..geometry import Transform
-from ..stamps import from_sec_nanosec, to_sec_nanosec
+from ..stamps import NS_PER_S, from_sec_nanosec, to_sec_nanosec
 from .ros_types import Header, Point, Pose, Quaternion, Time, Vector3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..geometry import Float64Array
-
 
 __all__ = [
     'Header',
@@ -29,11 +29,16 @@ __all__ = [
     'make_pose',
     'make_quaternion',
     'make_vector3',
+    'peek_header',
     'pose_numbers',
     'stamp_ns_of',
     'transform_of',
     'vector_of',
 ]
+
+
+_ENCAPSULATION = 4
+_HEADER_HEAD = 12
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:
@@ -45,6 +50,22 @@ def make_header(stamp_ns: int, frame_id: str) -> Header:
 def stamp_ns_of(header: Header) -> int:
     """The stamp of a Header, nanoseconds."""
     return from_sec_nanosec(header.stamp.sec, header.stamp.nanosec)
+
+
+def peek_header(data: bytes | memoryview) -> tuple[int, str]:
+    """Stamp (nanoseconds) and frame of a serialised message whose first field is a Header.
+
+    Raises:
+        ValueError: The message is too short for one.
+    """
+    order = '<' if data[1:2] == b'\1' else '>'
+    try:
+        sec, nanosec, length = struct.unpack_from(f'{order}iII', data, _ENCAPSULATION)
+    except struct.error as error:
+        raise ValueError(f'a message of {len(data)} bytes has no header') from error
+    start = _ENCAPSULATION + _HEADER_HEAD
+    frame = bytes(data[start : start + length]).rstrip(b'\0')
+    return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
 
 
 def make_vector3(xyz: Sequence[float] | Float64Array) -> Vector3:

@@ -196,7 +196,7 @@ def test_tracklets_are_split_where_a_frame_is_missing(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(location, BOX.location, atol=1e-4)
     assert rotation_y == pytest.approx(BOX.rotation_y, abs=1e-6)
-    assert (pose.findtext('truncation'), pose.findtext('occlusion')) == ('1', '2')
+    assert (pose.findtext('truncation'), pose.findtext('occlusion')) == ('1', '-1')
 
 
 def test_tracklet_classes_are_declared_once() -> None:

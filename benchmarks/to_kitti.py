@@ -1,0 +1,143 @@
+#!/usr/bin/env python3
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast and how small kitti-ros2 to-kitti is, beside yardsticks timed in the same run.
+
+    python benchmarks/to_kitti.py SRC [--long LONGER_SRC] [--repeat N] [--dir FOLDER]
+
+SRC is a KITTI drive, which becomes bags first. Each line is a ratio of medians; what is compared
+takes turns, so that a busy moment meets all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from kitti_ros2.kitti.layouts import open_recording
+
+from yardsticks import COMMAND, Run, copy, median, process, report  # isort: skip
+
+ENCODE = """
+import sys, time, cv2, numpy as np
+kind, *paths = sys.argv[1:]
+if kind == 'fpng_py':
+    import fpng_py
+    encode = lambda p: fpng_py.fpng_encode_image_to_memory(p.tobytes(), p.shape[1], p.shape[0], 3)
+elif kind == 'opencv':
+    encode = lambda p: cv2.imencode('.png', p, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+else:
+    from kitti_ros2.messages.png_writer import encode_png as encode
+images = [cv2.imread(path, cv2.IMREAD_UNCHANGED) for path in paths]
+images = [i if i.ndim == 3 or kind != 'fpng_py' else np.repeat(i[..., None], 3, 2) for i in images]
+started = time.perf_counter()
+for pixels in images:
+    encode(pixels)
+print((time.perf_counter() - started) / len(images))
+"""
+
+
+class Bench:
+    """The work that is timed, on one drive."""
+
+    def __init__(self, src: Path, folder: Path) -> None:
+        self.src = src
+        self.folder = folder
+        self.recording = open_recording(src)
+        self.pngs = sorted(
+            str(path)
+            for path in self.recording.root.rglob('*.png')
+            if self.recording.name in path.parts
+        )
+
+    def bag(self, name: str, src: Path, *options: str) -> Path:
+        """A bag of a drive, made once."""
+        path = self.folder / f'{name}.mcap'
+        if not path.exists():
+            words = [sys.executable, '-c', COMMAND, 'to-bag', src, path, '-q', *options]
+            subprocess.run([str(word) for word in words], check=True)
+        return path
+
+    def copy(self) -> Run:
+        """Copy the drive with its calibration, by cp -r."""
+        return copy(self.recording.root, self.folder / 'copy')
+
+    def back(self, bag: Path, *options: str) -> tuple[Run, float]:
+        """The whole command, start included; also its peak memory in MB."""
+        out = self.folder / 'out'
+        return process(out, 'to-kitti', str(bag), str(out), '-q', *options)
+
+    def encode(self, kind: str) -> float:
+        """Seconds an image by a bare loop of one encoder, one core, in a process of its own."""
+        words = [sys.executable, '-c', ENCODE, kind, *self.pngs[:: max(1, len(self.pngs) // 80)]]
+        done = subprocess.run(words, check=False, capture_output=True, text=True)
+        return float(done.stdout) if done.returncode == 0 else float('inf')
+
+
+def measure_pass_through(bench: Bench, repeat: int) -> None:
+    """Against cp -r."""
+    bag = bench.bag('compressed', bench.src)
+    copies, backs = [], []
+    for _ in range(repeat):
+        copies.append(bench.copy().rate)
+        backs.append(bench.back(bag)[0].rate)
+    note = f'{median(backs) / 1e6:.0f} MB/s, cp -r {median(copies) / 1e6:.0f} MB/s'
+    report(
+        'PNG pass-through, whole process / cp -r', median(backs) / median(copies), '>= 0.6', note
+    )
+
+
+def measure_raw(bench: Bench, repeat: int) -> None:
+    """Against encoding alone on every core, by the fastest encoder at hand."""
+    cores = os.cpu_count() or 1
+    bag = bench.bag('raw', bench.src, '--images', 'raw')
+    encodes: dict[str, list[float]] = {'fpng_py': [], 'opencv': [], 'kitti_ros2': []}
+    backs = []
+    for _ in range(repeat):
+        for kind, seconds in encodes.items():
+            seconds.append(bench.encode(kind))
+        backs.append(bench.back(bag)[0].seconds)
+    for kind, seconds in encodes.items():
+        print(f'  {kind}: {median(seconds) * 1000:.1f} ms an image on one core')
+    fastest = min(median(seconds) for seconds in encodes.values())
+    ideal = fastest * len(bench.pngs) / cores
+    note = f'{len(bench.pngs) / median(backs):.0f} images/s, cores {cores}'
+    name = 'raw images, whole process / bare encoding'
+    report(name, ideal / median(backs), '>= 0.8', note)
+
+
+def measure_memory(bench: Bench, longer: Path | None) -> None:
+    """Peak of the whole process, and whether a longer drive needs more."""
+    for name, options in (('compressed', ()), ('raw', ('--images', 'raw'))):
+        peak = bench.back(bench.bag(name, bench.src, *options))[1]
+        report(f'peak memory, {name} images, MB', peak, '<= 400', str(bench.src.name))
+        if longer is not None:
+            grown = bench.back(bench.bag(f'long_{name}', longer, *options))[1]
+            report(f'the longer drive, {name} / this', grown / peak, '<= 1.1', f'{grown:.0f} MB')
+            bench.bag(f'long_{name}', longer).unlink()
+
+
+def main() -> None:
+    """Run all measures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('src', type=Path)
+    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
+    parser.add_argument('--repeat', type=int, default=7)
+    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=args.dir or args.src.resolve().parent.parent) as folder:
+        bench = Bench(args.src, Path(folder))
+        bench.copy()  # warms the page cache, for all alike
+        measure_pass_through(bench, args.repeat)
+        measure_raw(bench, max(3, args.repeat // 2))
+        measure_memory(bench, args.long)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 to-kitti."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ..errors import UsageError
+from ..importer.blueprint import find_blueprint
+from ..settings import make_import_options
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_freed_memory, keep_imports
+from .progress import conversion_progress
+from .text import format_bytes, format_count, format_path
+from .to_bag import show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from ..importer.report import ImportReport
+    from ..options import ImportOptions
+
+
+def run_to_kitti(
+    paths: Sequence[Path],
+    given: Mapping[str, Any],
+    plan_file: Path | None,
+    *,
+    plan_only: bool,
+    quiet: bool,
+) -> int:
+    """Convert, and say what came of it; or print the plan.
+
+    Args:
+        paths: Bags, and the output last unless only the plan is wanted.
+        given: Options by name, None where they are not given.
+        plan_file: A plan to go by.
+        plan_only: Whether to print the plan and stop.
+        quiet: Say only what was lost.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UsageError: The words cannot be meant.
+    """
+    keep_imports()
+    options = make_import_options(given)
+    if plan_only:
+        return _print_plan(paths, options)
+    if len(paths) < 2:
+        raise UsageError('to-kitti needs a bag and a folder to make: kitti-ros2 to-kitti BAG OUT')
+    *bags, out = paths
+    keep_freed_memory()
+    started = time.monotonic()
+    report = _convert(bags, out, options, plan_file, quiet=quiet)
+    if not quiet:
+        _summarize(report, time.monotonic() - started)
+    show_losses(report.losses)
+    return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def _convert(
+    bags: Sequence[Path],
+    out: Path,
+    options: ImportOptions,
+    plan_file: Path | None,
+    *,
+    quiet: bool,
+) -> ImportReport:
+    from ..importer.verbatim import restore
+
+    blueprint = find_blueprint(bags[0]) if len(bags) == 1 and plan_file is None else None
+    if blueprint is not None and options.keeps(blueprint.layout):
+        with conversion_progress(blueprint.files, blueprint.frames, show=not quiet) as progress:
+            return restore(bags[0], blueprint, out, progress)
+    from ..importer.frames import frame_topics
+    from ..importer.plan import parse_plan
+    from ..importer.planned import adapt, convert_by_plan, guess, look
+
+    survey = look(bags)
+    if plan_file is not None:
+        plan = adapt(parse_plan(plan_file.read_text(encoding='utf-8'), plan_file), options)
+    else:
+        found = guess(bags, survey, options)
+        plan = found.plan
+        if not quiet:
+            for remark in found.remarks:
+                _say(f'note: {remark}')
+    samples = sum(survey.topics[topic].count for topic in frame_topics(plan).values())
+    with conversion_progress(samples, samples, show=not quiet) as progress:
+        return convert_by_plan(bags, plan, survey, out, options, progress)
+
+
+def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
+    """The plan as YAML on standard output, with what is missing as comments."""
+    from ..importer.plan import format_plan
+    from ..importer.planned import guess, look
+
+    blueprint = find_blueprint(bags[0]) if len(bags) == 1 else None
+    remarks: tuple[str, ...] = ()
+    if blueprint is not None:
+        if options.layout is None:
+            options = replace(options, layout=blueprint.layout)
+        name = blueprint.name
+        remarks = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
+    found = guess(bags, look(bags), options)
+    sys.stdout.write(format_plan(found.plan, (*remarks, *found.remarks)))
+    return EXIT_OK
+
+
+def _summarize(report: ImportReport, elapsed: float) -> None:
+    for note in report.notes:
+        _say(f'note: {note}')
+    files = ', '.join(f'{name} {count}' for name, count in sorted(report.counts.items()))
+    rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
+    _say(
+        f'{format_path(report.path)}: layout {report.layout.value}, {report.name},'
+        f' {format_count(report.frames, "frame")}, {format_bytes(report.size_bytes)} ({files});'
+        f' took {elapsed:.1f} s ({rate})'
+    )
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f'{line}\n')

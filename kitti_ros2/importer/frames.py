@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which frames a plan makes, and which sample of each stream is in which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import UsageError
+from ..samples import Stream
+from ..stamps import NS_PER_S
+from .plan import Incomplete
+from .sync import NONE, match_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy.typing as npt
+
+    from ..samples import Int64Array
+    from .ego import PoseTrack
+    from .plan import Plan
+    from .survey import Survey, TopicSurvey
+    from .sync import StreamMatch
+
+_MS = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The frames of a data set.
+
+    Attributes:
+        stamps_ns: (N,) of the reference stream.
+        samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
+        stamps: By topic the stamps to go by, in the order of reading.
+        notes: How well the streams matched, and what was dropped; a line each.
+    """
+
+    stamps_ns: Int64Array
+    samples: Mapping[Stream, Int64Array]
+    stamps: Mapping[str, Int64Array]
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+
+def frame_topics(plan: Plan) -> dict[Stream, str]:
+    """The topics whose samples make a frame, by stream."""
+    topics = {Stream(f'image_{index}'): camera.topic for index, camera in plan.cameras.items()}
+    if plan.scan is not None:
+        topics[Stream.SCAN] = plan.scan.topic
+    if plan.labels is not None:
+        topics[Stream.LABELS] = plan.labels.topic
+    return topics
+
+
+def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames:
+    """The frames of a plan.
+
+    Args:
+        plan: Names the reference stream and what becomes of incomplete frames.
+        survey: The stamps of all topics.
+        track: The poses, where each frame needs one: none is made where they do not tell.
+
+    Raises:
+        UsageError: The plan names a topic that is not there, or no frame is left.
+    """
+    topics = frame_topics(plan)
+    notes: list[str] = []
+    stamps = {}
+    for name in topics.values():
+        stamps[name], reason = topic_of(survey, name).stamps()
+        if reason is not None:
+            notes.append(f'{name}: {reason}')
+    reference = _reference(plan, topics, stamps, track)
+    others = {
+        stream.value: stamps[name]
+        for stream, name in topics.items()
+        if stream.value != plan.reference
+    }
+    matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
+    samples = {stream: np.arange(len(reference)) for stream in topics}
+    samples |= {Stream(name): match.indices for name, match in matches.items()}
+    notes += [_matching(name, topics[Stream(name)], match) for name, match in matches.items()]
+    kept = np.ones(len(reference), dtype=np.bool_)
+    if plan.incomplete is Incomplete.DROP:
+        for stream, indices in samples.items():
+            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    if track is not None:
+        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        kept &= _without(unknown, 'pose around them', notes)
+    if not kept.any():
+        raise UsageError(
+            f'no frame is whole: {"; ".join(notes) or "no sample at all"};'
+            f' widen tolerance_s of the plan, or set incomplete: keep'
+        )
+    return Frames(
+        reference[kept],
+        {stream: indices[kept] for stream, indices in samples.items()},
+        stamps,
+        tuple(notes),
+    )
+
+
+def topic_of(survey: Survey, name: str) -> TopicSurvey:
+    """The survey of a topic that a plan names.
+
+    Raises:
+        UsageError: The bag has no such topic, or it has no messages.
+    """
+    topic = survey.topics.get(name)
+    if topic is None or not topic.count:
+        known = ', '.join(sorted(each.name for each in survey.topics.values() if each.count))
+        raise UsageError(f'the plan names {name}, of which the bag has no message; it has {known}')
+    return topic
+
+
+def _reference(
+    plan: Plan,
+    topics: Mapping[Stream, str],
+    stamps: Mapping[str, Int64Array],
+    track: PoseTrack | None,
+) -> Int64Array:
+    if plan.reference == Stream.POSE.value and track is not None:
+        return track.stamps_ns
+    for stream, name in topics.items():
+        if stream.value == plan.reference:
+            return stamps[name]
+    known = [stream.value for stream in topics] + ['pose'] * (track is not None)
+    raise UsageError(f'the plan has reference {plan.reference}; it must be one of {known}')
+
+
+def _matching(stream: str, topic: str, match: StreamMatch) -> str:
+    return (
+        f'{stream} ({topic}): {match.matched} of {len(match.indices)} frames,'
+        f' off by {match.mean_error_ns / _MS:.1f} ms in the mean,'
+        f' {match.max_error_ns / _MS:.1f} ms at most; {match.dropped} samples not used'
+    )
+
+
+def _without(lacking: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt.NDArray[np.bool_]:
+    """The frames that have something; those that lack it are noted."""
+    count = int(np.count_nonzero(lacking))
+    if count:
+        notes.append(f'dropped {count} of {len(lacking)} frames: no {what}')
+    return ~lacking

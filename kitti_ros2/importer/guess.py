@@ -1,0 +1,333 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topic of a bag is which stream of KITTI: by type, name, frame and neighbours."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import LackingError, UsageError
+from ..messages.clouds import guess_intensity_scale
+from ..messages.rectify import needs_rectifying
+from ..samples import CAMERA_NAMES, Layout, Stream
+from ..stamps import NS_PER_S, format_stamp
+from . import survey as types
+from .frame_tree import FrameTree
+from .plan import NONE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
+from .sync import default_tolerance_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from .survey import Survey, TopicSurvey
+
+_LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
+_DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
+_TRUTH = re.compile(r'ground_truth|groundtruth|\bgt\b', re.IGNORECASE)
+_LEFT = re.compile(r'(^|[/_])left([/_]|$)', re.IGNORECASE)
+_RIGHT = re.compile(r'(^|[/_])right([/_]|$)', re.IGNORECASE)
+_DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
+_IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
+_COMPRESSED = '/compressed'
+_BODIES = ('base_link', 'base_footprint')
+_PLUMB_BOB = frozenset({'plumb_bob', ''})
+_NAMES = {Layout.OBJECT: 'training', Layout.ODOMETRY: '00', Layout.TRACKING: '0000'}
+_DEFAULT_TOLERANCE_S = 0.05
+_SHOWN = 8
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A plan, and what its reader should know: what is missing, what was passed over."""
+
+    plan: Plan
+    remarks: tuple[str, ...]
+
+
+def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
+    """The plan that makes most of a bag.
+
+    Raises:
+        LackingError: It has nothing that the layout could begin with.
+    """
+    guesser = _Guesser(survey, layout)
+    scan, cameras = guesser.scan(), guesser.cameras()
+    pose = guesser.pose() if layout is Layout.ODOMETRY else None
+    if scan is None and not cameras and pose is None:
+        raise LackingError(f'{path}: {_nothing(survey, layout)}')
+    reference, topic = _reference(scan, cameras, pose)
+    stamps, _ = survey.topics[topic].stamps()
+    tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
+    ego = guesser.ego() if layout in (Layout.RAW, Layout.TRACKING) else {}
+    imu_frame = guesser.imu_frame(scan)
+    plan = Plan(
+        layout=layout,
+        name=_name(layout, int(stamps[0]), extract=guesser.distorted(cameras)),
+        reference=reference,
+        tolerance_s=tolerance,
+        incomplete=Incomplete.KEEP if layout is Layout.RAW else Incomplete.DROP,
+        scan=scan,
+        cameras=cameras,
+        pose=pose,
+        labels=None if layout is Layout.ODOMETRY else guesser.labels(cameras),
+        imu_frame=imu_frame,
+        calibration=guesser.calibration(cameras),
+        **ego,
+    )
+    return Guess(plan, tuple(guesser.remarks))
+
+
+class _Guesser:
+    def __init__(self, survey: Survey, layout: Layout) -> None:
+        self._survey = survey
+        self._layout = layout
+        self.remarks: list[str] = []
+
+    def scan(self) -> ScanPlan | None:
+        """The lidar: by name, with intensity, with most points."""
+        clouds = [
+            each
+            for each in self._survey.of_type(types.CLOUD)
+            if each.looks and {'x', 'y', 'z'} <= {field.name for field in each.looks[0].fields}
+        ]
+        if not clouds:
+            self.remarks.append('missing: scans (no PointCloud2 with x, y and z)')
+            return None
+        best = max(clouds, key=_lidar_rank)
+        self._pass_over('scans', best, clouds)
+        if best.frame.endswith('optical_frame'):
+            self.remarks.append(
+                f'{best.name} is in {best.frame}, z forward; KITTI has x forward: set scan.frame'
+                f' to such a frame of the static tree'
+            )
+        return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
+
+    def cameras(self) -> dict[int, CameraPlan]:
+        """Up to four cameras, the best image topic of each, under KITTI's numbers."""
+        rigs = _image_topics(self._survey)
+        names = _numbered(rigs)
+        for name in sorted(set(rigs) - set(names.values())):
+            self.remarks.append(f'passed over: {rigs[name].name}; KITTI has four cameras')
+        plans = {}
+        for index, name in sorted(names.items()):
+            info = self._info_of(name, rigs[name])
+            plans[index] = CameraPlan(rigs[name].name, info, self._rectify(rigs[name].name, info))
+        calibrated = [plan for plan in plans.values() if plan.info]
+        if calibrated:
+            for index in [index for index, plan in plans.items() if not plan.info]:
+                topic = plans.pop(index).topic
+                self.remarks.append(f'passed over: {topic}; it has no camera_info')
+        if not plans:
+            self.remarks.append('missing: images (no camera)')
+        return plans
+
+    def _info_of(self, name: str, topic: TopicSurvey) -> str:
+        infos = {each.name: each for each in self._survey.of_type(types.CAMERA_INFO)}
+        for candidate in (f'{name}/camera_info', f'{_base(topic.name)}/camera_info'):
+            if candidate in infos:
+                return candidate
+        same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
+        return same[0].name if len(same) == 1 else ''
+
+    def _rectify(self, topic: str, info: str) -> bool:
+        """Rectified layouts need it for distorted images; raw keeps what its K and D describe."""
+        looks = self._survey.topics[info].looks if info else []
+        if not looks or 'rect' in topic.rsplit('/', 2)[-1 - topic.endswith(_COMPRESSED)]:
+            return False
+        message = looks[0]
+        k, r, p = message.k.reshape(3, 3), message.r.reshape(3, 3), message.p.reshape(3, 4)
+        if not needs_rectifying(k, message.d, r, p):
+            return False
+        if self._layout is not Layout.RAW:
+            return True
+        plain = message.distortion_model in _PLUMB_BOB and len(message.d) <= 5
+        return not plain
+
+    def distorted(self, cameras: dict[int, CameraPlan]) -> bool:
+        """Whether raw images stay distorted, so that the drive is an extract."""
+        for plan in cameras.values():
+            looks = self._survey.topics[plan.info].looks if plan.info else []
+            rectified = 'rect' in plan.topic.removesuffix(_COMPRESSED).rsplit('/', 1)[-1]
+            if looks and not plan.rectify and not rectified and np.any(looks[0].d):
+                return True
+        return False
+
+    def ego(self) -> dict[str, str]:
+        """The topics of the GPS/IMU unit."""
+        found: dict[str, str] = {}
+        for key, msgtype, avoid in (
+            ('imu', types.IMU, 'raw'),
+            ('fix', types.FIX, 'raw'),
+            ('velocity', types.TWIST, 'cmd'),
+        ):
+            topics = self._survey.of_type(msgtype)
+            plain = [each for each in topics if avoid not in each.name] or topics
+            if plain:
+                best = max(plain, key=lambda each: each.count)
+                self._pass_over(key, best, topics)
+                found[key] = best.name
+        if 'fix' not in found:
+            self.remarks.append('missing: fix (NavSatFix), so oxts is left out')
+            return {}
+        for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
+            if key not in found:
+                self.remarks.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
+        return found
+
+    def imu_frame(self, scan: ScanPlan | None) -> str:
+        """The frame of the Imu, where static transforms join it to the scans'."""
+        frames = [each.frame for each in self._survey.of_type(types.IMU)]
+        if not frames or scan is None:
+            return ''
+        tree = FrameTree(self._survey.static, self._survey.moving)
+        for frame in frames:
+            if tree.find(scan.frame, frame) is not None:
+                return frame
+        self.remarks.append(
+            f'missing: a static transform from {frames[0]} to {scan.frame}; the imu frame is'
+            f' nominal until imu_frame names a frame that is joined'
+        )
+        return ''
+
+    def pose(self) -> PosePlan | None:
+        """Odometry before PoseStamped, Path and a moving link of the tree; ground truth first."""
+        for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
+            topics = self._survey.of_type(msgtype)
+            if topics:
+                best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
+                self._pass_over('poses', best, topics)
+                look = best.looks[0] if best.looks else None
+                body = str(getattr(look, 'child_frame_id', '')).lstrip('/')
+                return PosePlan(best.name, body or self._body(), best.frame)
+        tf = [each for each in self._survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+        links = [link for link in self._survey.moving if link[1] in _BODIES]
+        if tf and links:
+            return PosePlan(tf[0].name, links[0][1], links[0][0])
+        self.remarks.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
+        return None
+
+    def _body(self) -> str:
+        known = {name for parent, child, _ in self._survey.static for name in (parent, child)}
+        return next((name for name in _BODIES if name in known), _BODIES[0])
+
+    def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
+        """Detections before markers."""
+        topics = self._survey.of_type(types.DETECTIONS) or [
+            each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
+        ]
+        if not topics or not cameras:
+            self.remarks.append('missing: labels (no Detection3DArray, no cubes in a MarkerArray)')
+            return None
+        best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
+        self._pass_over('labels', best, topics)
+        camera = 2 if 2 in cameras else min(cameras)
+        return LabelPlan(best.name, camera)
+
+    def calibration(self, cameras: dict[int, CameraPlan]) -> str:
+        """From the bag, where a camera tells."""
+        if any(plan.info for plan in cameras.values()):
+            return TF
+        if cameras:
+            self.remarks.append('missing: calibration (no camera_info); --calib FILE gives it')
+        return NONE
+
+    def _pass_over(self, what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> None:
+        others = ', '.join(each.name for each in topics if each is not best)
+        if others:
+            self.remarks.append(f'passed over for {what}: {others}')
+
+
+def _nothing(survey: Survey, layout: Layout) -> str:
+    """What a bag has instead of what a layout could begin with."""
+    there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
+    if not there:
+        return 'the bag has no message'
+    needed = 'no point cloud and no image'
+    if layout is Layout.ODOMETRY:
+        needed += ', and no poses either'
+    more = f' and {len(there) - _SHOWN} more' if len(there) > _SHOWN else ''
+    return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}'
+
+
+def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, int, int]:
+    first = topic.looks[0]
+    named = bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame))
+    bright = any(field.name == 'intensity' for field in first.fields)
+    return named, bright, first.width * first.height, topic.count
+
+
+def _image_topics(survey: Survey) -> dict[str, TopicSurvey]:
+    """The best image topic of each camera, by the camera's name (the topics' common part)."""
+    cameras: dict[str, list[TopicSurvey]] = {}
+    for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
+        if topic.looks and not _is_depth(topic):
+            cameras.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
+    return {name: min(topics, key=_image_rank) for name, topics in cameras.items()}
+
+
+def _is_depth(topic: TopicSurvey) -> bool:
+    first = topic.looks[0]
+    if topic.msgtype == types.IMAGE:
+        return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
+    return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
+
+
+def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
+    """Rectified and coloured first; of one image, the PNG files before pixels before JPEG."""
+    name = _base(topic.name).rpartition('/')[2]
+    known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
+    if topic.msgtype == types.IMAGE:
+        return known, 1
+    return known, 0 if 'png' in topic.looks[0].format else 2
+
+
+def _base(topic: str) -> str:
+    return topic.removesuffix(_COMPRESSED)
+
+
+def _numbered(cameras: Iterable[str]) -> dict[int, str]:
+    """KITTI's number to camera name: left colour is 2, right colour 3, then the grey pair."""
+    names = sorted(cameras, key=lambda name: (bool(_RIGHT.search(name)), 'front' not in name, name))
+    ours = {
+        index: name
+        for index, own in CAMERA_NAMES.items()
+        for name in names
+        if name.endswith(f'camera_{own}')
+    }
+    if len(ours) == len(names):
+        return ours
+    left = [name for name in names if _LEFT.search(name)]
+    if left and names[0] not in left:
+        names.remove(left[0])
+        names.insert(0, left[0])
+    return dict(zip((2, 3, 0, 1), names, strict=False))
+
+
+def _has_cubes(topic: TopicSurvey) -> bool:
+    cube = 1  # visualization_msgs/Marker.CUBE
+    return any(marker.type == cube for look in topic.looks for marker in look.markers)
+
+
+def _reference(
+    scan: ScanPlan | None, cameras: dict[int, CameraPlan], pose: PosePlan | None
+) -> tuple[str, str]:
+    if scan is not None:
+        return Stream.SCAN.value, scan.topic
+    if cameras:
+        index = 2 if 2 in cameras else min(cameras)
+        return f'image_{index}', cameras[index].topic
+    if pose is None:
+        raise UsageError('a plan needs a scan, a camera or poses')
+    return Stream.POSE.value, pose.topic
+
+
+def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
+    if layout is not Layout.RAW:
+        return _NAMES[layout]
+    date = format_stamp(first_ns)[: len('2011-09-26')].replace('-', '_')
+    return f'{date}_drive_0001_{"extract" if extract else "sync"}'

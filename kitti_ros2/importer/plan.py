@@ -1,0 +1,234 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plan of a conversion from a bag, as a user reads and edits it: topics and streams."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from enum import Enum
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+import yaml
+
+from ..errors import UsageError
+from ..kitti.names import RAW_DRIVE, SEQUENCE_DIGITS
+from ..samples import Layout
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+TF = 'tf'
+NONE = 'none'
+
+
+class Incomplete(str, Enum):
+    """What becomes of a frame that one of its streams has no sample for."""
+
+    DROP = 'drop'
+    KEEP = 'keep'
+
+
+@dataclass(frozen=True)
+class ScanPlan:
+    """Where scans come from.
+
+    Attributes:
+        topic: A PointCloud2.
+        frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
+            brought there by the static transforms where the messages are in another.
+        intensity_scale: What intensities are divided by to become 0..1.
+    """
+
+    topic: str
+    frame: str
+    intensity_scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class CameraPlan:
+    """Where a camera's images come from.
+
+    Attributes:
+        topic: An Image or CompressedImage.
+        info: Its CameraInfo, empty for none.
+        rectify: Whether the images are rectified on their way.
+        frame: The optical frame, empty for the CameraInfo's own.
+    """
+
+    topic: str
+    info: str = ''
+    rectify: bool = False
+    frame: str = ''
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """Where the vehicle's poses come from.
+
+    Attributes:
+        topic: An Odometry, PoseStamped, Path or TFMessage.
+        body: The frame whose poses they are.
+        world: The frame they are given in.
+    """
+
+    topic: str
+    body: str
+    world: str = ''
+
+
+@dataclass(frozen=True)
+class LabelPlan:
+    """Where labels come from.
+
+    Attributes:
+        topic: A Detection3DArray, or a MarkerArray whose cubes are the boxes.
+        camera: The KITTI camera whose pixels the 2D boxes are.
+        out_of_view: Whether boxes that this camera does not see are kept.
+    """
+
+    topic: str
+    camera: int = 2
+    out_of_view: bool = False
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How bags become a KITTI recording.
+
+    Attributes:
+        layout: Which of the four.
+        name: Drive (2011_09_26_drive_0001_sync), split or sequence.
+        reference: The stream whose samples are the frames: scan, image_N or pose.
+        tolerance_s: How far from a frame's stamp a sample of it may be, seconds.
+        incomplete: Whether frames that lack a sample are dropped or kept.
+        scan, cameras, pose, labels: Where these come from; cameras by KITTI index.
+        imu, fix, velocity: Topics of the packets of the GPS/IMU unit, empty for none.
+        imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
+        calibration: tf (CameraInfo and static transforms), none, or a KITTI calibration file or
+            folder.
+    """
+
+    layout: Layout
+    name: str
+    reference: str
+    tolerance_s: float
+    incomplete: Incomplete = Incomplete.DROP
+    scan: ScanPlan | None = None
+    cameras: Mapping[int, CameraPlan] = field(default_factory=dict)
+    pose: PosePlan | None = None
+    labels: LabelPlan | None = None
+    imu: str = ''
+    fix: str = ''
+    velocity: str = ''
+    imu_frame: str = ''
+    calibration: str = TF
+
+
+def parse_drive(name: str) -> tuple[str, int, str]:
+    """Date, number and kind of a raw drive's name.
+
+    Raises:
+        UsageError: It is none.
+    """
+    match = RAW_DRIVE.fullmatch(name)
+    if match is None:
+        raise UsageError(f'{name} is no drive; expected a name like 2011_09_26_drive_0001_sync')
+    return name[: len('2011_09_26')], int(match[1]), match[2]
+
+
+def parse_sequence(name: str) -> int:
+    """The number of a sequence's name.
+
+    Raises:
+        UsageError: It is none.
+    """
+    if not name.isdecimal() or len(name) > SEQUENCE_DIGITS:
+        raise UsageError(f'{name} is no sequence; expected a number like 00 or 0000')
+    return int(name)
+
+
+def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
+    """The plan as YAML, with remarks as comments above; the inverse of parse_plan."""
+    values = asdict(plan)
+    values['layout'] = plan.layout.value
+    values['incomplete'] = plan.incomplete.value
+    values['cameras'] = dict(sorted(values['cameras'].items()))
+    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
+    comments = ''.join(f'# {remark}\n' for remark in remarks)
+    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def parse_plan(text: str, path: Path) -> Plan:
+    """The plan in a YAML text.
+
+    Raises:
+        UsageError: It is no plan; the error names the key.
+    """
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise UsageError(f'{path}: is no YAML ({" ".join(str(error).split())})') from error
+    if not isinstance(values, dict):
+        raise UsageError(f'{path}: is no plan; expected what to-kitti --plan prints')
+    made = dict(values)
+    cameras = made.pop('cameras', None) or {}
+    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
+        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
+    made['cameras'] = {
+        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
+    }
+    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
+        if made.get(name) is not None:
+            made[name] = _make(kind, made[name], path, name)
+    for name, choice in (('layout', Layout), ('incomplete', Incomplete)):
+        if name in made:
+            made[name] = _choose(choice, made[name], f'{path}: {name}')
+    plan: Plan = _make(Plan, made, path, '')
+    return plan
+
+
+def _choose(kind: type[Enum], value: object, where: str) -> Enum:
+    try:
+        return kind(value)
+    except ValueError:
+        known = ' or '.join(str(each.value) for each in kind)
+        raise UsageError(f'{where}: {value!r}; expected {known}') from None
+
+
+def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
+    """An object of a dataclass from a mapping, its values checked against the fields' types."""
+    place = f'{path}: {where}: ' if where else f'{path}: '
+    if not isinstance(values, dict):
+        raise UsageError(f'{place}expected {", ".join(f.name for f in fields(kind))}')
+    known = {each.name: each for each in fields(kind)}
+    unknown = [str(key) for key in values if key not in known]
+    if unknown:
+        raise UsageError(f'{place}no key {unknown[0]!r}; there are {", ".join(known)}')
+    hints = _scalars(kind)
+    checked = {}
+    for name, value in values.items():
+        wanted = hints.get(name)
+        if wanted is float and type(value) is int:
+            checked[name] = float(value)
+        elif wanted is not None and type(value) is not wanted:
+            raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
+        else:
+            checked[name] = value
+    try:
+        return kind(**checked)
+    except TypeError:
+        lacking = [name for name, each in known.items() if name not in checked and _needed(each)]
+        raise UsageError(f'{place}lacks {", ".join(lacking)}') from None
+
+
+_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}
+
+
+def _scalars(kind: Any) -> dict[str, type]:  # noqa: ANN401 - a dataclass
+    hints = get_type_hints(kind, localns={'Mapping': dict})
+    return {name: hint for name, hint in hints.items() if hint in _WORDS}
+
+
+def _needed(each: Any) -> bool:  # noqa: ANN401 - dataclasses.Field
+    return each.default is each.default_factory  # both MISSING

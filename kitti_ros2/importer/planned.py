@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Anyone's bag -> KITTI: look into it, make a plan, go by the plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..bags.merged import MergedMessages
+from ..errors import UsageError
+from ..samples import Layout
+from .build import build
+from .guess import Guess, guess_plan
+from .output import next_number, staged
+from .survey import Survey, survey_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from ..options import ImportOptions
+    from .plan import Plan
+    from .report import ImportReport
+
+
+def look(paths: Sequence[Path]) -> Survey:
+    """Pass over bags to see what is in them.
+
+    Raises:
+        BadBagError: One cannot be read.
+    """
+    with MergedMessages(paths) as messages:
+        return survey_bag(messages)
+
+
+def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Guess:
+    """The plan that makes most of bags.
+
+    Raises:
+        LackingError: They hold nothing that the layout could begin with.
+        UsageError: The options name no layout.
+    """
+    if options.layout is None:
+        known = ', '.join(layout.value for layout in Layout)
+        raise UsageError(f'{paths[0]}: which layout is wanted? give --layout {known}')
+    found = guess_plan(survey, options.layout, paths[0])
+    return Guess(adapt(found.plan, options), found.remarks)
+
+
+def adapt(plan: Plan, options: ImportOptions) -> Plan:
+    """The plan with what the options say about it.
+
+    Raises:
+        UsageError: The options contradict it.
+    """
+    if options.layout not in (None, plan.layout):
+        raise UsageError(
+            f'the plan is for layout {plan.layout.value}, not {options.layout};'
+            f' make one with --plan --layout'
+        )
+    if options.name is not None:
+        plan = replace(plan, name=options.name)
+    if options.calib is not None:
+        plan = replace(plan, calibration=str(options.calib))
+    if options.append and plan.layout is not Layout.OBJECT:
+        raise UsageError('--append continues an object set; other layouts have sequences')
+    return plan
+
+
+def convert_by_plan(
+    paths: Sequence[Path],
+    plan: Plan,
+    survey: Survey,
+    out: Path,
+    options: ImportOptions,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> ImportReport:
+    """Write what a plan makes of bags.
+
+    Args:
+        paths: The bags of one recording.
+        plan: What becomes of them.
+        survey: What is in them.
+        out: The data set's folder, absent or empty unless the options append.
+        options: How it is written.
+        progress: Called with the samples and the bytes written so far.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+        UsageError: The plan names what is not there.
+        LackingError: The calibration cannot be had.
+        OutputExistsError: The folder holds something.
+        OutputError: It cannot be written.
+    """
+    first = next_number(out, plan.name) if options.append else 0
+    with staged(out, append=options.append) as stage:
+        report = build(paths, plan, survey, stage, options, first, progress)
+    return replace(report, path=out)

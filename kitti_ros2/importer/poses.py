@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The poses of a plan: read from their topic, written as KITTI odometry has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..bags.merged import MergedMessages
+from ..errors import UsageError
+from . import survey as types
+from .ego import (
+    PoseTrack,
+    StampedPose,
+    camera_poses,
+    poses_from_odometry,
+    poses_from_path,
+    poses_from_pose_stamped,
+    poses_from_tf,
+)
+from .frames import topic_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from ..geometry import Transform
+    from ..kitti.writer import LayoutWriter
+    from ..samples import Int64Array
+    from .plan import Plan, PosePlan
+    from .report import LossTally
+    from .survey import Survey
+
+_SINGLE: dict[str, Callable[[Any], list[StampedPose]]] = {
+    types.ODOMETRY: poses_from_odometry,
+    types.POSE: poses_from_pose_stamped,
+}
+
+
+def read_track(
+    paths: Sequence[Path], plan: Plan, survey: Survey, losses: LossTally
+) -> PoseTrack | None:
+    """The poses that a plan names, None where it names none.
+
+    Raises:
+        UsageError: The topic is not there, or of no type that tells poses.
+    """
+    if plan.pose is None:
+        return None
+    topic = topic_of(survey, plan.pose.topic)
+    found: list[StampedPose] = []
+    with MergedMessages(paths, {topic.name}) as messages:
+        for message in messages:
+            try:
+                decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
+                poses = _poses(decoded, message.msgtype, plan.pose, survey)
+            except UsageError:
+                raise
+            except Exception as error:  # noqa: BLE001 - generated code lets anything out
+                losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
+                continue
+            if message.msgtype == types.PATH:
+                found.clear()  # a path is told anew as it grows: the last one has all
+            found.extend(poses)
+    stamps = [pose.stamp_ns for pose in found]
+    if topic.msgtype in _SINGLE and len(found) == topic.count:
+        stamps = topic.stamps()[0].tolist()
+    if not found:
+        raise UsageError(f'{topic.name}: holds no pose of {plan.pose.body}')
+    return PoseTrack(stamps, [pose.parent_T_child for pose in found])
+
+
+def _poses(decoded: Any, msgtype: str, plan: PosePlan, survey: Survey) -> list[StampedPose]:  # noqa: ANN401
+    if msgtype in _SINGLE:
+        return _SINGLE[msgtype](decoded)
+    if msgtype == types.PATH:
+        return poses_from_path(decoded)
+    if msgtype in types.TF_TYPES:
+        links = [link for link in survey.moving if link[1] == plan.body]
+        wanted = [link for link in links if link[0] == plan.world] or links
+        return poses_from_tf(decoded, wanted[:1])
+    raise UsageError(
+        f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
+    )
+
+
+def write_poses(
+    writer: LayoutWriter, track: PoseTrack, frames_ns: Int64Array, body_t_cam0: Transform
+) -> int:
+    """Write the pose of each frame, all of which must have one; returns how many."""
+    poses = [pose for pose in camera_poses(track, frames_ns, body_t_cam0) if pose is not None]
+    for number, (stamp_ns, pose) in enumerate(zip(frames_ns.tolist(), poses, strict=True)):
+        writer.write_pose(number, stamp_ns, pose)
+    return len(poses)

@@ -1,0 +1,270 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A plan's calibration, and what it makes of samples: points moved, images rectified, boxes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import BadFileError, UsageError
+from ..geometry import Transform
+from ..kitti import names
+from ..kitti.calib_file import NOMINAL_CAM0_T_VELO, parse_calibration, parse_raw_calibration
+from ..kitti.png_file import parse_image
+from ..kitti.store import STORE
+from ..labels import rect_from_velo
+from ..messages.clouds import decode_cloud
+from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of
+from ..messages.png_writer import encode_png
+from ..messages.rectify import Rectifier
+from ..samples import Calibration, Layout, Scan
+from . import survey as types
+from .frame_tree import FrameTree
+from .frames import topic_of
+from .labels import TrackIds, cuboids_of_detections, cuboids_of_markers, make_boxes
+from .plan import NONE, TF, CameraPlan, Plan, parse_drive
+from .rig import CameraModel, camera_model, make_calibration
+
+if TYPE_CHECKING:
+    from ..boxes import Box
+    from .survey import Survey
+
+_RAW_CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
+
+
+class Rigging:
+    """What a plan makes of single messages; safe to call from several threads.
+
+    Attributes:
+        calibration: Of all frames, None where the plan has none.
+        imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
+        boxes_out_of_view: Boxes that were left out so far.
+    """
+
+    def __init__(self, plan: Plan, survey: Survey) -> None:
+        """Work out the calibration.
+
+        Raises:
+            UsageError: The plan names what is not there.
+            LackingError: Frames that are needed are not joined by static transforms.
+            BadFileError: A calibration file cannot be read.
+        """
+        self._plan = plan
+        self._tree = FrameTree(survey.static, survey.moving)
+        self._models = _camera_models(plan, survey)
+        self._notes: tuple[str, ...] = ()
+        self.boxes_out_of_view = 0
+        self.calibration = self._make_calibration()
+        self._velo_t_cloud = self._scan_transform(survey)
+        self._rectifiers = {
+            index: Rectifier(model.k, model.d, model.r, model.p, model.model, model.size)
+            for index, model in self._models.items()
+            if plan.cameras[index].rectify
+        }
+        self._sizes = {index: model.size for index, model in self._models.items()}
+        self.imu_t_topic = self._unit_transforms(survey)
+        self._tracks = TrackIds()
+        self._check_labels()
+
+    def _make_calibration(self) -> Calibration | None:
+        plan = self._plan
+        if plan.calibration == NONE:
+            return None
+        if plan.calibration != TF:
+            return _load_calibration(Path(plan.calibration), plan)
+        scan_frame = plan.scan.frame if plan.scan is not None else None
+        calibration, self._notes = make_calibration(
+            self._tree,
+            scan_frame,
+            self._models,
+            plan.imu_frame or None,
+            rectified=not _is_extract(plan),
+        )
+        return calibration
+
+    def _scan_transform(self, survey: Survey) -> Transform | None:
+        """velo_T_cloud, None where the messages are in KITTI's frame already."""
+        scan = self._plan.scan
+        if scan is None:
+            return None
+        own = topic_of(survey, scan.topic).frame
+        return None if own == scan.frame else self._tree.transform(scan.frame, own)
+
+    def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
+        found = {}
+        for topic in (self._plan.imu, self._plan.velocity):
+            frame = topic_of(survey, topic).frame if topic else ''
+            target = self._plan.imu_frame
+            if frame and target and frame != target:
+                found[topic] = self._tree.transform(target, frame)
+        return found
+
+    def _check_labels(self) -> None:
+        plan = self._plan.labels
+        if plan is None:
+            return
+        if self.calibration is None:
+            raise UsageError('labels need a calibration: set calibration of the plan, or --calib')
+        if plan.camera not in self.calibration.cameras:
+            raise UsageError(f'labels.camera is {plan.camera}, of which there is no calibration')
+
+    @cached_property
+    def _to_velo(self) -> dict[str, Transform]:
+        """velo_T_frame of every frame that is joined to the scans' (or to the camera's) frame."""
+        if self._plan.scan is not None:
+            base, velo_t_base = self._plan.scan.frame, Transform.identity()
+        else:
+            base = self._models[min(self._models)].frame
+            velo_t_base = NOMINAL_CAM0_T_VELO.inverse()
+        joined = {base: velo_t_base}
+        for frame in self._tree.frames:
+            base_t_frame = self._tree.find(base, frame)
+            if base_t_frame is not None:
+                joined[frame] = velo_t_base @ base_t_frame
+        return joined
+
+    def scan(self, cloud: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
+        """A PointCloud2 as a scan, and how many points were dropped.
+
+        Raises:
+            ValueError: It cannot be read.
+        """
+        plan = self._plan.scan
+        points, dropped = decode_cloud(cloud, 1.0 if plan is None else plan.intensity_scale)
+        if self._velo_t_cloud is not None:
+            places = self._velo_t_cloud.apply(points[:, :3].astype(np.float64))
+            points = np.column_stack([places, points[:, 3]]).astype(np.float32)
+        return Scan(points), dropped
+
+    def png(self, camera: int, message: Any) -> bytes:  # noqa: ANN401 - of the bag's types
+        """An Image or CompressedImage as a PNG file, rectified where the plan says so.
+
+        Raises:
+            ValueError: It cannot be decoded, or is of another size than the rest of its camera.
+        """
+        rectifier = self._rectifiers.get(camera)
+        compressed = hasattr(message, 'format')
+        own = png_of(message) if compressed and rectifier is None else None
+        if own is not None:
+            try:
+                image = parse_image(own, 'the message')
+            except BadFileError as error:
+                raise ValueError(str(error)) from None
+            self._check_size(camera, (image.width, image.height))
+            return own
+        pixels = decode_compressed_pixels(message) if compressed else decode_pixels(message)
+        self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
+        return encode_png(pixels if rectifier is None else rectifier.apply(pixels))
+
+    def _check_size(self, camera: int, size: tuple[int, int]) -> None:
+        expected = self._sizes.setdefault(camera, size)
+        if size != expected:
+            raise ValueError(
+                f'the image is {size[0]}x{size[1]}; expected {expected[0]}x{expected[1]}, as the'
+                f' rest of its camera: calibration holds for one size only'
+            )
+
+    def boxes(self, message: Any) -> list[Box]:  # noqa: ANN401 - of the bag's types
+        """The labels of a frame.
+
+        Raises:
+            ValueError: They cannot be read.
+        """
+        plan, calibration = self._plan.labels, self.calibration
+        if plan is None or calibration is None:
+            return []
+        read = cuboids_of_detections if hasattr(message, 'detections') else cuboids_of_markers
+        size = self._sizes.get(plan.camera) or calibration.cameras[plan.camera].size
+        if size is None:
+            raise ValueError(f'the size of camera {plan.camera} is not known')
+        boxes, unseen = make_boxes(
+            read(message, self._to_velo),
+            calibration,
+            plan.camera,
+            size,
+            self._tracks,
+            out_of_view=plan.out_of_view,
+        )
+        self.boxes_out_of_view += unseen
+        return boxes
+
+    def body_t_rect(self) -> Transform:
+        """The rectified camera 0 on the body whose poses the plan has.
+
+        Without a camera it is where KITTI's camera would be on the scanner; without a scanner
+        either it stands in the body's origin and looks ahead.
+
+        Raises:
+            LackingError: The static transforms do not tell.
+        """
+        body = self._plan.pose.body if self._plan.pose is not None else ''
+        if self._models:
+            index = min(self._models)
+            model = self._models[index]
+            turn = Transform(model.r.T, np.zeros(3))
+            return self._tree.transform(body, model.frame) @ turn
+        if self._plan.scan is not None:
+            velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
+            if self.calibration is not None:
+                velo_t_rect = rect_from_velo(self.calibration).inverse()
+            return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
+        return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
+
+    def notes(self) -> list[str]:
+        """What is worth a word of the samples so far."""
+        nominal = self.calibration.nominal if self.calibration is not None else ()
+        found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
+        if self.boxes_out_of_view:
+            found.append(f'{self.boxes_out_of_view} boxes out of view were left out of the labels')
+        return [*found, *self._notes]
+
+
+def _is_extract(plan: Plan) -> bool:
+    return plan.layout is Layout.RAW and parse_drive(plan.name)[2] == 'extract'
+
+
+def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
+    """The models of the cameras that have a CameraInfo."""
+    models = {}
+    for index, camera in plan.cameras.items():
+        if camera.info:
+            models[index] = _camera_model(camera, survey)
+    return models
+
+
+def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
+    info = topic_of(survey, camera.info)
+    if info.msgtype != types.CAMERA_INFO or not info.looks:
+        reason = info.failure or f'it is a {info.msgtype}'
+        raise UsageError(f'{camera.info}: no CameraInfo ({reason})')
+    try:
+        model = camera_model(info.looks[0])
+    except ValueError as error:
+        raise UsageError(f'{camera.info}: {error}') from None
+    return replace(model, frame=camera.frame) if camera.frame else model
+
+
+def _load_calibration(path: Path, plan: Plan) -> Calibration:
+    """The calibration in a KITTI file, or in a folder of the three files of raw drives.
+
+    Raises:
+        BadFileError: It cannot be read, or lacks what the plan's streams need.
+    """
+    if STORE.is_dir(path):
+        texts = {
+            name: STORE.read_text(path / name) for name in _RAW_CALIB if (path / name).exists()
+        }
+        found = parse_raw_calibration(texts, path, rectified=not _is_extract(plan))
+    else:
+        found = parse_calibration(STORE.read_text(path), path, path.name)
+    needed = [f'P{index}' for index in plan.cameras]
+    needed += ['Tr_velo_to_cam'] if plan.scan is not None else []
+    lacking = [found.lacks[part] for part in needed if part in found.lacks]
+    if lacking:
+        raise BadFileError(path, lacking[0], 'a calibration of every stream of the plan')
+    return found

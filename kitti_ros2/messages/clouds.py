@@ -1,0 +1,203 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any sensor_msgs/PointCloud2 -> points as KITTI has them: x y z reflectance, float32.
+
+Reflectance is 0..1. Drivers count otherwise, and a cloud alone does not tell how: the divisor is
+guessed once, from a few clouds of a stream, and holds for all of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .ros_types import PointField
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    from ..samples import Float32Array
+    from .ros_types import PointCloud2
+
+_KINDS = {
+    PointField.INT8: 'i1',
+    PointField.UINT8: 'u1',
+    PointField.INT16: 'i2',
+    PointField.UINT16: 'u2',
+    PointField.INT32: 'i4',
+    PointField.UINT32: 'u4',
+    PointField.FLOAT32: 'f4',
+    PointField.FLOAT64: 'f8',
+}
+_XYZ = ('x', 'y', 'z')
+_INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
+_KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
+_FULL_SCALES = (255.0, 4095.0, 65535.0)
+
+
+def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
+    """The points of a cloud, and how many were left out because x, y or z is no finite number.
+
+    Fields are found by name and may have any type, order, offset, padding and byte order; rows
+    follow each other. Reflectance is intensity, else reflectivity, reflectance or i, divided by
+    intensity_scale and clipped to 0..1; it is 0 where there is none or it is NaN.
+
+    Args:
+        message: Organised or not. row_step tells where there are rows, and nothing in a single one.
+        intensity_scale: What guess_intensity_scale made of the stream.
+
+    Returns:
+        (N, 4) float32 x y z reflectance, in the message's frame and row by row, and the count of
+        dropped points. A view of the message where it holds just that already, as KITTI's does.
+
+    Raises:
+        ValueError: There is no x, y or z; a field cannot be read; the data are too short.
+    """
+    if not message.width * message.height:
+        return np.empty((0, 4), dtype=np.float32), 0
+    cloud = _fields_of(message, _chosen(message))
+    reflectance = _intensity_of(cloud)
+    if intensity_scale == 1.0:
+        points = _as_they_are(cloud)
+        if points is not None:
+            return points, 0
+    points = np.empty((*cloud.shape, 4), dtype=np.float32)
+    with np.errstate(over='ignore', invalid='ignore'):
+        for column, name in enumerate(_XYZ):
+            points[..., column] = cloud[name]
+        points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
+    points = points.reshape(-1, 4)
+    if reflectance is not None:
+        _clip(points[:, 3])
+    finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
+    kept = int(np.count_nonzero(finite))
+    return (points if kept == len(points) else points[finite]), len(points) - kept
+
+
+def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
+    """What a stream's intensities are divided by to become 0..1, guessed from some of its clouds.
+
+    ======================  ==================================================
+    peak over the clouds    divisor
+    ======================  ==================================================
+    up to 1, float fields   1: they are 0..1 already
+    up to 255               255: 8 bits, also where an integer peaks at 0 or 1
+    up to 4095              4095: 12 bits
+    up to 65535             65535: 16 bits
+    beyond                  the peak itself
+    no intensity at all     1
+    ======================  ==================================================
+
+    Clouds that decode_cloud refuses tell nothing here.
+    """
+    peaks = [peak for cloud in clouds if (peak := _intensity_peak(cloud)) is not None]
+    if not peaks:
+        return 1.0
+    highest = max(value for _, value in peaks)
+    if highest <= 1 and all(is_float for is_float, _ in peaks):
+        return 1.0
+    return next((scale for scale in _FULL_SCALES if highest <= scale), highest)
+
+
+def _intensity_peak(message: PointCloud2) -> tuple[bool, float] | None:
+    """Whether the intensities of a cloud are floats, and the largest finite one of them."""
+    if not message.width * message.height:
+        return None
+    try:
+        cloud = _fields_of(message, _chosen(message))
+    except ValueError:
+        return None
+    name = _intensity_of(cloud)
+    if name is None:
+        return None
+    values = cloud[name]
+    finite = values[np.isfinite(values)]
+    return (values.dtype.kind == 'f', float(finite.max())) if finite.size else None
+
+
+def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
+    return next((name for name in cloud.dtype.names or () if name not in _XYZ), None)
+
+
+def _chosen(message: PointCloud2) -> dict[str, PointField]:
+    """The fields that are read, by name: x y z, and the first there is of the intensities.
+
+    Raises:
+        ValueError: One is missing or is no single number within the point.
+    """
+    fields = {field.name: field for field in message.fields}
+    lacking = [name for name in _XYZ if name not in fields]
+    if lacking:
+        there = ', '.join(field.name for field in message.fields) or 'none'
+        raise ValueError(f'a cloud without {" and ".join(lacking)}; its fields: {there}')
+    names = [*_XYZ, *[name for name in _INTENSITIES if name in fields][:1]]
+    for name in names:
+        _check_field(fields[name], message.point_step)
+    return {name: fields[name] for name in names}
+
+
+def _check_field(field: PointField, point_step: int) -> None:
+    if field.datatype not in _KINDS:
+        raise ValueError(f'field {field.name} has the datatype {field.datatype}; known are 1 to 8')
+    if field.count not in {0, 1}:  # PCL writes and reads 0 for 1
+        raise ValueError(f'field {field.name} has {field.count} values a point; expected 1')
+    end = field.offset + np.dtype(_KINDS[field.datatype]).itemsize
+    if end > point_step:
+        raise ValueError(
+            f'field {field.name} ends at byte {end} of a point, which has {point_step} bytes'
+        )
+
+
+def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArray[np.void]:
+    """(height, width) structured view of the chosen fields.
+
+    Raises:
+        ValueError: The rows overlap or the data are too short.
+    """
+    row = message.width * message.point_step
+    row_step = message.row_step if message.height > 1 else row
+    if row_step < row:
+        raise ValueError(
+            f'a row of {message.width} points of {message.point_step} bytes'
+            f' does not fit in row_step, {row_step} bytes'
+        )
+    if len(message.data) < row_step * message.height:
+        raise ValueError(
+            f'{len(message.data)} bytes of data; {message.height} rows of {row_step} bytes'
+            f' are {row_step * message.height}'
+        )
+    order = '>' if message.is_bigendian else '<'
+    point = np.dtype(
+        {
+            'names': list(chosen),
+            'formats': [order + _KINDS[field.datatype] for field in chosen.values()],
+            'offsets': [field.offset for field in chosen.values()],
+            'itemsize': message.point_step,
+        }
+    )
+    cloud: npt.NDArray[np.void] = np.ndarray(
+        (message.height, message.width),
+        point,
+        np.ascontiguousarray(message.data),
+        strides=(row_step, message.point_step),
+    )
+    return cloud
+
+
+def _as_they_are(cloud: npt.NDArray[np.void]) -> Float32Array | None:
+    """(N, 4) view of a cloud that needs no change, None for any other."""
+    if cloud.dtype != _KITTI_POINT or not cloud.flags.c_contiguous:
+        return None
+    points: Float32Array = cloud.reshape(-1).view('<f4').reshape(-1, 4)
+    reflectance = points[:, 3]
+    unclipped = reflectance.min() >= 0 and reflectance.max() <= 1
+    return points if unclipped and np.isfinite(points).all() else None
+
+
+def _clip(reflectance: Float32Array) -> None:
+    """Clip to 0..1 in place; NaN becomes 0."""
+    np.clip(reflectance, 0, 1, out=reflectance)
+    reflectance[np.isnan(reflectance)] = 0
