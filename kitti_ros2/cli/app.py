@@ -240,7 +240,7 @@ def to_kitti(  # noqa: PLR0913, PLR0917 - each is an option of the command
     given = {
         'layout': layout,
         'name': name,
-        'calib': calib,
+        'calib': None if calib is None else str(calib),
         'train_fraction': split,
         'append': append,
     }

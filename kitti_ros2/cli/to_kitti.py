@@ -105,8 +105,9 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     blueprint = find_blueprint(bags[0]) if len(bags) == 1 else None
     remarks: tuple[str, ...] = ()
     if blueprint is not None:
-        if options.layout is None:
-            options = replace(options, layout=blueprint.layout)
+        if options.layout in (None, blueprint.layout):
+            named = options.name or blueprint.name
+            options = replace(options, layout=blueprint.layout, name=named)
         name = blueprint.name
         remarks = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
     found = guess(bags, look(bags), options)

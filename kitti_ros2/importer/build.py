@@ -268,7 +268,7 @@ class _Builder:
 
     def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
         """What was written."""
-        notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes]
+        notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
             notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
         return ImportReport(

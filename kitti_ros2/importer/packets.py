@@ -59,8 +59,8 @@ class PacketMaker:
         Raises:
             UsageError: A topic is not there.
         """
-        self.notes: list[str] = []
-        self.lacking = 0
+        self._notes: list[str] = []
+        self._lacking = 0
         self._frames_ns = frames.stamps_ns
         self._turns = turns
         self._topics = {'imu': plan.imu, 'fix': plan.fix, 'velocity': plan.velocity}
@@ -91,6 +91,12 @@ class PacketMaker:
     def topics(self) -> set[str]:
         """The topics to read."""
         return {topic for topic, _ in self._frames_of}
+
+    def notes(self) -> list[str]:
+        """What is worth a word of the packets so far."""
+        if self._lacking and not self._gapless:
+            return [*self._notes, f'{self._lacking} frames have no fix and get no packet']
+        return self._notes
 
     def wants(self, topic: str, place: int) -> bool:
         """Whether a message, by its place in its topic, is part of a packet."""
@@ -125,14 +131,15 @@ class PacketMaker:
 
     def _lack(self) -> None:
         """A frame whose messages have no fix, or cannot be decoded."""
-        self.lacking += 1
+        self._lacking += 1
         if self._gapless:
             left = len(self._wanted) - self._next
-            self.notes.append(
+            self._notes.append(
                 f'oxts ends before frame {self._next}, which has no fix; {left} frames go without:'
                 f' line n is frame n'
             )
-            self._wanted = []
+            self._wanted.clear()
+            self._frames_of.clear()
 
     def _nearest(self, topic: str, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
         stamps = self._stamps[topic]
@@ -166,9 +173,9 @@ class PacketMaker:
         which = f'no imu, fix or velocity near frames {format_numbers(lacking)}'
         if self._gapless:
             self._wanted = []
-            self.notes.append(f'{which}, so {Stream.OXTS.value} is left out')
+            self._notes.append(f'{which}, so {Stream.OXTS.value} is left out')
         else:
-            self.notes.append(which)
+            self._notes.append(which)
 
     def _make(self, frame: int, found: Mapping[tuple[str, int], Any]) -> OxtsPacket | None:
         by_topic: dict[str, list[tuple[int, Any]]] = {}
@@ -180,7 +187,7 @@ class PacketMaker:
         imu_message = imu[0][1] if imu else None
         if imu_message is not None and not self._levelled and not has_orientation(imu_message):
             self._levelled = True
-            self.notes.append(f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0')
+            self._notes.append(f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0')
         return make_packet(
             imu_message,
             self._fix(frame, fixes) if fixes else None,

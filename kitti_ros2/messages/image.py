@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..samples import Image
 
-_ENCODINGS = {1: 'mono8', 3: 'bgr8'}
+_ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'bgr8'}
 
 
 def encode_compressed(image: Image, stamp_ns: int, frame_id: str) -> CompressedImage:
@@ -32,7 +32,7 @@ def decode_compressed(message: CompressedImage) -> bytes:
 
 
 def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
-    """The pixels: mono8 of a grey PNG, bgr8 of a colour one.
+    """The pixels: mono8 or mono16 of a grey PNG, bgr8 of a colour one.
 
     Raises:
         ValueError: The PNG cannot be decoded.
@@ -42,15 +42,16 @@ def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
         header=make_header(stamp_ns, frame_id),
         height=image.height,
         width=image.width,
-        encoding=_ENCODINGS[image.channels],
+        encoding=_ENCODINGS[pixels.dtype.name, pixels.ndim],
         is_bigendian=0,
-        step=image.width * image.channels,
-        data=pixels.reshape(-1),
+        step=pixels[0].nbytes,
+        data=pixels.reshape(-1).view(np.uint8),
     )
 
 
-def decode_image(message: ImageMsg) -> npt.NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) uint8 pixels, BGR, of an image made by encode_image; a view."""
-    channels = {name: count for count, name in _ENCODINGS.items()}[message.encoding]
-    shape = (message.height, message.width, channels)
-    return message.data.reshape(shape[: 2 + (channels > 1)])
+def decode_image(message: ImageMsg) -> npt.NDArray[np.uint8 | np.uint16]:
+    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR, of an image made by encode_image; a view."""
+    kinds = {name: kind for kind, name in _ENCODINGS.items()}
+    dtype, dimensions = kinds[message.encoding]
+    shape = (message.height, message.width, 3)[:dimensions]
+    return message.data.view(dtype).reshape(shape)

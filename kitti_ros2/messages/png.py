@@ -11,7 +11,7 @@ zlib RFC 1950, deflate RFC 1951 section 3.2.4.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -29,19 +29,20 @@ _BLOCK_BYTES = 0xFFFF
 _STORED_HEAD = b'\x78\x01'
 
 
-def decode_png(image: Image) -> npt.NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) uint8 pixels, BGR.
+def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
+    """(H, W) uint8 or uint16 pixels, as the file has them, or (H, W, 3) uint8 BGR.
 
     Raises:
         ValueError: The PNG cannot be decoded.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
-    flag = cv2.IMREAD_GRAYSCALE if image.channels == 1 else cv2.IMREAD_COLOR
+    grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+    flag = grey if image.channels == 1 else cv2.IMREAD_COLOR
     pixels = cv2.imdecode(np.frombuffer(inflated(image.png), dtype=np.uint8), flag)
     if pixels is None or pixels.shape[:2] != (image.height, image.width):
         raise ValueError('the PNG cannot be decoded')
-    return np.asarray(pixels, dtype=np.uint8)
+    return cast('npt.NDArray[np.uint8 | np.uint16]', pixels)
 
 
 def inflated(png: bytes) -> bytes:

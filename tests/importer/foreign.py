@@ -7,6 +7,7 @@ What is true in the world is computed here from the rig alone, with OpenCV and p
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,7 @@ from kitti_ros2.messages.transforms import encode_static
 from kitti_ros2.options import BagOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 START_NS = 1_700_000_000_123_456_789
@@ -138,10 +140,13 @@ def cloud(frame: Frame, stamp_ns: int) -> PointCloud2:
 
 def draw(pixels: np.ndarray) -> np.ndarray:
     """A grey image with a soft white dot at each of (M, 2) places."""
-    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]]
     image = np.full(SIZE[::-1], 20.0)
     for u, v in pixels:
-        image += 200 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 3.0**2))
+        left, top = int(u) - 18, int(v) - 18
+        rows, columns = np.mgrid[top : top + 37, left : left + 37]
+        dot = 200 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 3.0**2))
+        seen = (rows >= 0) & (rows < SIZE[1]) & (columns >= 0) & (columns < SIZE[0])
+        image[rows[seen], columns[seen]] += dot[seen]
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
 
 
@@ -272,8 +277,15 @@ def messages(truth: list[Frame]) -> list[tuple[str, int, object, bool]]:
     return sorted(found, key=lambda item: item[1])
 
 
-def write_foreign(path: Path, truth: list[Frame], storage: str = 'mcap', *leave_out: str) -> Path:
-    """The bag, without some topics."""
+def write_foreign(
+    path: Path,
+    truth: list[Frame],
+    storage: str = 'mcap',
+    *leave_out: str,
+    change: Callable[[str, int, object], object] = lambda _topic, _place, message: message,
+) -> Path:
+    """The bag, without some topics, and with messages changed: by topic and place in it."""
+    seen: Counter[str] = Counter()
     with open_bag(path, BagOptions(storage=storage), TYPESTORE) as writer:
         channels: dict[str, int] = {}
         for topic, stamp_ns, message, latched in messages(truth):
@@ -283,6 +295,8 @@ def write_foreign(path: Path, truth: list[Frame], storage: str = 'mcap', *leave_
             if topic not in channels:
                 channel = Channel(topic, kind, latched=latched, depth=1 if latched else 10)
                 channels[topic] = writer.add_channel(channel)
-            parts = message if isinstance(message, tuple) else serialize(message)
+            changed = change(topic, seen[topic], message)
+            seen[topic] += 1
+            parts = changed if isinstance(changed, tuple) else serialize(changed)
             writer.write(channels[topic], stamp_ns, (join(parts),))
     return path

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -169,6 +170,14 @@ def test_image_and_back(channels):
     np.testing.assert_array_equal(decode_image(raw), decode_png(image))
     assert raw.encoding == {1: 'mono8', 3: 'bgr8'}[channels]
     assert (raw.width, raw.height, raw.step) == (7, 5, 7 * channels)
+
+
+def test_an_image_of_16_bits_keeps_them():
+    pixels = np.arange(0, 35 * 1871, 1871, dtype=np.uint16).reshape(5, 7)
+    image = parse_image(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
+    raw = through_cdr(encode_image(image, STAMP, 'cam'))
+    assert (raw.encoding, raw.step, raw.is_bigendian) == ('mono16', 14, 0)
+    np.testing.assert_array_equal(decode_image(raw), pixels)
 
 
 def test_an_image_that_does_not_decode():
