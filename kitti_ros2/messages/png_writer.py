@@ -8,20 +8,14 @@ mostly Huffman coding, so deflate searches no further back than a repeated byte:
 costs time and, by longer codes, size. isal does it at 0.5 GB/s, and zlib where isal is not
 installed. Both release the GIL.
 
-fpng takes less than half of isal's time for a colour image, for files a tenth larger, but holds
-the GIL: where it is installed it is used as long as other cores could not make up for that.
-
 Formats: PNG (W3C, 3rd edition) sections 5.3, 9 and 11.2, zlib RFC 1950, deflate RFC 1951.
 """
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
-from functools import cache
-from importlib import import_module
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,7 +34,6 @@ _FASTEST = 1
 _WINDOW_BITS = 2
 _RAW_DEFLATE = -15
 _MOST_MEMORY = 9
-_FPNG_CORES = 2
 
 
 def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
@@ -69,25 +62,7 @@ def _encode_colour(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
 
     height, width = pixels.shape[:2]
     rgb = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-    fpng = _fpng()
-    if fpng is not None:
-        return fpng(rgb, width, height, 3)
     return _file(rgb.reshape(height, -1), _RGB, 3, 1)
-
-
-@cache
-def _fpng() -> Callable[[npt.NDArray[np.uint8], int, int, int], bytes] | None:
-    """The encoder of fpng: takes (H, W, 3) RGB, width, height, 3; None where it does not pay."""
-    if (os.cpu_count() or 1) > _FPNG_CORES:
-        return None
-    try:
-        module = import_module('fpng_py')
-    except ImportError:
-        return None
-    return cast(
-        'Callable[[npt.NDArray[np.uint8], int, int, int], bytes]',
-        module.fpng_encode_image_to_memory,
-    )
 
 
 def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: int) -> bytes:

@@ -281,3 +281,30 @@ def test_a_full_real_drive_comes_back_to_the_byte(make_drive, gap, storage, tmp_
     source = make_drive(8, *gap)
     back(to_bag(source, tmp_path, storage), tmp_path / 'out')
     assert files_of(tmp_path / 'out') == files_of(source.parent.parent)
+
+
+def test_text_scans_of_an_extract_keep_their_numbers(drive, tmp_path):
+    extract = drive.with_name(drive.name.replace('sync', 'extract'))
+    drive.rename(extract)
+    for path in sorted((extract / 'velodyne_points/data').iterdir()):
+        points = np.frombuffer(path.read_bytes(), '<f4').reshape(-1, 4)
+        lines = [f'{x:.3f} {y:.3f} {z:.3f} {r:.2f}' for x, y, z, r in points.tolist()]
+        path.with_suffix('.txt').write_text('\n'.join(lines) + '\n')
+        path.unlink()
+    back(to_bag(extract, tmp_path / 'bags'), tmp_path / 'out')
+    made, true = files_of(tmp_path / 'out' / drive.parent.name), files_of(drive.parent)
+    assert made.keys() == true.keys()
+    for name, content in true.items():
+        if 'velodyne_points/data' in name:
+            numbers = [np.array(data.split(), float) for data in (content, made[name])]
+            assert np.array_equal(*numbers), name
+        else:
+            assert made[name] == content, name
+
+
+def test_a_bag_without_its_source_files_names_what_it_cannot_place(recordings, tmp_path):
+    """Time stamps are in these files; without them no number is known."""
+    topics = ('/kitti/source/recording', '/kitti/velo/points')
+    selection = SelectionOptions(topics=topics)
+    report = back(to_bag(recordings[Layout.RAW], tmp_path, selection=selection), tmp_path / 'out')
+    assert [loss.count for loss in report.losses] == [5]

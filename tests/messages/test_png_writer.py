@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import os
 import struct
 import sys
 import zlib
-from types import ModuleType
 
 import cv2
 import numpy as np
@@ -15,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kitti_ros2.kitti.png_file import parse_image
-from kitti_ros2.messages import png_writer
 from kitti_ros2.messages.png_writer import encode_png
 
 
@@ -36,21 +33,14 @@ def pixels_of(kind: str, shape: tuple[int, ...], dtype: type, seed: int) -> np.n
     return (ramp + rng.integers(0, 5, shape)).astype(dtype)
 
 
-@pytest.fixture(params=['isal', 'zlib', 'fpng_py'])
+@pytest.fixture(params=['isal', 'zlib'])
 def encoder(request, monkeypatch):
     """Each way of making the file, whatever the machine would choose."""
-    png_writer._fpng.cache_clear()
-    if request.param == 'fpng_py':
-        pytest.importorskip('fpng_py')
-        monkeypatch.setattr(os, 'cpu_count', lambda: 2)
-    else:
-        monkeypatch.setitem(sys.modules, 'fpng_py', None)
     if request.param == 'isal':
         pytest.importorskip('isal')
     if request.param == 'zlib':
         monkeypatch.setitem(sys.modules, 'isal', None)
-    yield request.param
-    png_writer._fpng.cache_clear()
+    return request.param
 
 
 class TestEveryEncoder:
@@ -93,20 +83,6 @@ class TestEveryEncoder:
             offset += 12 + length
         assert set(kinds) - {b'fdEC'} == {b'IHDR', b'IDAT', b'IEND'}
         assert len(zlib.decompress(data)) == 40 * (1 + 150)
-
-
-@pytest.mark.parametrize(('cores', 'colour'), [(1, b'fpng'), (2, b'fpng'), (3, b'\x89PNG')])
-def test_fpng_makes_colour_where_cores_are_few(cores, colour, monkeypatch):
-    module = ModuleType('fpng_py')
-    module.fpng_encode_image_to_memory = lambda *_: b'fpng'
-    monkeypatch.setitem(sys.modules, 'fpng_py', module)
-    monkeypatch.setattr(os, 'cpu_count', lambda: cores)
-    png_writer._fpng.cache_clear()
-    try:
-        assert encode_png(np.zeros((5, 7, 3), np.uint8))[:4] == colour
-        assert encode_png(np.zeros((5, 7), np.uint8))[:4] == b'\x89PNG'
-    finally:
-        png_writer._fpng.cache_clear()
 
 
 def test_the_package_reads_the_header():

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag as pieces with a span of time each, and their messages merged by time.
+
+A piece is what a storage reads at once: a chunk of MCAP or ROS 1, or all rows of a database. It is
+read when its time comes and dropped when its last message is told, so a bag of any size is merged
+in the memory of the pieces that overlap. What is damaged costs its own piece, at most.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from heapq import heappop, heappush, heapreplace
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from .summary import BagIndex
+
+Buffer: TypeAlias = 'bytes | memoryview'
+StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
+"""Stamp in nanoseconds, channel id, and the data as they are stored."""
+
+
+@dataclass(frozen=True)
+class SourceChannel:
+    """A topic as a file has it.
+
+    Attributes:
+        topic: Topic name.
+        msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
+        encoding: Of the messages: cdr, ros1, or what is not read.
+        definition: The text that defines the type and those in it, empty without.
+        definition_encoding: ros2msg, ros2idl or ros1msg.
+        latched_depth: How many messages late subscribers get, 0 where none.
+    """
+
+    topic: str
+    msgtype: str
+    encoding: str
+    definition: str = ''
+    definition_encoding: str = ''
+    latched_depth: int = 0
+
+
+class Piece(NamedTuple):
+    """A part of a file that is read at once.
+
+    Attributes:
+        start_ns, end_ns: Least and greatest stamp.
+        position, length: Where it is, in bytes.
+        counts: Messages by channel id.
+    """
+
+    start_ns: int
+    end_ns: int
+    position: int
+    length: int
+    counts: Mapping[int, int]
+
+
+class BagFile(Protocol):
+    """A file open for reading, of any storage."""
+
+    @property
+    def channels(self) -> Mapping[int, SourceChannel]:
+        """By id."""
+        ...
+
+    @property
+    def pieces(self) -> Sequence[Piece]:
+        """In any order."""
+        ...
+
+    def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
+        """The messages of some channels in a piece from a stamp on, in time order.
+
+        What cannot be read is entered into the bag's findings and left out.
+        """
+        ...
+
+    def index(self) -> BagIndex:
+        """The stamps of all messages, by topic and type."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the file."""
+        ...
+
+
+class FileBytes:
+    """A file's bytes by position; nothing is mapped, for a file may be cut while it is read.
+
+    Attributes:
+        name: The path to tell the user.
+        size: In bytes, when it was opened.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, path: Path, name: Path) -> None:
+        self.name = name
+        self._file = path.open('rb', buffering=0)
+        self.size = os.fstat(self._file.fileno()).st_size
+
+    def read(self, position: int, length: int) -> bytes:
+        """So many bytes, fewer at the end of the file."""
+        data = os.pread(self._file.fileno(), length, position)
+        while 0 < len(data) < length:
+            more = os.pread(self._file.fileno(), length - len(data), position + len(data))
+            if not more:
+                break
+            data += more
+        return data
+
+    def close(self) -> None:
+        """Close it; nothing happens the second time."""
+        self._file.close()
+
+
+class HeldBytes:
+    """Bytes in memory, by position."""
+
+    def __init__(self, view: memoryview) -> None:
+        self._view = view
+        self.size = len(view)
+
+    def read(self, position: int, length: int) -> memoryview:
+        """So many bytes, fewer at the end."""
+        return self._view[position : position + length]
+
+
+def in_time_order(
+    files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int
+) -> Iterator[tuple[int, StoredMessage]]:
+    """The messages of files from a stamp on, with the number of their file.
+
+    Args:
+        files: Each with the ids of the channels that are wanted.
+        since_ns: The first stamp that is wanted.
+    """
+    waiting = [
+        (piece.start_ns, number, piece.position, piece)
+        for number, (file, wanted) in enumerate(files)
+        for piece in file.pieces
+        if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(wanted)
+    ]
+    waiting.sort(key=lambda each: each[:3], reverse=True)
+    # By stamp, file and position; these differ, so messages themselves are never compared.
+    active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
+    while waiting or active:
+        while waiting and (not active or waiting[-1][0] <= active[0][0]):
+            _, number, position, piece = waiting.pop()
+            file, wanted = files[number]
+            messages = iter(file.read(piece, wanted, since_ns))
+            first = next(messages, None)
+            if first is not None:
+                heappush(active, (first[0], number, position, first, messages))
+        if not active:
+            continue
+        _, number, position, message, messages = active[0]
+        yield number, message
+        following = next(messages, None)
+        if following is None:
+            heappop(active)
+        else:
+            heapreplace(active, (following[0], number, position, following, messages))
