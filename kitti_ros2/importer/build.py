@@ -163,13 +163,14 @@ class _Builder:
 
     def write_calibration(self) -> None:
         """The calibration of every frame, or of all."""
-        calibration = self._rigging.calibration
-        if calibration is None:
-            return
-        per_frame = self._plan.layout is Layout.OBJECT
-        for number in range(len(self._frames) if per_frame else 1):
-            self._writer.write_calibration(self._first + number, calibration)
-            self.counts[Stream.CALIBRATION.value] += 1
+        stamps_ns = self._frames.stamps_ns.tolist()
+        if self._plan.layout is not Layout.OBJECT:
+            del stamps_ns[1:]
+        for number, stamp_ns in enumerate(stamps_ns):
+            calibration = self._rigging.calibrations.at(stamp_ns)
+            if calibration is not None:
+                self._writer.write_calibration(self._first + number, calibration)
+                self.counts[Stream.CALIBRATION.value] += 1
 
     def jobs(self, messages: MergedMessages) -> Iterator[_Job]:
         """What is to be written of the samples that frames took, in the order of reading."""
@@ -240,7 +241,8 @@ class _Builder:
         return len(png)
 
     def _write_labels(self, number: int, message: Any) -> int:  # noqa: ANN401 - of the bag's types
-        boxes = self._rigging.boxes(message)
+        stamp_ns = int(self._frames.stamps_ns[number - self._first])
+        boxes = self._rigging.boxes(message, stamp_ns)
         self._writer.write_labels(number, boxes)
         return 0
 

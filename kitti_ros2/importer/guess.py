@@ -17,7 +17,7 @@ from ..samples import CAMERA_NAMES, Layout, Stream
 from ..stamps import NS_PER_S, format_stamp
 from . import survey as types
 from .frame_tree import FrameTree
-from .plan import NONE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
+from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
@@ -217,6 +217,9 @@ class _Guesser:
 
     def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
         """Detections before markers."""
+        own = self._survey.topics.get(types.LABEL_LINES)
+        if own is not None and own.count and self._survey.calibrations:
+            return LabelPlan(own.name, _labelled(cameras)) if cameras else None
         topics = self._survey.of_type(types.DETECTIONS) or [
             each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
         ]
@@ -225,11 +228,12 @@ class _Guesser:
             return None
         best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
         self._pass_over('labels', best, topics)
-        camera = 2 if 2 in cameras else min(cameras)
-        return LabelPlan(best.name, camera)
+        return LabelPlan(best.name, _labelled(cameras))
 
     def calibration(self, cameras: dict[int, CameraPlan]) -> str:
-        """From the bag, where a camera tells."""
+        """From the files that a bag of our own carries, else from the cameras where they tell."""
+        if self._survey.calibrations and cameras:
+            return SOURCE
         if any(plan.info for plan in cameras.values()):
             return TF
         if cameras:
@@ -306,6 +310,11 @@ def _numbered(cameras: Iterable[str]) -> dict[int, str]:
         names.remove(left[0])
         names.insert(0, left[0])
     return dict(zip((2, 3, 0, 1), names, strict=False))
+
+
+def _labelled(cameras: dict[int, CameraPlan]) -> int:
+    """KITTI's labels are drawn in the left colour image."""
+    return 2 if 2 in cameras else min(cameras)
 
 
 def _has_cubes(topic: TopicSurvey) -> bool:

@@ -10,11 +10,13 @@ the part that the image cuts off, occluded is 3 (unknown; readme.txt of the obje
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..boxes import (
+    DONT_CARE,
     Box,
     Cuboid,
     alpha_of,
@@ -24,6 +26,7 @@ from ..boxes import (
     project_corners,
     wrap_angle,
 )
+from ..kitti.label_file import parse_box
 from ..labels import rect_from_velo
 from ..messages.header import transform_of
 
@@ -115,6 +118,22 @@ def _sound(cuboid: Cuboid) -> Cuboid:
         size = ' '.join(f'{value:g}' for value in cuboid.size_lwh)
         raise ValueError(f'box {cuboid.identity} is of size {size}; expected positive numbers')
     return cuboid
+
+
+def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
+    """The labels of a frame as a bag of our own carries them; those without a track get one.
+
+    Raises:
+        ValueError: A line is no label.
+    """
+    boxes = []
+    for place, line in enumerate(text.splitlines()):
+        box = parse_box(line)
+        if box.track_id is None:
+            track = -1 if box.kind == DONT_CARE else tracks.number(f'line {place}')
+            box = replace(box, track_id=track)
+        boxes.append(replace(box, frame=None))
+    return boxes
 
 
 class TrackIds:

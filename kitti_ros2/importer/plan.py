@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 TF = 'tf'
 NONE = 'none'
+SOURCE = 'source'
 
 
 class Incomplete(str, Enum):
@@ -82,7 +83,8 @@ class LabelPlan:
     """Where labels come from.
 
     Attributes:
-        topic: A Detection3DArray, or a MarkerArray whose cubes are the boxes.
+        topic: A Detection3DArray, a MarkerArray whose cubes are the boxes, or the label lines that
+            a bag of our own carries.
         camera: The KITTI camera whose pixels the 2D boxes are.
         out_of_view: Whether boxes that this camera does not see are kept.
     """
@@ -105,8 +107,8 @@ class Plan:
         scan, cameras, pose, labels: Where these come from; cameras by KITTI index.
         imu, fix, velocity: Topics of the packets of the GPS/IMU unit, empty for none.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
-        calibration: tf (CameraInfo and static transforms), none, or a KITTI calibration file or
-            folder.
+        calibration: tf (CameraInfo and static transforms), source (the files that a bag of our own
+            carries), none, or a KITTI calibration file or folder.
     """
 
     layout: Layout

@@ -6,42 +6,45 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import BadFileError, UsageError
 from ..geometry import Transform
-from ..kitti import names
-from ..kitti.calib_file import NOMINAL_CAM0_T_VELO, parse_calibration, parse_raw_calibration
+from ..kitti.calib_file import NOMINAL_CAM0_T_VELO
 from ..kitti.png_file import parse_image
-from ..kitti.store import STORE
 from ..labels import rect_from_velo
 from ..messages.clouds import decode_cloud
 from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of
 from ..messages.png_writer import encode_png
 from ..messages.rectify import Rectifier
-from ..samples import Calibration, Layout, Scan
+from ..messages.source import decode_text
+from ..samples import Scan
 from . import survey as types
+from .calibrations import make_calibrations
 from .frame_tree import FrameTree
 from .frames import topic_of
-from .labels import TrackIds, cuboids_of_detections, cuboids_of_markers, make_boxes
-from .plan import NONE, TF, CameraPlan, Plan, parse_drive
-from .rig import CameraModel, camera_model, make_calibration
+from .labels import (
+    TrackIds,
+    boxes_of_lines,
+    cuboids_of_detections,
+    cuboids_of_markers,
+    make_boxes,
+)
+from .plan import TF, CameraPlan, Plan
+from .rig import CameraModel, camera_model
 
 if TYPE_CHECKING:
     from ..boxes import Box
     from .survey import Survey
-
-_RAW_CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
 
 
 class Rigging:
     """What a plan makes of single messages; safe to call from several threads.
 
     Attributes:
-        calibration: Of all frames, None where the plan has none.
+        calibrations: Of all frames.
         imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
         boxes_out_of_view: Boxes that were left out so far.
     """
@@ -57,9 +60,8 @@ class Rigging:
         self._plan = plan
         self._tree = FrameTree(survey.static, survey.moving)
         self._models = _camera_models(plan, survey)
-        self._notes: tuple[str, ...] = ()
         self.boxes_out_of_view = 0
-        self.calibration = self._make_calibration()
+        self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
         self._velo_t_cloud = self._scan_transform(survey)
         self._rectifiers = {
             index: Rectifier(model.k, model.d, model.r, model.p, model.model, model.size)
@@ -70,22 +72,6 @@ class Rigging:
         self.imu_t_topic = self._unit_transforms(survey)
         self._tracks = TrackIds()
         self._check_labels()
-
-    def _make_calibration(self) -> Calibration | None:
-        plan = self._plan
-        if plan.calibration == NONE:
-            return None
-        if plan.calibration != TF:
-            return _load_calibration(Path(plan.calibration), plan)
-        scan_frame = plan.scan.frame if plan.scan is not None else None
-        calibration, self._notes = make_calibration(
-            self._tree,
-            scan_frame,
-            self._models,
-            plan.imu_frame or None,
-            rectified=not _is_extract(plan),
-        )
-        return calibration
 
     def _scan_transform(self, survey: Survey) -> Transform | None:
         """velo_T_cloud, None where the messages are in KITTI's frame already."""
@@ -108,9 +94,10 @@ class Rigging:
         plan = self._plan.labels
         if plan is None:
             return
-        if self.calibration is None:
+        calibration = self.calibrations.first
+        if calibration is None:
             raise UsageError('labels need a calibration: set calibration of the plan, or --calib')
-        if plan.camera not in self.calibration.cameras:
+        if plan.camera not in calibration.cameras:
             raise UsageError(f'labels.camera is {plan.camera}, of which there is no calibration')
 
     @cached_property
@@ -169,15 +156,17 @@ class Rigging:
                 f' rest of its camera: calibration holds for one size only'
             )
 
-    def boxes(self, message: Any) -> list[Box]:  # noqa: ANN401 - of the bag's types
+    def boxes(self, message: Any, stamp_ns: int) -> list[Box]:  # noqa: ANN401 - of the bag's types
         """The labels of a frame.
 
         Raises:
             ValueError: They cannot be read.
         """
-        plan, calibration = self._plan.labels, self.calibration
+        plan, calibration = self._plan.labels, self.calibrations.at(stamp_ns)
         if plan is None or calibration is None:
             return []
+        if plan.topic == types.LABEL_LINES:
+            return boxes_of_lines(decode_text(message).text, self._tracks)
         read = cuboids_of_detections if hasattr(message, 'detections') else cuboids_of_markers
         size = self._sizes.get(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
@@ -203,29 +192,26 @@ class Rigging:
             LackingError: The static transforms do not tell.
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
-        if self._models:
+        if self._models and self._plan.calibration == TF:
             index = min(self._models)
             model = self._models[index]
             turn = Transform(model.r.T, np.zeros(3))
             return self._tree.transform(body, model.frame) @ turn
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
-            if self.calibration is not None:
-                velo_t_rect = rect_from_velo(self.calibration).inverse()
+            if self.calibrations.first is not None:
+                velo_t_rect = rect_from_velo(self.calibrations.first).inverse()
             return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
         return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
     def notes(self) -> list[str]:
         """What is worth a word of the samples so far."""
-        nominal = self.calibration.nominal if self.calibration is not None else ()
+        first = self.calibrations.first
+        nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         if self.boxes_out_of_view:
             found.append(f'{self.boxes_out_of_view} boxes out of view were left out of the labels')
-        return [*found, *self._notes]
-
-
-def _is_extract(plan: Plan) -> bool:
-    return plan.layout is Layout.RAW and parse_drive(plan.name)[2] == 'extract'
+        return [*found, *self.calibrations.notes]
 
 
 def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
@@ -247,24 +233,3 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
     except ValueError as error:
         raise UsageError(f'{camera.info}: {error}') from None
     return replace(model, frame=camera.frame) if camera.frame else model
-
-
-def _load_calibration(path: Path, plan: Plan) -> Calibration:
-    """The calibration in a KITTI file, or in a folder of the three files of raw drives.
-
-    Raises:
-        BadFileError: It cannot be read, or lacks what the plan's streams need.
-    """
-    if STORE.is_dir(path):
-        texts = {
-            name: STORE.read_text(path / name) for name in _RAW_CALIB if (path / name).exists()
-        }
-        found = parse_raw_calibration(texts, path, rectified=not _is_extract(plan))
-    else:
-        found = parse_calibration(STORE.read_text(path), path, path.name)
-    needed = [f'P{index}' for index in plan.cameras]
-    needed += ['Tr_velo_to_cam'] if plan.scan is not None else []
-    lacking = [found.lacks[part] for part in needed if part in found.lacks]
-    if lacking:
-        raise BadFileError(path, lacking[0], 'a calibration of every stream of the plan')
-    return found

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.header import peek_header
+from ..messages.source import decode_text
 from ..messages.transforms import decode_static
+from .blueprint import CALIBRATION
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from ..bags.merged import MergedMessages
     from ..bags.reader import BagMessage
     from ..geometry import Transform
-    from ..samples import Int64Array
+    from ..samples import Int64Array, TextFile
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 IMAGE = 'sensor_msgs/msg/Image'
@@ -39,6 +41,8 @@ PATH = 'nav_msgs/msg/Path'
 TF_TYPES = frozenset({'tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage'})
 DETECTIONS = 'vision_msgs/msg/Detection3DArray'
 MARKERS = 'visualization_msgs/msg/MarkerArray'
+STRING = 'std_msgs/msg/String'
+LABEL_LINES = '/kitti/source/labels'
 
 _HEADED = frozenset(
     {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH, DETECTIONS}
@@ -101,11 +105,16 @@ class Survey:
         static: Static transforms (parent, child, parent_T_child), those of /tf that never move
             among them.
         moving: (parent, child) of the others.
+        changing: (parent, child) of static links that were told anew and differently.
+        calibrations: The calibration files that a bag of our own carries, each with the stamp from
+            which it holds, in order.
     """
 
     topics: Mapping[str, TopicSurvey]
     static: Sequence[Link]
     moving: Sequence[tuple[str, str]]
+    changing: Sequence[tuple[str, str]] = ()
+    calibrations: Sequence[tuple[int, TextFile]] = ()
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
         """The topics of some types that have messages, by name."""
@@ -121,9 +130,14 @@ def survey_bag(messages: MergedMessages) -> Survey:
     """
     topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
     links = _Links()
+    calibrations: list[tuple[int, TextFile]] = []
     for message in messages:
         topic = topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
+        if topic.name == CALIBRATION and topic.msgtype == STRING:
+            text = _decoded(topic, messages, message)
+            if text is not None:
+                calibrations.append((message.stamp_ns, decode_text(text)))
         if topic.msgtype not in _READ:
             continue
         if topic.msgtype in TF_TYPES:
@@ -135,7 +149,7 @@ def survey_bag(messages: MergedMessages) -> Survey:
             look = _decoded(topic, messages, message)
             if look is not None:
                 topic.looks.append(look)
-    return Survey(topics, *links.sorted())
+    return Survey(topics, *links.sorted(), calibrations)
 
 
 def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
@@ -164,6 +178,7 @@ class _Links:
         self._seen: dict[tuple[str, str], int] = defaultdict(int)
         self._moving: set[tuple[str, str]] = set()
         self._static: set[tuple[str, str]] = set()
+        self._changing: set[tuple[str, str]] = set()
 
     def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
         for parent, child, transform in decode_static(message) if message is not None else ():
@@ -172,17 +187,19 @@ class _Links:
             self._seen[key] += 1
             if still:
                 # The last word on a static link holds, as for any late subscriber.
+                if _differ(first, transform):
+                    self._changing.add(key)
                 self._first[key] = transform
                 self._static.add(key)
             elif key not in self._moving and _differ(first, transform):
                 self._moving.add(key)
 
-    def sorted(self) -> tuple[list[Link], list[tuple[str, str]]]:
-        """The static links and the moving ones; a link seen once on /tf tells too little."""
+    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
+        """Static links, moving ones, static ones that changed; one seen once on /tf moves."""
         moving = {key for key in self._moving if key not in self._static}
         moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
         still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
-        return still, sorted(moving)
+        return still, sorted(moving), sorted(self._changing)
 
 
 def _differ(first: Transform, second: Transform) -> bool:
