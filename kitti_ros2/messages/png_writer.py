@@ -60,9 +60,8 @@ def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
 def _encode_colour(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
-    height, width = pixels.shape[:2]
     rgb = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-    return _file(rgb.reshape(height, -1), _RGB, 3, 1)
+    return _file(rgb.reshape(len(rgb), -1), _RGB, 3, 1)
 
 
 def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: int) -> bytes:
