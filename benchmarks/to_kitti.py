@@ -77,7 +77,7 @@ class Bench:
             blueprint = find_blueprint(bag)
             if blueprint is None:
                 raise SystemExit(f'{bag} is none of to-bag')
-            return restore(bag, blueprint, out).size_bytes
+            return sum(each.size_bytes for each in restore([(bag, blueprint)], out))
 
         run = timed(work)
         fresh(out)

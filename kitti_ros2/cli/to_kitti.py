@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from ..importer.blueprint import Blueprint
     from ..importer.report import ImportReport
     from ..options import ImportOptions
 
@@ -58,11 +59,13 @@ def run_to_kitti(
     *bags, out = paths
     keep_freed_memory()
     started = time.monotonic()
-    report = _convert(bags, out, options, plan_file, quiet=quiet)
-    if not quiet:
-        _summarize(report, time.monotonic() - started)
-    show_losses(report.losses)
-    return EXIT_LOSSES if report.losses else EXIT_OK
+    reports = _convert(bags, out, options, plan_file, quiet=quiet)
+    elapsed = time.monotonic() - started
+    for report in () if quiet else reports:
+        _summarize(report, elapsed)
+    losses = tuple(loss for report in reports for loss in report.losses)
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
 
 
 def _convert(
@@ -72,13 +75,15 @@ def _convert(
     plan_file: Path | None,
     *,
     quiet: bool,
-) -> ImportReport:
+) -> list[ImportReport]:
     from ..importer.verbatim import restore
 
-    blueprint = find_blueprint(bags[0]) if len(bags) == 1 and plan_file is None else None
-    if blueprint is not None and options.keeps(blueprint.layout):
-        with conversion_progress(blueprint.files, blueprint.frames, show=not quiet) as progress:
-            return restore(bags[0], blueprint, out, progress)
+    recordings = _own(bags) if plan_file is None else []
+    if recordings and all(options.keeps(blueprint.layout) for _, blueprint in recordings):
+        files = sum(blueprint.files for _, blueprint in recordings)
+        frames = sum(blueprint.frames for _, blueprint in recordings)
+        with conversion_progress(files, frames, show=not quiet) as progress:
+            return restore(recordings, out, progress)
     from ..importer.frames import frame_topics
     from ..importer.plan import parse_plan
     from ..importer.planned import adapt, convert_by_plan, guess, look
@@ -94,7 +99,13 @@ def _convert(
                 _say(f'note: {remark}')
     samples = sum(survey.topics[topic].count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
-        return convert_by_plan(bags, plan, survey, out, options, progress)
+        return [convert_by_plan(bags, plan, survey, out, options, progress)]
+
+
+def _own(bags: Sequence[Path]) -> list[tuple[Path, Blueprint]]:
+    """Bags with what they tell of their layout; none unless every one does."""
+    found = [(bag, blueprint) for bag in bags if (blueprint := find_blueprint(bag)) is not None]
+    return found if len(found) == len(bags) else []
 
 
 def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
@@ -102,9 +113,10 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     from ..importer.plan import format_plan
     from ..importer.planned import guess, look
 
-    blueprint = find_blueprint(bags[0]) if len(bags) == 1 else None
     remarks: tuple[str, ...] = ()
-    if blueprint is not None:
+    own = _own(bags)
+    if own:
+        blueprint = own[0][1]
         if options.layout in (None, blueprint.layout):
             named = options.name or blueprint.name
             options = replace(options, layout=blueprint.layout, name=named)

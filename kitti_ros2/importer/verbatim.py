@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.reader import open_messages
+from ..errors import UsageError
 from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
@@ -35,10 +36,11 @@ from .output import staged
 from .report import ImportReport, LossTally, damage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from ..bags.reader import BagMessage, BagMessages
+    from ..samples import Layout
     from .blueprint import Blueprint
 
 LINES = {'/kitti/source/oxts': Stream.OXTS, '/kitti/source/labels': Stream.LABELS}
@@ -88,30 +90,51 @@ def _topics(channels: Iterable[tuple[str, str]]) -> set[str]:
 
 
 def restore(
-    path: Path,
-    blueprint: Blueprint,
+    recordings: Sequence[tuple[Path, Blueprint]],
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
-) -> ImportReport:
-    """Lay the recording in a bag of our own out again.
+) -> list[ImportReport]:
+    """Lay the recordings in bags of our own out again, in one data set.
 
     Args:
-        path: The bag.
-        blueprint: What it tells of the layout.
+        recordings: Each bag, and what it tells of the layout.
         out: The data set's folder, absent or empty.
-        progress: Called with the files and the bytes written so far.
+        progress: Called with the files and the bytes written so far of one bag.
 
     Raises:
-        BadBagError: The bag cannot be read.
+        BadBagError: A bag cannot be read.
+        UsageError: Two bags hold the same recording, or disagree about a file they share.
         OutputExistsError: The folder holds something.
         OutputError: It cannot be written.
     """
+    known: dict[tuple[Layout, str], Path] = {}
+    for path, blueprint in recordings:
+        other = known.setdefault((blueprint.layout, blueprint.name), path)
+        if other is not path:
+            raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
+    with staged(out) as stage:
+        reports = [_restore(path, blueprint, stage, progress) for path, blueprint in recordings]
+    return [replace(report, path=out) for report in reports]
+
+
+def _restore(
+    path: Path, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
+) -> ImportReport:
     with open_messages(path) as messages:
         wanted = _topics(messages.channels)
-    with open_messages(path, wanted) as messages, staged(out) as stage:
+    _write_shared(stage / blueprint.root, blueprint, path)
+    with open_messages(path, wanted) as messages:
         report = _write(messages, blueprint, stage, progress)
-        losses = report.losses + damage(messages, path.name)
-    return replace(report, path=out, losses=losses)
+        return replace(report, losses=report.losses + damage(messages, path.name))
+
+
+def _write_shared(root: Path, blueprint: Blueprint, bag: Path) -> None:
+    """The text files, some of which several recordings of a data set share."""
+    for path, text in (*blueprint.texts.items(), *blueprint.calibrations.items()):
+        target = root / path
+        if STORE.is_file(target) and STORE.read_text(target) != text:
+            raise UsageError(f'{bag}: its {path} differs from that of another bag')
+        STORE.write_text(target, text)
 
 
 def _write(
@@ -120,10 +143,7 @@ def _write(
     stage: Path,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    root = stage / blueprint.root
-    for path, text in blueprint.texts.items():
-        STORE.write_text(root / path, text)
-    writer = _Writer(messages, blueprint, root)
+    writer = _Writer(messages, blueprint, stage / blueprint.root)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
         writer.take(written)
@@ -224,9 +244,7 @@ class _Writer:
         self.size_bytes += written.size_bytes
 
     def write_calibrations(self) -> None:
-        """The calibration files; a frame without one of its own has that of the frame before."""
-        for path, text in self._blueprint.calibrations.items():
-            STORE.write_text(self._root / path, text)
+        """The calibration files of frames without one of their own: that of the frame before."""
         self._counts[Stream.CALIBRATION.value] = len(self._blueprint.calibrations)
         folder = self._blueprint.folders.get(Stream.CALIBRATION)
         if folder is None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ import pytest
 
 from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.convert import convert
-from kitti_ros2.errors import BadBagError, OutputExistsError
+from kitti_ros2.errors import BadBagError, OutputExistsError, UsageError
 from kitti_ros2.importer.blueprint import FILES, RECORDING, find_blueprint
 from kitti_ros2.importer.verbatim import restore
 from kitti_ros2.kitti.layouts import open_recording
@@ -56,7 +57,8 @@ def back(bag, out):
     """The bag as KITTI again."""
     blueprint = find_blueprint(bag)
     assert blueprint is not None
-    return restore(bag, blueprint, out)
+    (report,) = restore([(bag, blueprint)], out)
+    return report
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -232,7 +234,7 @@ def test_samples_without_a_file_are_named_and_counted(recordings, tmp_path):
     blueprint = find_blueprint(bag)
     assert blueprint is not None
     later = replace(blueprint, epoch_ns=blueprint.epoch_ns + 7)
-    report = restore(bag, later, tmp_path / 'out')
+    (report,) = restore([(bag, later)], tmp_path / 'out')
     assert {loss.stream: loss.count for loss in report.losses}['/kitti/velo/points'] == 5
     assert 'no file of training has this stamp' in report.losses[0].text()
 
@@ -308,3 +310,26 @@ def test_a_bag_without_its_source_files_names_what_it_cannot_place(recordings, t
     selection = SelectionOptions(topics=topics)
     report = back(to_bag(recordings[Layout.RAW], tmp_path, selection=selection), tmp_path / 'out')
     assert [loss.count for loss in report.losses] == [5]
+
+
+def test_several_recordings_make_one_data_set(recordings, tmp_path):
+    drives = []
+    for number in (1, 2):
+        date = tmp_path / f'source{number}' / recordings[Layout.RAW].parent.name
+        shutil.copytree(recordings[Layout.RAW].parent, date)
+        drive = next(date.glob('*_sync'))
+        drives.append(drive.rename(drive.with_name(drive.name.replace('0001', f'000{number}'))))
+    bags = [to_bag(drive, tmp_path / f'bag{place}') for place, drive in enumerate(drives)]
+    found = [(bag, find_blueprint(bag)) for bag in bags]
+    reports = restore(found, tmp_path / 'out')
+    assert [report.name for report in reports] == [drive.name for drive in drives]
+    whole = files_of(drives[0].parent.parent) | files_of(drives[1].parent.parent)
+    assert files_of(tmp_path / 'out') == whole
+    with pytest.raises(UsageError, match='give one of them'):
+        restore([found[0], (bags[1], found[0][1])], tmp_path / 'twice')
+    calib = drives[1].parent / 'calib_cam_to_cam.txt'
+    calib.write_text(calib.read_text() + '\n')
+    other = to_bag(drives[1], tmp_path / 'other')
+    with pytest.raises(UsageError, match='differs from that of another bag'):
+        restore([found[0], (other, find_blueprint(other))], tmp_path / 'differing')
+    assert not (tmp_path / 'differing').exists()
