@@ -84,7 +84,7 @@ def _convert(
         frames = sum(blueprint.frames for _, blueprint in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
-    from ..importer.frames import frame_topics
+    from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
     from ..importer.planned import adapt, convert_by_plan, guess, look
 
@@ -97,7 +97,7 @@ def _convert(
         if not quiet:
             for remark in found.remarks:
                 _say(f'note: {remark}')
-    samples = sum(survey.topics[topic].count for topic in frame_topics(plan).values())
+    samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
         return [convert_by_plan(bags, plan, survey, out, options, progress)]
 

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 to-kitti as a user meets it: exit codes, what it says, one line for each error."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import foreign
+import pytest
+
+from kitti_ros2.cli import main
+from kitti_ros2.samples import Layout
+
+RUN = [sys.executable, '-c', 'import sys; from kitti_ros2.cli import main; sys.exit(main())']
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('foreign')
+    return str(foreign.write_foreign(folder / 'bag.mcap', foreign.make_truth()))
+
+
+@pytest.fixture(scope='module')
+def own(recordings, tmp_path_factory):
+    path = str(tmp_path_factory.mktemp('own') / 'own.mcap')
+    assert main(['to-bag', str(recordings[Layout.OBJECT]), path, '-q']) == 0
+    return path
+
+
+def one_line(text: str) -> str:
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith('kitti-ros2: ')
+    return lines[0]
+
+
+def test_a_bag_of_our_own_needs_no_option(own, recordings, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['to-kitti', own, str(out)]) == 0
+    said = capsys.readouterr()
+    assert f'{out}: layout object, training, 5 frames' in said.out
+    assert not said.err
+    made = out / 'training/velodyne/000003.bin'
+    assert made.read_bytes() == (recordings[Layout.OBJECT] / made.relative_to(out)).read_bytes()
+
+
+def test_a_plan_can_be_printed_edited_and_gone_by(bag, tmp_path, capsys):
+    assert main(['to-kitti', bag, '--layout', 'object', '--plan']) == 0
+    text = capsys.readouterr().out
+    assert 'topic: /sensors/ouster/points' in text
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(text.replace('name: training', 'name: testing'))
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
+    said = capsys.readouterr().out
+    assert 'image_2 (/cam/left/image_raw): 12 of 12 frames' in said
+    assert (tmp_path / 'out/testing/velodyne/000000.bin').is_file()
+    assert (tmp_path / 'out/ImageSets/test.txt').read_text().count('\n') == foreign.FRAMES
+
+
+def test_the_plan_of_our_own_bag_says_that_none_is_needed(own, capsys):
+    assert main(['to-kitti', own, '--plan']) == 0
+    text = capsys.readouterr().out
+    assert 'every file of training comes back as it was' in text
+    assert 'calibration: source' in text
+
+
+def test_what_is_lost_is_named_and_the_exit_code_says_so(tmp_path, capsys):
+    def change(topic, place, message):
+        wanted = topic == '/cam/left/image_raw' and place == 0
+        return replace(message, encoding='hsv8') if wanted else message
+
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth(), change=change)
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(path), str(out), '--layout', 'object', '-q']) == 1
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert 'skipped /cam/left/image_raw (1): /cam/left/image_raw at' in said.err
+    assert '1 skipped in all, as named above; exit code 1' in said.err
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['{bag}'], 'needs a bag and a folder'),
+        (['{bag}', '{out}'], 'which layout is wanted? give --layout raw, object'),
+        (['{bag}', '{out}', '--layout', 'nuscenes'], "not 'nuscenes'"),
+        (['{bag}', '{out}', '--layout', 'object', '--split', '80'], 'a split of 80'),
+        (['{bag}', '{out}', '--layout', 'raw', '--append'], '--append continues an object set'),
+        (['{bag}', '{out}', '--layout', 'raw', '--name', '../x'], '../x is no drive'),
+        (['{bag}', '{out}', '--layout', 'object', '--name', '../x'], "no split '../x'"),
+        (['{bag}', '{out}', '--layout', 'object', '--calib', '{none}'], 'No such file'),
+        (['{bag}', '{out}', '--plan-file', '{none}'], 'No such file'),
+        (['{none}', '{out}', '--layout', 'object'], 'there is no such file'),
+        (['{bag}', '{full}', '--layout', 'object'], 'exists already'),
+        (['{bag}', '{full}', '--layout', 'object', '--append'], 'no object set to append to'),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(bag, words, said, tmp_path, capsys):
+    full = tmp_path / 'full'
+    full.mkdir()
+    (full / 'kept').touch()
+    places = {'bag': bag, 'out': tmp_path / 'out', 'none': tmp_path / 'none', 'full': full}
+    assert main(['to-kitti', *(word.format(**places) for word in words)]) == 2
+    assert said in one_line(capsys.readouterr().err)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['full']
+
+
+def test_a_plan_of_topics_that_are_not_there_is_one_line(bag, tmp_path, capsys):
+    main(['to-kitti', bag, '--layout', 'object', '--plan'])
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(capsys.readouterr().out.replace('/sensors/ouster/points', '/velodyne'))
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 2
+    assert 'the plan names /velodyne' in one_line(capsys.readouterr().err)
+
+
+def test_an_interrupted_run_leaves_nothing(recordings, tmp_path):
+    bag = tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(bag), '-q', '--images', 'raw']) == 0
+    out = tmp_path / 'to' / 'out'
+    slow = (
+        'import sys, time; from kitti_ros2.importer import verbatim; put = verbatim.STORE.write;'
+        'verbatim.STORE.__class__.write = lambda _, *words: (time.sleep(0.2), put(*words));'
+        'from kitti_ros2.cli import main; sys.exit(main())'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', slow, 'to-kitti', str(bag), str(out)],
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
+    )
+    deadline = time.monotonic() + 30
+    while not any(tmp_path.glob('to/.out.partial/content/*')) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert b'Traceback' not in said
+    assert not list((tmp_path / 'to').glob('*')) if (tmp_path / 'to').exists() else True
