@@ -67,7 +67,7 @@ def root(
     ] = False,
     debug: Annotated[bool, typer.Option('--debug', help='Show tracebacks.')] = False,
 ) -> None:
-    """KITTI recordings for ROS 2: into bags, and what is in them.
+    """KITTI recordings for ROS 2: into bags and back, live, and what is in them.
 
     Exit codes: 0 all is well, 1 something of the data was skipped (it is named), 2 wrong usage or
     unreadable input.
@@ -234,7 +234,10 @@ def to_kitti(  # noqa: PLR0913, PLR0917 - each is an option of the command
     ] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Write recorded bags (MCAP, rosbag2 sqlite3, ROS 1) as a KITTI data set."""
+    """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
+
+    A bag that to-bag made becomes the recording it was; any other goes by a plan.
+    """
     from .to_kitti import run_to_kitti
 
     given = {

@@ -1,0 +1,192 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topic is taken for what, told from names, types and first messages alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from kitti_ros2.errors import LackingError
+from kitti_ros2.geometry import Transform
+from kitti_ros2.importer import survey as types
+from kitti_ros2.importer.guess import guess_plan
+from kitti_ros2.importer.plan import NONE, TF, Incomplete
+from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.samples import Layout
+
+K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
+PATH = Path('bag.mcap')
+
+
+def topic(name, msgtype, *looks, frame='', count=5):
+    stamps = [(index + 1) * 100_000_000 for index in range(count)]
+    return TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
+
+
+def image(name, encoding='bgr8', frame=''):
+    return topic(name, types.IMAGE, SimpleNamespace(encoding=encoding), frame=frame)
+
+
+def compressed(name, form='png', frame=''):
+    return topic(name, types.COMPRESSED, SimpleNamespace(format=form), frame=frame)
+
+
+def info(name, frame='', d=(), model='plumb_bob'):
+    look = SimpleNamespace(
+        k=K.ravel(),
+        d=np.array(d, float),
+        r=np.eye(3).ravel(),
+        p=np.column_stack([K, np.zeros(3)]).ravel(),
+        distortion_model=model,
+    )
+    return topic(name, types.CAMERA_INFO, look, frame=frame)
+
+
+def cloud(name, *fields, frame='lidar', width=100):
+    names = ('x', 'y', 'z', *fields)
+    parts = [SimpleNamespace(name=each, offset=0, datatype=7, count=1) for each in names]
+    look = SimpleNamespace(fields=parts, width=width, height=1)
+    # Too short to be read: it tells no intensity.
+    look.__dict__.update(point_step=4, row_step=0, is_bigendian=False, data=np.zeros(0, np.uint8))
+    return topic(name, types.CLOUD, look, frame=frame)
+
+
+def guess(*topics, layout=Layout.OBJECT, static=(), moving=()):
+    survey = Survey({each.name: each for each in topics}, list(static), list(moving))
+    return guess_plan(survey, layout, PATH)
+
+
+def cameras_of(*topics, layout=Layout.OBJECT):
+    plan = guess(*topics, layout=layout).plan
+    return {index: camera.topic for index, camera in plan.cameras.items()}
+
+
+def test_a_lone_camera_is_the_left_colour_camera_in_whose_pixels_labels_are():
+    assert cameras_of(image('/front/image_raw'), info('/front/camera_info')) == {
+        2: '/front/image_raw'
+    }
+
+
+def test_left_and_right_are_told_by_name():
+    pair = [image(f'/{side}/image_raw') for side in ('right', 'left')]
+    infos = [info(f'/{side}/camera_info') for side in ('right', 'left')]
+    assert cameras_of(*pair, *infos) == {2: '/left/image_raw', 3: '/right/image_raw'}
+
+
+def test_our_own_names_keep_their_numbers():
+    names = ('gray_left', 'color_right')
+    topics = [image(f'/kitti/camera_{name}/image_rect') for name in names]
+    infos = [info(f'/kitti/camera_{name}/camera_info') for name in names]
+    assert sorted(cameras_of(*topics, *infos)) == [0, 3]
+
+
+def test_beyond_four_cameras_the_rest_is_named():
+    topics = [image(f'/cam{number}/image_raw') for number in range(6)]
+    infos = [info(f'/cam{number}/camera_info') for number in range(6)]
+    found = guess(*topics, *infos)
+    assert len(found.plan.cameras) == 4
+    assert sum('KITTI has four cameras' in remark for remark in found.remarks) == 2
+
+
+@pytest.mark.parametrize(
+    ('topics', 'best'),
+    [
+        ([image('/c/image_raw'), image('/c/image_rect')], '/c/image_rect'),
+        ([image('/c/image_rect'), image('/c/image_rect_color')], '/c/image_rect_color'),
+        ([image('/c/image_raw'), compressed('/c/image_raw/compressed')], '/c/image_raw/compressed'),
+        ([image('/c/image_raw'), compressed('/c/image_raw/compressed', 'jpeg')], '/c/image_raw'),
+        ([image('/c/image_raw'), image('/c/image_depth', '16UC1')], '/c/image_raw'),
+    ],
+)
+def test_of_one_cameras_topics_the_best_is_taken(topics, best):
+    assert cameras_of(*topics, info('/c/camera_info')) == {2: best}
+
+
+def test_depth_images_are_no_pictures():
+    with pytest.raises(LackingError, match='no point cloud and no image'):
+        guess(
+            image('/c/aligned', '32FC1'),
+            compressed('/c/raw/compressedDepth', '16UC1; compressedDepth png'),
+        )
+
+
+def test_camera_info_is_found_by_its_frame_where_names_do_not_tell():
+    found = guess(image('/pictures', frame='eye'), info('/somewhere/else', frame='eye'))
+    assert found.plan.cameras[2].info == '/somewhere/else'
+    assert found.plan.calibration == TF
+
+
+def test_without_camera_info_there_is_no_calibration_and_that_is_said():
+    found = guess(image('/c/image_raw'))
+    assert found.plan.calibration == NONE
+    assert any('calibration (no camera_info)' in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ('layout', 'd', 'model', 'name', 'rectify'),
+    [
+        (Layout.OBJECT, (), 'plumb_bob', 'image_raw', False),
+        (Layout.OBJECT, (0.1, 0, 0, 0, 0), 'plumb_bob', 'image_raw', True),
+        (Layout.OBJECT, (0.1, 0, 0, 0, 0), 'plumb_bob', 'image_rect', False),
+        (Layout.RAW, (0.1, 0, 0, 0, 0), 'plumb_bob', 'image_raw', False),
+        (Layout.RAW, (0.1, 0, 0, 0), 'equidistant', 'image_raw', True),
+        (Layout.RAW, (0.1,) * 8, 'rational_polynomial', 'image_raw', True),
+    ],
+)
+def test_distorted_images_are_rectified_where_the_layout_needs_it(layout, d, model, name, rectify):
+    topics = image(f'/c/{name}'), info('/c/camera_info', d=d, model=model)
+    plan = guess(*topics, layout=layout).plan
+    assert plan.cameras[2].rectify is rectify
+    if layout is Layout.RAW:
+        assert plan.name.endswith('_sync' if rectify else '_extract')
+        assert plan.incomplete is Incomplete.KEEP
+
+
+def test_a_lidar_goes_before_a_depth_cameras_cloud():
+    depth = cloud('/realsense/points', width=300_000, frame='camera_depth')
+    found = guess(depth, cloud('/velodyne_points', 'intensity'))
+    assert found.plan.scan.topic == '/velodyne_points'
+    assert 'passed over for scans: /realsense/points' in found.remarks
+
+
+def test_points_of_an_optical_frame_are_pointed_out():
+    found = guess(cloud('/points', frame='camera_depth_optical_frame'))
+    assert any('z forward' in remark for remark in found.remarks)
+
+
+def test_ground_truth_goes_before_other_odometry():
+    look = SimpleNamespace(child_frame_id='/base_link')
+    topics = [topic(name, types.ODOMETRY, look) for name in ('/odom', '/ground_truth/odom')]
+    plan = guess(*topics, layout=Layout.ODOMETRY).plan
+    assert (plan.pose.topic, plan.pose.body) == ('/ground_truth/odom', 'base_link')
+    assert plan.reference == 'pose'
+
+
+def test_a_moving_base_link_tells_poses_too():
+    found = guess(
+        topic('/tf', 'tf2_msgs/msg/TFMessage'),
+        layout=Layout.ODOMETRY,
+        moving=[('odom', 'base_footprint'), ('wheel', 'rim')],
+    )
+    assert (found.plan.pose.topic, found.plan.pose.body) == ('/tf', 'base_footprint')
+    assert found.plan.pose.world == 'odom'
+
+
+def test_an_imu_that_is_joined_gives_the_imu_frame_and_one_that_is_not_a_remark():
+    topics = cloud('/velodyne_points'), topic('/imu', types.IMU, frame='imu')
+    assert guess(*topics, static=[('lidar', 'imu', Transform.identity())]).plan.imu_frame == 'imu'
+    apart = guess(*topics)
+    assert apart.plan.imu_frame == ''
+    assert any('static transform from imu to lidar' in remark for remark in apart.remarks)
+
+
+def test_a_command_is_no_velocity():
+    names = ('/cmd_vel', '/gps/vel')
+    twists = [topic(name, types.TWIST, count=5 + 5 * (name == '/cmd_vel')) for name in names]
+    fix = topic('/fix', types.FIX)
+    plan = guess(cloud('/velodyne_points'), fix, *twists, layout=Layout.RAW).plan
+    assert plan.velocity == '/gps/vel'
