@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Detection3DArray and the cubes of a MarkerArray -> KITTI labels.
+"""Boxes in velo_link -> KITTI labels.
 
 A label's box stands upright in the rectified camera 0 and turns about its y axis alone: the heading
 is kept, a tilt is lost. Its 2D box is the projection of its corners cut to the image, truncated is
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,98 +26,23 @@ from ..boxes import (
     project_corners,
     wrap_angle,
 )
+from ..geometry import Transform
 from ..kitti.label_file import parse_box
 from ..labels import rect_from_velo
-from ..messages.header import transform_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from ..geometry import Float64Array, Transform
+    from ..geometry import Float64Array
     from ..samples import Calibration
+
+OUT_OF_VIEW = 'out of view'
 
 _UNKNOWN = 3
 _OTHERS = 'Misc'
-_TRUTH_SCORES = frozenset({0.0, 1.0})
 _UNSEEN = (-1.0, -1.0, -1.0, -1.0)
-_CUBE = 1
-_TEXT = 9
-_ADD = 0
-_EGO = 'ego'
 _BLANKS = re.compile(r'\s+')
-
-
-def cuboids_of_detections(message: Any, to_velo: Mapping[str, Transform]) -> list[Cuboid]:  # noqa: ANN401
-    """The boxes of a vision_msgs/Detection3DArray in velo_link.
-
-    The result with the best score counts; scores that are all 0 or 1 are no scores but truth.
-
-    Args:
-        message: Of the bag's own types.
-        to_velo: velo_T_frame by frame name.
-
-    Raises:
-        ValueError: A box is in a frame that is not joined, or of no possible size or place.
-    """
-    rows = []
-    for place, detection in enumerate(message.detections):
-        results = [result.hypothesis for result in detection.results]
-        best = max(results, key=lambda each: each.score, default=None)
-        frame = detection.header.frame_id or message.header.frame_id
-        pose = _joined(to_velo, frame) @ transform_of(detection.bbox.center)
-        size = detection.bbox.size
-        kind, score = (best.class_id, float(best.score)) if best is not None else ('', 1.0)
-        identity = str(getattr(detection, 'id', '')) or str(place)
-        rows.append((kind, identity, pose, (size.x, size.y, size.z), score))
-    predicted = any(score not in _TRUTH_SCORES for *_, score in rows)
-    return [
-        _sound(Cuboid(kind, identity, pose, size, score if predicted else None))
-        for kind, identity, pose, size, score in rows
-    ]
-
-
-def cuboids_of_markers(message: Any, to_velo: Mapping[str, Transform]) -> list[Cuboid]:  # noqa: ANN401
-    """The cubes that a visualization_msgs/MarkerArray adds, in velo_link; other shapes are no box.
-
-    The class is the cube's text, else the first word of a text marker with the same id, else the
-    cube's namespace; the track is its id. A cube in namespace ego is the recording car.
-
-    Raises:
-        ValueError: As cuboids_of_detections.
-    """
-    added = [marker for marker in message.markers if marker.action == _ADD]
-    captions = {
-        marker.id: marker.text.split()[0]
-        for marker in added
-        if marker.type == _TEXT and marker.text.split()
-    }
-    return [
-        _sound(
-            Cuboid(
-                marker.text or captions.get(marker.id, marker.ns),
-                str(marker.id),
-                _joined(to_velo, marker.header.frame_id) @ transform_of(marker.pose),
-                (marker.scale.x, marker.scale.y, marker.scale.z),
-            )
-        )
-        for marker in added
-        if marker.type == _CUBE and marker.ns != _EGO
-    ]
-
-
-def _joined(to_velo: Mapping[str, Transform], frame: str) -> Transform:
-    name = frame.lstrip('/')
-    if name not in to_velo:
-        raise ValueError(f'a box in frame {name!r}, which no static transform joins to the scans')
-    return to_velo[name]
-
-
-def _sound(cuboid: Cuboid) -> Cuboid:
-    numbers = [*cuboid.velo_T_box.matrix().ravel(), *cuboid.size_lwh]
-    if not np.isfinite(numbers).all() or min(cuboid.size_lwh) <= 0:
-        size = ' '.join(f'{value:g}' for value in cuboid.size_lwh)
-        raise ValueError(f'box {cuboid.identity} is of size {size}; expected positive numbers')
-    return cuboid
+_LONGEST_NUMBER = 9  # ids of markers are int32
 
 
 def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
@@ -137,21 +62,62 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
 
 
 class TrackIds:
-    """Whole numbers for the names of tracks: a number is itself, a word the next that is free."""
+    """Whole numbers for the names of tracks, each the same all the time.
+
+    A number is itself where no other name took it before, so is one behind a namespace (box/7);
+    a word is the next that is free; boxes without a name are a track each.
+    """
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
 
     def number(self, identity: str) -> int:
-        """The number of a track, the same each time it is asked for."""
-        if identity not in self._numbers:
-            number = int(identity) if identity.isdecimal() and len(identity) < 10 else None
-            if number is None or number in self._taken:
-                number = max(self._taken, default=-1) + 1
+        """The number of a track."""
+        if identity in self._numbers:
+            return self._numbers[identity]
+        word = identity.rpartition('/')[2]
+        number = int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
+        if number is None or number in self._taken:
+            number = max(self._taken, default=-1) + 1
+        self._taken.add(number)
+        if identity:
             self._numbers[identity] = number
-            self._taken.add(number)
-        return self._numbers[identity]
+        return number
+
+
+def max_tilt(cuboids: Sequence[Cuboid], calibration: Calibration) -> float:
+    """How far boxes lean from the camera's y axis at most, radians, 0 without a box.
+
+    Raises:
+        ValueError: The calibration lacks what is needed.
+    """
+    if not cuboids:
+        return 0.0
+    rotations = np.array([cuboid.velo_T_box.rotation for cuboid in cuboids])
+    down = rect_from_velo(calibration).rotation[1] @ rotations
+    return float(np.arccos(np.clip(np.abs(down).max(axis=1).min(), 0.0, 1.0)))
+
+
+def _upright(cuboid: Cuboid, velo_down: Float64Array) -> Cuboid:
+    """The same box with its z axis the one that points up or down.
+
+    Its x axis is the heading, as long as that is not the one.
+
+    Args:
+        cuboid: In velo_link.
+        velo_down: (3,) the camera's y axis in velo_link.
+    """
+    rotation = cuboid.velo_T_box.rotation
+    vertical = int(np.argmax(np.abs(velo_down @ rotation)))
+    if vertical == 2:
+        return cuboid
+    order = (1, 2, 0) if vertical == 0 else (0, 2, 1)
+    forward, up = rotation[:, order[0]], rotation[:, vertical]
+    turned = np.column_stack([forward, np.cross(up, forward), up])
+    length, width, height = (cuboid.size_lwh[axis] for axis in order)
+    velo_t_box = Transform(turned, cuboid.velo_T_box.translation)
+    return replace(cuboid, velo_T_box=velo_t_box, size_lwh=(length, width, height))
 
 
 def make_boxes(
@@ -179,21 +145,23 @@ def make_boxes(
     if not cuboids:
         return [], 0
     rect_t_velo = rect_from_velo(calibration)
-    boxes = [box_of(cuboid, rect_t_velo) for cuboid in cuboids]
+    velo_down = rect_t_velo.rotation[1]
+    boxes = [box_of(_upright(cuboid, velo_down), rect_t_velo) for cuboid in cuboids]
     locations = np.array([location for location, _, _ in boxes])
     sizes = np.array([size_hwl for _, size_hwl, _ in boxes])
     headings = np.array([rotation_y for *_, rotation_y in boxes])
     corners = box_corners(locations, sizes, headings)
-    bounds, truncated = clip_bounds(
-        project_corners(corners, calibration.cameras[camera].p_rect), size
-    )
+    seen_by = calibration.cameras[camera]
+    if seen_by.cam_T_velo is not None:
+        corners = (seen_by.cam_T_velo @ rect_t_velo.inverse()).apply(corners)
+    bounds, truncated = clip_bounds(project_corners(corners, seen_by.p_rect), size)
     seen = [bool(np.isfinite(four).all()) for four in bounds]
     kept = [place for place in range(len(cuboids)) if seen[place] or out_of_view]
     alphas = alpha_of(locations, headings)
     made = [
         Box(
             kind=class_name(cuboids[place].kind),
-            truncated=round(float(truncated[place]), 2),
+            truncated=float(truncated[place]),
             occluded=_UNKNOWN,
             alpha=float(alphas[place]),
             box_2d=_four(bounds[place]) if seen[place] else _UNSEEN,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,21 +24,18 @@ from ..messages.source import decode_text
 from ..samples import Scan
 from . import survey as types
 from .calibrations import make_calibrations
+from .cuboids import cuboids_of_detections, cuboids_of_markers, has_scores
 from .frame_tree import FrameTree
 from .frames import topic_of
-from .labels import (
-    TrackIds,
-    boxes_of_lines,
-    cuboids_of_detections,
-    cuboids_of_markers,
-    make_boxes,
-)
+from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import TF, CameraPlan, Plan
-from .rig import CameraModel, camera_model
+from .rig import CameraModel, camera_model, rect_in_frame
 
 if TYPE_CHECKING:
     from ..boxes import Box
     from .survey import Survey
+
+_WORTH_A_WORD_RAD = np.radians(10)
 
 
 class Rigging:
@@ -46,7 +44,7 @@ class Rigging:
     Attributes:
         calibrations: Of all frames.
         imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
-        boxes_out_of_view: Boxes that were left out so far.
+        boxes_left_out: Boxes that became no label so far, by reason.
     """
 
     def __init__(self, plan: Plan, survey: Survey) -> None:
@@ -60,7 +58,8 @@ class Rigging:
         self._plan = plan
         self._tree = FrameTree(survey.static, survey.moving)
         self._models = _camera_models(plan, survey)
-        self.boxes_out_of_view = 0
+        self.boxes_left_out: Counter[str] = Counter()
+        self._max_tilt = 0.0
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
         self._velo_t_cloud = self._scan_transform(survey)
         self._rectifiers = {
@@ -71,7 +70,7 @@ class Rigging:
         self._sizes = {index: model.size for index, model in self._models.items()}
         self.imu_t_topic = self._unit_transforms(survey)
         self._tracks = TrackIds()
-        self._check_labels()
+        self._scores = self._check_labels(survey)
 
     def _scan_transform(self, survey: Survey) -> Transform | None:
         """velo_T_cloud, None where the messages are in KITTI's frame already."""
@@ -90,15 +89,19 @@ class Rigging:
                 found[topic] = self._tree.transform(target, frame)
         return found
 
-    def _check_labels(self) -> None:
+    def _check_labels(self, survey: Survey) -> bool:
+        """Whether labels have scores."""
         plan = self._plan.labels
         if plan is None:
-            return
+            return False
+        if self._plan.scan is None and not self._models and plan.topic != types.LABEL_LINES:
+            raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
         calibration = self.calibrations.first
         if calibration is None:
             raise UsageError('labels need a calibration: set calibration of the plan, or --calib')
         if plan.camera not in calibration.cameras:
             raise UsageError(f'labels.camera is {plan.camera}, of which there is no calibration')
+        return any(has_scores(look) for look in topic_of(survey, plan.topic).looks)
 
     @cached_property
     def _to_velo(self) -> dict[str, Transform]:
@@ -167,19 +170,24 @@ class Rigging:
             return []
         if plan.topic == types.LABEL_LINES:
             return boxes_of_lines(decode_text(message).text, self._tracks)
-        read = cuboids_of_detections if hasattr(message, 'detections') else cuboids_of_markers
         size = self._sizes.get(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
+        if hasattr(message, 'detections'):
+            cuboids, left_out = cuboids_of_detections(message, self._to_velo, scores=self._scores)
+        else:
+            cuboids, left_out = cuboids_of_markers(message, self._to_velo)
         boxes, unseen = make_boxes(
-            read(message, self._to_velo),
+            cuboids,
             calibration,
             plan.camera,
             size,
             self._tracks,
             out_of_view=plan.out_of_view,
         )
-        self.boxes_out_of_view += unseen
+        self.boxes_left_out.update(left_out)
+        self.boxes_left_out[OUT_OF_VIEW] += unseen
+        self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
         return boxes
 
     def body_t_rect(self) -> Transform:
@@ -193,10 +201,8 @@ class Rigging:
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._models and self._plan.calibration == TF:
-            index = min(self._models)
-            model = self._models[index]
-            turn = Transform(model.r.T, np.zeros(3))
-            return self._tree.transform(body, model.frame) @ turn
+            frame, frame_t_rect = rect_in_frame(self._tree, self._models)
+            return self._tree.transform(body, frame) @ frame_t_rect
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
             if self.calibrations.first is not None:
@@ -209,8 +215,16 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        if self.boxes_out_of_view:
-            found.append(f'{self.boxes_out_of_view} boxes out of view were left out of the labels')
+        found += [
+            f'{count} boxes {reason} were left out of the labels'
+            for reason, count in self.boxes_left_out.items()
+            if count
+        ]
+        if self._max_tilt > _WORTH_A_WORD_RAD:
+            found.append(
+                f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
+                f' axis, about which alone labels turn: their heading was kept'
+            )
         return [*found, *self.calibrations.notes]
 
 
