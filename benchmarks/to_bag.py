@@ -11,7 +11,6 @@ moment meets all of them. LONGER_SRC, a longer drive of the same kind, shows whe
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -24,7 +23,7 @@ from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
 
-from yardsticks import COMMAND, Run, copy, fresh, median, process, report, timed  # isort: skip
+from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
 
 DECODE = """
 import sys, time, cv2, numpy as np
@@ -134,14 +133,7 @@ def measure_help(repeat: int) -> None:
 
 def main() -> None:
     """Run all measures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument('src', type=Path)
-    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
-    parser.add_argument('--repeat', type=int, default=7)
-    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
-    args = parser.parse_args()
+    args = parse_arguments(__doc__)
     with tempfile.TemporaryDirectory(dir=args.dir or args.src.resolve().parent.parent) as folder:
         bench = Bench(args.src, Path(folder))
         bench.copy()  # warms the page cache, for all alike

@@ -11,7 +11,6 @@ takes turns, so that a busy moment meets all of them.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -23,7 +22,7 @@ from kitti_ros2.importer.blueprint import find_blueprint
 from kitti_ros2.importer.verbatim import restore
 from kitti_ros2.kitti.layouts import open_recording
 
-from yardsticks import COMMAND, Run, copy, fresh, median, process, report, timed  # isort: skip
+from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
 
 ENCODE = """
 import sys, time, cv2, numpy as np
@@ -144,14 +143,7 @@ def measure_memory(bench: Bench, longer: Path | None) -> None:
 
 def main() -> None:
     """Run all measures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument('src', type=Path)
-    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
-    parser.add_argument('--repeat', type=int, default=7)
-    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
-    args = parser.parse_args()
+    args = parse_arguments(__doc__)
     with tempfile.TemporaryDirectory(dir=args.dir or args.src.resolve().parent.parent) as folder:
         bench = Bench(args.src, Path(folder))
         keep_freed_memory()  # as the command does

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import statistics
@@ -11,11 +12,11 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
 
@@ -31,6 +32,18 @@ class Run:
     def rate(self) -> float:
         """Bytes per second."""
         return self.size_bytes / self.seconds
+
+
+def parse_arguments(description: str | None) -> argparse.Namespace:
+    """The command line of a benchmark: src, long, repeat and dir."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('src', type=Path)
+    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
+    parser.add_argument('--repeat', type=int, default=7)
+    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
+    return parser.parse_args()
 
 
 def timed(work: Callable[[], int]) -> Run:
