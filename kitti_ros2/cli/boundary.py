@@ -37,7 +37,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         return _run_and_flush(words)
     except KeyboardInterrupt:
-        _complain('interrupted; no unfinished bag is left behind')
+        _complain('interrupted; nothing unfinished is left behind')
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader of our output went away, as head does; Python would complain once more at exit.
