@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bags.reader import bag_stamps, open_messages
+from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
 from .messages.cdr import filling
 from .messages.topics import LARGE_TYPES, match_names
@@ -51,17 +51,19 @@ class BagProgram:
         if selection.streams:
             raise UsageError('a bag has topics, no streams; choose by topics')
         self._path = path
-        stamps = bag_stamps(path)
+        bag_index = index_bag(path)
+        stamps = bag_index.by_topic()
         wanted = match_names(sorted(stamps), selection.topics)
         self.name = path.name
-        with open_messages(path, wanted) as messages:
+        # What cannot be read is an error only where it is asked for by its full name.
+        with open_messages(path, wanted if {*wanted} == {*selection.topics} else None) as messages:
             # The index also counts what is not CDR.
             read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
-            self._topics = frozenset(read)
+            self._topics = frozenset(read & {*wanted})
             if not self._topics:
                 raise BadBagError(path, 'holds no message of these topics')
             self.typestore: Typestore = messages.typestore
-            self.losses = tuple(messages.warnings)
+            self.losses = tuple(dict.fromkeys((*bag_index.warnings, *messages.warnings)))
             self.outlets: Sequence[Outlet] = [
                 Outlet(
                     topic,
@@ -104,7 +106,7 @@ class BagProgram:
             return [], [Missing(str(error), 1)]
         if message is None or message.stamp_ns != self.stamps_ns[index]:
             self._iterator = None
-            return [], [Missing(f'{self._path}: holds fewer messages than its index tells', 1)]
+            return [], [Missing(self._reason(), 1)]
         outlet = self._index[message.topic]
         if self.outlets[outlet].on_demand and outlet not in wanted:
             return [], []
@@ -137,6 +139,12 @@ class BagProgram:
                 next(self._iterator, None)
         self._next = index + 1
         return next(self._iterator, None)
+
+    def _reason(self) -> str:
+        """Why a message that the index tells of does not come."""
+        told = self._messages.warnings if self._messages is not None else ()
+        new = [warning for warning in told if warning not in self.losses]
+        return new[-1] if new else f'{self._path}: holds fewer messages than its index tells'
 
     def _read_latched(self, last_ns: int) -> list[Due]:
         topics = [outlet.name for outlet in self.outlets if outlet.latched]

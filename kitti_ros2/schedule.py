@@ -99,8 +99,9 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
     if not len(stamps) and wanted <= set(ONCE):
         stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
+    nothing = f'{recording.name}: the selection takes no sample; {_extent(recording)}'
     if not len(stamps):
-        raise UsageError(f'{recording.name}: the selection takes no sample; {_extent(recording)}')
+        raise UsageError(nothing)
     first = int(stamps.min())
     present = {row[0] for row in rows}
     once = np.array([first], dtype=np.int64)
@@ -109,6 +110,8 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         for stream in ONCE
         if stream in wanted and stream not in present and _has_once(recording, stream, present)
     ]
+    if not rows:
+        raise UsageError(nothing)
     spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}
     return _in_order(rows, {stream: span for stream, span in spans.items() if span is not None})
 

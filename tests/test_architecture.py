@@ -25,7 +25,16 @@ BELOW_JOBS = GROUND | {
     'bags',
 }
 JOBS = frozenset(
-    {'convert', 'importer', 'inspection', 'playback', 'program', 'bag_program', 'readahead'}
+    {
+        'convert',
+        'importer',
+        'inspection',
+        'recover',
+        'playback',
+        'program',
+        'bag_program',
+        'readahead',
+    }
 )
 
 # Each room and the rooms it may import. A room is a module or a sub-package of kitti_ros2.
@@ -48,6 +57,7 @@ ROOMS = {
     'convert': BELOW_JOBS,
     'importer': BELOW_JOBS,
     'inspection': BELOW_JOBS,
+    'recover': BELOW_JOBS,
     'program': BELOW_JOBS,
     'bag_program': BELOW_JOBS | {'program'},
     'playback': GROUND | {'options'},

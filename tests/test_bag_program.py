@@ -364,3 +364,49 @@ def write_mcap(path, stamps, json=(), profile='ros2'):
         for stamp, channel, data in sorted(rows):
             writer.add_message(channel, stamp, data, stamp)
         writer.finish()
+
+
+@pytest.mark.parametrize('when', ['before it is opened', 'while it is played'])
+@pytest.mark.parametrize('case', list(CASES))
+def test_a_bag_cut_later_misses_messages_and_no_more(bags, case, when, tmp_path):
+    source = bags(case, Layout.RAW)
+    path = tmp_path / source.name
+    files = [source] if source.is_file() else sorted(source.iterdir())
+    for file in files:
+        target = path if source.is_file() else path / file.name
+        target.parent.mkdir(exist_ok=True)
+        target.write_bytes(file.read_bytes())
+    whole = Counter(messages_of(path))
+    program = BagProgram(path, ALL)
+    if when == 'while it is played':
+        fetch(program, 0)
+    largest = max([path, *path.glob('*')], key=lambda file: file.is_file() * file.stat().st_size)
+    cut(largest)
+    found, missing = fetch_all(program)
+    assert not Counter(found) - whole
+    assert len(found) < whole.total()
+    assert all(text and '\n' not in text for text in missing)
+    assert any(str(path) in text for text in missing)
+
+
+def test_a_damaged_chunk_costs_its_messages_only(broken):
+    data = bytearray(broken.read_bytes())
+    data[len(data) // 2] ^= 255
+    broken.write_bytes(data)
+    program = BagProgram(broken, ALL)
+    found, missing = fetch_all(program)
+    assert 0 < len(found) < len(program.stamps_ns)
+    assert any(str(broken) in text for text in missing)
+
+
+@pytest.mark.parametrize('profile', ['', 'ros2'])
+def test_what_is_not_cdr_has_no_position(tmp_path, profile):
+    path = tmp_path / 'o.mcap'
+    write_mcap(path, {'/text': [10, 20, 30]}, json=[5, 15, 25], profile=profile)
+    program = BagProgram(path, ALL)
+    assert program.stamps_ns.tolist() == [10, 20, 30]
+    found, missing = fetch_all(program)
+    assert [stamp for stamp, _, _ in found] == [10, 20, 30]
+    assert missing == []
+    with pytest.raises(BadBagError):
+        take(path, topics=('/json',))

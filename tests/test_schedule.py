@@ -84,6 +84,7 @@ def test_path_is_due_where_poses_are(recordings):
         ({'streams': ('lidar',)}, "no stream 'lidar'; choose from image, "),
         ({'start': Bound(frame=99)}, 'takes no sample; it holds frames'),
         ({'streams': ('image_4',)}, 'takes no sample'),
+        ({'streams': ('path',)}, 'takes no sample'),
         ({'start': Bound(frame=3), 'end': Bound(frame=1)}, 'takes no sample'),
     ],
 )

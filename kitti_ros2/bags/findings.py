@@ -28,6 +28,10 @@ class Findings:
         """Enter what is damaged."""
         self.losses[text] = messages
 
+    def lose_one(self, text: str) -> None:
+        """Enter one more message that is lost for the same reason as others."""
+        self.losses[text] = (self.losses.get(text) or 0) + 1
+
     @property
     def complete(self) -> bool:
         """Whether nothing is damaged, as far as is known."""

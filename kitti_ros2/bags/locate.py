@@ -12,12 +12,20 @@ import yaml
 
 from kitti_ros2.errors import BadBagError
 
+from .decompressors import ZSTD_MAGIC, decompress_stream
+
 if TYPE_CHECKING:
     from pathlib import Path
 
 # The first bytes of each kind of file.
 _MAGIC = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG V': 'ros1'}
 _METADATA = 'metadata.yaml'
+_PATTERNS = {
+    'mcap': ('*.mcap', '*.mcap.zstd'),
+    'sqlite3': ('*.db3', '*.db3.zstd'),
+    'ros1': ('*.bag', '*.bag.active'),
+}
+_LONGEST_MAGIC = max(map(len, _MAGIC))
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,7 @@ class BagFiles:
         directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
         compression_mode: rosbag2's own compression around the storage: '', file or message.
         message_count: What metadata.yaml says, None without one.
+        losses: What is wrong with it already, one line each.
     """
 
     path: Path
@@ -39,6 +48,7 @@ class BagFiles:
     directory: bool = False
     compression_mode: str = ''
     message_count: int | None = None
+    losses: tuple[str, ...] = ()
 
     @property
     def container(self) -> str:
@@ -50,8 +60,7 @@ class BagFiles:
 
 def looks_like_bag(path: Path) -> bool:
     """Whether a path is a file, or a folder that holds a bag's."""
-    patterns = ('metadata.yaml', '*.mcap', '*.db3', '*.bag')
-    return path.is_file() or any(next(path.glob(pattern), None) for pattern in patterns)
+    return path.is_file() or (path / _METADATA).is_file() or any(_files(path).values())
 
 
 def locate_bag(path: Path) -> BagFiles:
@@ -67,13 +76,35 @@ def locate_bag(path: Path) -> BagFiles:
         return BagFiles(path, _storage(path), (path,))
     if (path / _METADATA).is_file():
         return _rosbag2(path)
-    bags = sorted(path.glob('*.bag'), key=lambda file: (len(file.name), file.name))
-    if bags:
-        return BagFiles(path, 'ros1', tuple(bags), directory=True)
-    if next(path.glob('*.mcap'), None) or next(path.glob('*.db3'), None):
-        raise BadBagError(
-            path, f'has no {_METADATA}; run ros2 bag reindex on it, or give the file inside it'
+    files = _files(path)
+    if files['ros1']:
+        return BagFiles(path, 'ros1', files['ros1'], directory=True)
+    return _without_metadata(path, f'{path}: has no {_METADATA}')
+
+
+def _files(path: Path) -> dict[str, tuple[Path, ...]]:
+    """The files of each storage in a folder, in the order of their numbers."""
+    return {
+        storage: tuple(
+            sorted(
+                (file for pattern in patterns for file in path.glob(pattern)),
+                key=lambda file: (len(file.name), file.name),
+            )
         )
+        for storage, patterns in _PATTERNS.items()
+    }
+
+
+def _without_metadata(path: Path, found: str) -> BagFiles:
+    """What a recorder left that did not come to write its metadata.
+
+    Raises:
+        BadBagError: It left no files.
+    """
+    for storage, files in _files(path).items():
+        if files and storage != 'ros1':
+            loss = f'{found}; its files are read as they are, ros2 bag reindex makes it'
+            return BagFiles(path, storage, files, directory=True, losses=(loss,))
     raise BadBagError(path, f'is a directory without {_METADATA}')
 
 
@@ -81,7 +112,11 @@ def _storage(path: Path) -> str:
     if not path.is_file():
         raise BadBagError(path, 'is no regular file')
     with path.open('rb') as file:
-        head = file.read(16)
+        head = file.read(_LONGEST_MAGIC)
+        if head.startswith(ZSTD_MAGIC):
+            file.seek(0)
+            blocks = iter(lambda: file.read(_LONGEST_MAGIC), b'')
+            head = next(filter(None, decompress_stream('zstd', blocks)), b'')
     if not head:
         raise BadBagError(path, 'is empty')
     for magic, storage in _MAGIC.items():
@@ -101,15 +136,23 @@ def _rosbag2(path: Path) -> BagFiles:
         count = int(information['message_count'])
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         reason = ' '.join(str(error).split())
+        if any(_files(path).values()):
+            return _without_metadata(path, f'{source}: is no metadata of rosbag2 ({reason})')
         raise BadBagError(source, f'is no metadata of rosbag2 ({reason})') from error
     if storage not in {'mcap', 'sqlite3'}:
         raise BadBagError(path, f'has a storage {storage!r} that is not known here')
     files = tuple(path / name for name in names)
-    for file in files:
-        if not file.is_file():
-            raise BadBagError(path, f'lacks {file.name}, which its {_METADATA} names')
+    lacking = [file.name for file in files if not file.is_file()]
+    if lacking and len(lacking) == len(files):
+        raise BadBagError(path, f'lacks {lacking[0]}, which its {_METADATA} names')
     return BagFiles(
-        path, storage, files, directory=True, compression_mode=mode, message_count=count
+        path,
+        storage,
+        tuple(file for file in files if file.name not in lacking),
+        directory=True,
+        compression_mode=mode,
+        message_count=count,
+        losses=tuple(f'{path}: lacks {name}, which its {_METADATA} names' for name in lacking),
     )
 
 

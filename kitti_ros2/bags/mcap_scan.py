@@ -2,209 +2,211 @@
 # SPDX-License-Identifier: Apache-2.0
 """An MCAP file read from its start, record by record, as far as it goes.
 
-This needs neither summary nor footer: it reads what a recorder left that was cut off. A chunk that
-is damaged is passed over and said aloud.
+This needs neither summary nor footer: it reads what a recorder left that was cut off. What is
+damaged is passed over and said aloud.
 """
 
 from __future__ import annotations
 
-import heapq
 import struct
+from array import array
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TYPE_CHECKING, BinaryIO
-from zlib import crc32
+from typing import TYPE_CHECKING
 
-import zstandard
-from lz4 import frame as lz4_frame
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Schema
 
-from kitti_ros2.errors import BadBagError
-
+from .decompressors import UNCOMPRESSED
+from .mcap_records import (
+    MCAP,
+    MESSAGE_BODY,
+    RECORD_HEAD,
+    DamagedHeadError,
+    parse_chunk_head,
+    split_records,
+    unpack_chunk,
+)
 from .mcap_summary import MAGIC
-from .summary import BagIndex
+from .pieces import HeldBytes, Run
+from .record_walk import walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
-_RECORD_HEAD = struct.Struct('<BQ')
-_MESSAGE_HEAD = struct.Struct('<HIQQ')
-_READ_WHOLE = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE}
+    from .findings import Findings
+    from .pieces import Buffer, FileBytes, Piece
+    from .record_walk import Record
+
+_OF_A_RUN = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+
+# What the library lets out on records that are damaged.
+RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupError, ValueError)
 
 
 @dataclass
-class McapScan:
-    """What a pass over a file found.
+class McapContents:
+    """What a file holds.
 
     Attributes:
-        path: The file.
-        complete: Whether the file ended as it should and every chunk was sound.
-        warnings: What was wrong, one line each.
         schemas, channels: By id.
-        units: Chunks and lone messages: least stamp, position and length in the file.
-        stamps: Nanoseconds by channel id.
+        pieces: Chunks, and runs of records outside of chunks.
         compressions: Names of the compressions met.
+        stamps: Nanoseconds by channel id; None where only the message indexes tell.
+        index_lengths: Bytes of those behind each piece.
     """
 
-    path: Path
-    complete: bool = False
-    warnings: list[str] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    units: list[tuple[int, int, int]] = field(default_factory=list)
-    stamps: dict[int, list[int]] = field(default_factory=dict)
+    pieces: list[Piece] = field(default_factory=list)
     compressions: set[str] = field(default_factory=set)
-
-    def msgtype(self, channel: Channel) -> str:
-        """The type of a channel's messages, empty where the file does not tell."""
-        schema = self.schemas.get(channel.schema_id)
-        return schema.name if schema else ''
-
-    def index(self) -> BagIndex:
-        """The stamps by topic."""
-        index = BagIndex(
-            complete=self.complete, warnings=list(self.warnings), compressions=self.compressions
-        )
-        for channel in self.channels.values():
-            index.add((channel.topic, self.msgtype(channel)), self.stamps.get(channel.id, []))
-        return index
+    stamps: dict[int, array[int]] | None = None
+    index_lengths: list[int] = field(default_factory=list)
 
 
-def scan_mcap(path: Path) -> McapScan:
-    """Pass over a file once.
+class McapScan:
+    """A pass over a file.
 
-    Raises:
-        BadBagError: The file does not begin as an MCAP file does.
-        OSError: The file cannot be read.
+    Args:
+        file: To be read.
+        findings: What is damaged is entered there.
     """
-    scan = McapScan(path)
-    with path.open('rb') as file:
-        if file.read(len(MAGIC)) != MAGIC:
-            raise BadBagError(path, 'does not begin as an MCAP file does')
-        read = 'what comes before'
+
+    def __init__(self, file: FileBytes, findings: Findings) -> None:
+        self.contents = McapContents()
+        self._stamps: dict[int, array[int]] = {}
+        self._file = file
+        self._findings = findings
+        self._run = Run(0)
+        self._cut_at: int | None = None
+        self._read = 'what comes before'
+
+    def run(self) -> McapContents:
+        """Pass over it once.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
+        file = self._file
+        for record in walk(MCAP, file, len(MAGIC), file.size, self._lose_bytes):
+            if record.opcode == Opcode.FOOTER and record.end <= file.size:
+                break
+            self._enter(record)
+        else:
+            place = '' if self._cut_at is None else f', in the record at {self._cut_at}'
+            text = f'{file.name}: cut off at byte {file.size}{place}; {self._read} was read'
+            self._findings.lose(text, 0 if self._read == 'every message' else None)
+        self._end_run()
+        for channel_id in self._stamps.keys() - self.contents.channels.keys():
+            count = len(self._stamps.pop(channel_id))
+            text = f'{file.name}: channel {channel_id} is not described; its messages are left out'
+            self._findings.lose(text, count)
+        self.contents.stamps = self._stamps
+        return self.contents
+
+    def _lose_bytes(self, start: int, end: int) -> None:
+        self._findings.lose(f'{self._file.name}: bytes {start} to {end} are damaged')
+
+    def _enter(self, record: Record) -> None:
+        if record.end > self._file.size:
+            self._cut_at = record.position if self._cut_at is None else self._cut_at
+        if record.opcode == Opcode.CHUNK:
+            self._end_run()
+            self._enter_chunk(record)
+        elif record.end > self._file.size:
+            return
+        elif record.opcode in _OF_A_RUN:
+            body = RECORD_HEAD.size + MESSAGE_BODY.size
+            whole = record.opcode != Opcode.MESSAGE
+            data = self._file.read(record.position, record.end - record.position if whole else body)
+            if not self._run.takes(record):
+                self._end_run()
+                self._run = Run(record.position)
+            self._run.end = record.end
+            self._enter_record(record.opcode, memoryview(data)[RECORD_HEAD.size :], self._run)
+        elif record.opcode == Opcode.DATA_END:
+            self._read = 'every message'
+
+    def _enter_chunk(self, record: Record) -> None:
+        data = self._file.read(record.position, record.end - record.position)
         try:
-            for position, opcode, body in _records(file):
-                if opcode == Opcode.FOOTER:
-                    scan.complete = not scan.warnings
-                    return scan
-                if opcode == Opcode.DATA_END:
-                    read = 'every message'
-                _enter(scan, position, opcode, body)
-        except (EOFError, McapError, struct.error, UnicodeDecodeError) as error:
-            scan.warnings.append(f'{path}: {error}; {read} was read')
-    return scan
+            compression = parse_chunk_head(data).compression
+        except DamagedHeadError:
+            return  # cut before its records
+        self.contents.compressions.add(compression)
+        if len(data) < record.end - record.position and compression in UNCOMPRESSED:
+            return  # its records come next, one by one
+        run = Run(record.position, record.position + len(data))
+        for opcode, body in piece_records(self._file, record.position, data, self._findings):
+            self._enter_record(opcode, body, run)
+        run.end_in(self.contents.pieces)
+
+    def _enter_record(self, opcode: int, body: Buffer, run: Run) -> None:
+        if opcode == Opcode.MESSAGE:
+            channel_id, _, stamp_ns, _ = MESSAGE_BODY.unpack_from(body)
+            self._stamps.setdefault(channel_id, array('Q')).append(stamp_ns)
+            run.add(channel_id, stamp_ns)
+            return
+        try:
+            enter_description(self.contents, opcode, body)
+        except RECORD_ERRORS as error:
+            kind = Opcode(opcode).name.lower()
+            self._findings.lose(f'{self._file.name}: a {kind} record is damaged ({error})')
+
+    def _end_run(self) -> None:
+        self._run.end_in(self.contents.pieces)
+        self._run = Run(0)
 
 
-def scanned_messages(scan: McapScan) -> Iterator[tuple[Channel, int, bytes]]:
-    """The messages of a scanned file (channel, stamp in ns, data) in time order.
+def enter_description(contents: McapContents, opcode: int, body: Buffer) -> None:
+    """Enter a schema or a channel; others tell nothing about messages.
 
     Raises:
-        OSError: The file cannot be read.
+        RECORD_ERRORS: It is damaged.
     """
-    waiting: list[tuple[int, int, int, bytes]] = []
-    order = 0
-    with scan.path.open('rb') as file:
-        for start_ns, position, length in sorted(scan.units):
-            while waiting and waiting[0][0] < start_ns:
-                stamp_ns, _, channel_id, data = heapq.heappop(waiting)
-                yield scan.channels[channel_id], stamp_ns, data
-            file.seek(position)
-            body = file.read(length)
-            for opcode, record in _inner_records(scan, body[0], body[_RECORD_HEAD.size :]):
-                if opcode != Opcode.MESSAGE:
-                    continue
-                channel_id, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(record)
-                if channel_id in scan.channels:
-                    message = bytes(record[_MESSAGE_HEAD.size :])
-                    heapq.heappush(waiting, (stamp_ns, order, channel_id, message))
-                    order += 1
-    while waiting:
-        stamp_ns, _, channel_id, data = heapq.heappop(waiting)
-        yield scan.channels[channel_id], stamp_ns, data
-
-
-def _records(file: BinaryIO) -> Iterator[tuple[int, int, bytes]]:
-    position = file.tell()
-    size = file.seek(0, 2)
-    while True:
-        file.seek(position)
-        head = file.read(_RECORD_HEAD.size)
-        if len(head) < _RECORD_HEAD.size:
-            raise EOFError(f'cut off at byte {size}')
-        opcode, length = _RECORD_HEAD.unpack(head)
-        end = position + len(head) + length
-        if end > size:
-            raise EOFError(f'cut off at byte {size}, in the record at {position}')
-        yield position, opcode, file.read(length) if opcode in _READ_WHOLE else b''
-        position = end
-
-
-def _enter(scan: McapScan, position: int, opcode: int, body: bytes) -> None:
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(ReadDataStream(BytesIO(body)))
-        scan.schemas[schema.id] = schema
+        contents.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(ReadDataStream(BytesIO(body)))
-        scan.channels[channel.id] = channel
-    elif opcode in {Opcode.CHUNK, Opcode.MESSAGE}:
-        _enter_messages(scan, position, opcode, body)
+        contents.channels[channel.id] = channel
 
 
-def _enter_messages(scan: McapScan, position: int, opcode: int, body: bytes) -> None:
+def piece_records(
+    file: FileBytes, position: int, data: Buffer, findings: Findings, cost: int | None = None
+) -> Iterator[tuple[int, memoryview]]:
+    """The records of a piece, with their opcodes; what is damaged is passed over.
+
+    Args:
+        file: Where the piece is.
+        position: Of its first byte.
+        data: A chunk, or records outside of chunks.
+        findings: What is damaged is entered there.
+        cost: How many messages it costs if nothing of it can be read.
+    """
+    place = f'{file.name}: the chunk at byte {position} is damaged'
+    view, end, whole = memoryview(data), 0, True
     try:
-        records = list(_inner_records(scan, opcode, body))
-    except (ValueError, RuntimeError, zstandard.ZstdError) as error:
-        scan.warnings.append(f'{scan.path}: the chunk at byte {position} is damaged ({error})')
+        if view and view[0] == Opcode.CHUNK:
+            records, whole = unpack_chunk(view)
+            view = memoryview(records)
+        for record in split_records(view):
+            yield record.opcode, view[record.position + RECORD_HEAD.size : record.end]
+            end = record.end
+    except DamagedHeadError:
+        pass  # if it is not compressed, the records in it can be found
+    except ValueError as error:
+        findings.lose(f'{place} ({error})', cost)
         return
-    start_ns = None
-    for inner, data in records:
-        if inner == Opcode.MESSAGE:
-            channel_id, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(data)
-            scan.stamps.setdefault(channel_id, []).append(stamp_ns)
-            start_ns = stamp_ns if start_ns is None else min(start_ns, stamp_ns)
-        else:
-            _enter(scan, position, inner, bytes(data))
-    if start_ns is not None:
-        scan.units.append((start_ns, position, _RECORD_HEAD.size + len(body)))
 
+    def lose(start: int, stop: int) -> None:
+        findings.lose(f'{place} (bytes {start} to {stop} of it)')
 
-def _inner_records(scan: McapScan, opcode: int, body: bytes) -> Iterator[tuple[int, memoryview]]:
-    if opcode != Opcode.CHUNK:
-        yield opcode, memoryview(body)
-        return
-    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-    scan.compressions.add(chunk.compression)
-    yield from _split_records(_uncompressed(chunk))
-
-
-def _split_records(data: bytes) -> Iterator[tuple[int, memoryview]]:
-    view = memoryview(data)
-    position = 0
-    while position < len(view):
-        if len(view) - position < _RECORD_HEAD.size:
-            raise ValueError('a record in it is cut')
-        opcode, length = _RECORD_HEAD.unpack_from(view, position)
-        position += _RECORD_HEAD.size
-        if length > len(view) - position:
-            raise ValueError('a record in it is cut')
-        yield opcode, view[position : position + length]
-        position += length
-
-
-def _uncompressed(chunk: Chunk) -> bytes:
-    data = chunk.data
-    if chunk.compression == 'zstd':
-        data = zstandard.ZstdDecompressor().decompress(data, chunk.uncompressed_size)
-    elif chunk.compression == 'lz4':
-        data = lz4_frame.decompress(data)
-    elif chunk.compression:
-        raise ValueError(f'unknown compression {chunk.compression!r}')
-    if len(data) != chunk.uncompressed_size:
-        raise ValueError(f'{len(data)} bytes instead of {chunk.uncompressed_size}')
-    if chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc:
-        raise ValueError('wrong checksum')
-    return data
+    if whole:
+        for record in walk(MCAP, HeldBytes(view), end, len(view), lose):
+            if record.end <= len(view):
+                yield record.opcode, view[record.position + RECORD_HEAD.size : record.end]
+            else:
+                lose(record.position, len(view))

@@ -1,60 +1,32 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a bag in time order, always as CDR, whatever its storage."""
+"""The messages of bags in time order, always as CDR, whatever their storage."""
 
 from __future__ import annotations
 
-import heapq
-import struct
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-import zstandard
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
-from rosbags.rosbag1.reader import ReaderError as Ros1ReaderError
-from rosbags.rosbag2.errors import ReaderError as Ros2ReaderError
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from typing import TYPE_CHECKING, NamedTuple
 
 from kitti_ros2.errors import BadBagError
-from kitti_ros2.messages.ros_types import TYPESTORE
 
-from .mcap_scan import scan_mcap, scanned_messages
+from .bag_files import open_files
+from .decompressors import ZSTD_MAGIC, decompress_message
+from .definitions import Definitions
+from .findings import Findings
+from .pieces import in_time_order
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterator, Sequence
+    from pathlib import Path
     from types import TracebackType
 
-    from mcap.records import Channel
-    from rosbags.interfaces import Connection
-    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc
-    from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
     from .locate import BagFiles
-    from .mcap_scan import McapScan
+    from .pieces import BagFile, Buffer, SourceChannel
 
-# What rosbags lets out on files that are cut or damaged; its own errors are not all of it.
-_DAMAGE = (
-    AnyReaderError,
-    Ros1ReaderError,
-    Ros2ReaderError,
-    SerdeError,
-    TypesysError,
-    struct.error,
-    zstandard.ZstdError,
-    AssertionError,
-    EOFError,
-    LookupError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
-_ENDINGS = {'mcap': '.mcap', 'sqlite3': '.db3', 'ros1': '.bag'}
-_HEADER = 'std_msgs/msg/Header'
-_TRANSIENT = 'transient_local'
-_DEPTH = 100  # where the bag does not tell: enough for every text file of a recording
+_READ = ('cdr', 'ros1')
+_BEGINNING = -(2**63)
 
 
 class BagMessage(NamedTuple):
@@ -73,28 +45,89 @@ class BagMessage(NamedTuple):
     data: bytes | memoryview
 
 
+class _Reading(NamedTuple):
+    """A channel that is read, and of which bag and file it is."""
+
+    bag: Path
+    file: Path
+    channel: SourceChannel
+
+
 class BagMessages:
-    """The messages of a bag: a context manager, and inside it an iterable in time order.
+    """The messages of bags: a context manager, and inside it an iterable in time order.
+
+    Damage costs the messages that it hits: it is entered into the warnings when it is met, which
+    may be while messages are read.
+
+    Args:
+        bags: What to read; several are merged by time.
+        topics: The topics to read; all of them by default.
+        as_stored: Whether ROS 1 messages stay as they are, and types without definition are read.
 
     Attributes:
         channels: Topic and type of each channel that is read, by topic.
+        sources: The channels themselves, as their files have them, by topic; of several the first.
         latched: The depth of each topic that offers its last messages to late subscribers.
-        typestore: The types as the bag itself defines them, to decode the data with.
-        complete: False where a file was cut off or damaged; what can be read is read.
-        warnings: What a user should know, one line each.
+        typestore: The types as the bags themselves define them, to decode the data with.
 
     Raises:
-        BadBagError: The bag cannot be read at all.
+        BadBagError: A bag cannot be read at all, or they disagree about a topic or a type.
     """
 
-    def __init__(self, bag: BagFiles, topics: Collection[str] | None) -> None:
-        self._path = bag.path
-        self._source = _open_source(bag, topics)
-        self.channels = tuple(sorted(set(self._source.channels)))
-        self.latched = dict(self._source.latched)
-        self.typestore = self._source.typestore
-        self.complete = not self._source.warnings
-        self.warnings = tuple(self._source.warnings)
+    def __init__(
+        self,
+        bags: Sequence[BagFiles],
+        topics: Collection[str] | None = None,
+        *,
+        as_stored: bool = False,
+    ) -> None:
+        self._path = bags[0].path
+        self._findings = Findings()
+        self._topics = topics
+        self._as_stored = as_stored
+        self._first_lost: dict[tuple[_Reading, str], int] = {}
+        with ExitStack() as stack:
+            opened = [
+                (bag.path, path, file)
+                for bag in bags
+                for path, file in open_files(bag, self._findings, stack)
+            ]
+            self._files = [file for _, _, file in opened]
+            self._readings = [
+                {
+                    channel_id: _Reading(bag, path, channel)
+                    for channel_id, channel in file.channels.items()
+                    if topics is None or channel.topic in topics
+                }
+                for bag, path, file in opened
+            ]
+            self._leave_out_encodings()
+            self._leave_out_second_types()
+            self._define()
+            self._stack = stack.pop_all()
+        readings = [each for found in self._readings for each in found.values()]
+        self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
+        self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
+        self.latched = {
+            each.channel.topic: each.channel.latched_depth
+            for each in readings
+            if each.channel.latched_depth
+        }
+
+    @property
+    def complete(self) -> bool:
+        """False where a file is cut off or damaged, as far as has been read."""
+        return self._findings.complete
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, one line each, as far as has been read."""
+        return self._findings.warnings
+
+    @property
+    def losses(self) -> dict[str, int | None]:
+        """Those warnings that tell of damage, and how many messages each costs; None: unknown."""
+        return dict(self._findings.losses)
 
     def __enter__(self) -> Self:
         return self
@@ -109,160 +142,109 @@ class BagMessages:
 
     def close(self) -> None:
         """Close the files; nothing happens the second time."""
-        self._source.close()
+        self._stack.close()
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.since(None)
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """The messages from a log time on; None is the beginning."""
-        messages = self._source.messages(start_ns)
-        while True:
+        readings = self._readings
+        files = [
+            (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
+        ]
+        since_ns = _BEGINNING if start_ns is None else start_ns
+        for number, (stamp_ns, channel_id, stored) in in_time_order(files, since_ns):
+            reading = readings[number][channel_id]
             try:
-                message = next(messages)
-            except StopIteration:
-                return
-            except _DAMAGE as error:
-                raise BadBagError(self._path, f'is damaged ({error})') from error
-            yield message
+                data = self._told(reading.channel, stored)
+            except Exception as error:  # noqa: BLE001 - converters let anything out
+                self._lose(reading, stamp_ns, error)
+                continue
+            yield BagMessage(reading.channel.topic, reading.channel.msgtype, stamp_ns, data)
 
+    def _lose(self, reading: _Reading, stamp_ns: int, error: Exception) -> None:
+        """Enter a message as lost; those of one topic and reason are told together."""
+        reason = ' '.join(str(error).split())
+        first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
+        place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
+        self._findings.lose_one(f'{place} cannot be read ({reason})')
 
-class _Source(Protocol):
-    @property
-    def channels(self) -> list[tuple[str, str]]: ...
-    @property
-    def latched(self) -> dict[str, int]: ...
-    @property
-    def typestore(self) -> Typestore: ...
-    @property
-    def warnings(self) -> list[str]: ...
+    def _told(self, channel: SourceChannel, stored: Buffer) -> Buffer:
+        """What is told of a message's stored bytes."""
+        if channel.encoding == 'ros1':
+            if self._as_stored:
+                return stored
+            return self.typestore.ros1_to_cdr(stored, channel.msgtype)
+        # A message of CDR begins otherwise than one that rosbag2 compressed.
+        return decompress_message(stored) if stored[:4] == ZSTD_MAGIC else stored
 
-    def messages(self, start_ns: int | None) -> Iterator[BagMessage]: ...
+    def _leave_out_encodings(self) -> None:
+        """Read only what becomes CDR.
 
-    def close(self) -> None: ...
+        Raises:
+            BadBagError: Nothing is left.
+        """
+        found: set[str] = set()
+        for channels in self._readings:
+            for channel_id, reading in list(channels.items()):
+                encoding = reading.channel.encoding
+                if encoding not in _READ:
+                    found.add(encoding)
+                    del channels[channel_id]
+                    text = f'{reading.channel.topic} is {encoding}, which is not read'
+                    self._findings.note(f'{reading.file}: {text}')
+        if found and not any(self._readings):
+            kinds = ', '.join(sorted(found))
+            raise BadBagError(self._path, f'has messages in {kinds}, and only cdr is read')
 
+    def _leave_out_second_types(self) -> None:
+        """Read one type of each topic.
 
-def _open_source(bag: BagFiles, topics: Collection[str] | None) -> _Source:
-    try:
-        return _RosbagsSource(bag, topics)
-    except _DAMAGE as error:
-        if bag.storage != 'mcap' or bag.compression_mode:
-            raise BadBagError(bag.path, f'cannot be read ({error})') from error
-    # rosbags wants a footer and the profile ros2; a file without them may still be readable.
-    return _ScannedSource(bag, topics)
+        Raises:
+            BadBagError: Bags disagree about it.
+        """
+        first: dict[str, _Reading] = {}
+        for channels, file in zip(self._readings, self._files, strict=True):
+            for channel_id, reading in list(channels.items()):
+                topic, msgtype = reading.channel.topic, reading.channel.msgtype
+                known = first.setdefault(topic, reading)
+                if known.channel.msgtype == msgtype:
+                    continue
+                both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
+                if known.bag != reading.bag:
+                    raise BadBagError(reading.bag, f'{both} in {known.bag}')
+                del channels[channel_id]
+                text = f'{reading.file}: {both} before; the latter is read'
+                self._findings.lose(text, _count(file, channel_id))
 
+    def _define(self) -> None:
+        """Make the typestore, and leave out what is defined nowhere.
 
-class _RosbagsSource:
-    """A sound bag, read by rosbags."""
-
-    def __init__(self, bag: BagFiles, topics: Collection[str] | None) -> None:
-        ending = _ENDINGS[bag.storage]
-        if not bag.compression_mode and any(file.suffix != ending for file in bag.files):
-            raise ValueError(f'its name does not end in {ending}')
-        # As files they are merged by time; a directory's come one after the other.
-        paths = [bag.path] if bag.compression_mode else list(bag.files)
-        self._stack = ExitStack()
-        self._reader = self._stack.enter_context(
-            AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        )
-        self._connections = [
-            connection
-            for connection in self._reader.connections
-            if topics is None or connection.topic in topics
-        ]
-        self._convert: Callable[[bytes, str], memoryview] | None = None
-        self.channels = [(each.topic, each.msgtype) for each in self._connections]
-        self.latched = dict(filter(None, map(_latching, self._connections)))
-        self.typestore = self._reader.typestore
-        self.warnings: list[str] = []
-        if bag.storage == 'ros1':
-            self.typestore = _ros2_like(self._reader.typestore)
-            self._convert = self.typestore.ros1_to_cdr
-
-    def messages(self, start_ns: int | None) -> Iterator[BagMessage]:
-        # rosbags takes an empty choice of connections for all of them.
-        if not self._connections:
+        Raises:
+            BadBagError: Bags disagree about a type, or such a topic was asked for by name.
+        """
+        definitions = Definitions(self._findings)
+        for channels in self._readings:
+            for reading in channels.values():
+                definitions.add(reading.bag, reading.file, reading.channel)
+        needed = {each.channel.msgtype for found in self._readings for each in found.values()}
+        self.typestore, lacking = definitions.typestore(needed)
+        if self._as_stored:
             return
-        convert = self._convert
-        for connection, stamp_ns, data in self._reader.messages(self._connections, start_ns):
-            cdr = convert(data, connection.msgtype) if convert else data
-            yield BagMessage(connection.topic, connection.msgtype, stamp_ns, cdr)
+        for channels, file in zip(self._readings, self._files, strict=True):
+            for channel_id, reading in list(channels.items()):
+                if reading.channel.msgtype in lacking:
+                    self._leave_out_undefined(reading, _count(file, channel_id))
+                    del channels[channel_id]
 
-    def close(self) -> None:
-        self._stack.close()
-
-
-class _ScannedSource:
-    """MCAP files read from their start as far as they go."""
-
-    def __init__(self, bag: BagFiles, topics: Collection[str] | None) -> None:
-        self._topics = topics
-        self._scans = [scan_mcap(file) for file in bag.files]
-        self.warnings = [warning for scan in self._scans for warning in scan.warnings]
-        every = [(scan, each) for scan in self._scans for each in scan.channels.values()]
-        if every and not any(each.message_encoding == 'cdr' for _, each in every):
-            found = ', '.join(sorted({each.message_encoding for _, each in every}))
-            raise BadBagError(bag.path, f'has messages in {found}, and only cdr is read')
-        self.channels = [
-            (each.topic, scan.msgtype(each)) for scan, each in every if self._is_read(each)
-        ]
-        self.latched = {
-            each.topic: _DEPTH
-            for _, each in every
-            if _TRANSIENT in each.metadata.get('offered_qos_profiles', '')
-        }
-        self.typestore = _scanned_types(self._scans)
-
-    def messages(self, start_ns: int | None) -> Iterator[BagMessage]:
-        merged = heapq.merge(*map(self._of_one, self._scans), key=lambda each: each.stamp_ns)
-        return (each for each in merged if start_ns is None or each.stamp_ns >= start_ns)
-
-    def close(self) -> None:
-        """Files are open only while they are iterated."""
-
-    def _of_one(self, scan: McapScan) -> Iterator[BagMessage]:
-        for channel, stamp_ns, data in scanned_messages(scan):
-            if self._is_read(channel):
-                yield BagMessage(channel.topic, scan.msgtype(channel), stamp_ns, data)
-
-    def _is_read(self, channel: Channel) -> bool:
-        wanted = self._topics is None or channel.topic in self._topics
-        return wanted and channel.message_encoding == 'cdr'
+    def _leave_out_undefined(self, reading: _Reading, count: int) -> None:
+        topic, msgtype = reading.channel.topic, reading.channel.msgtype
+        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {msgtype}'
+        if self._topics is not None:
+            raise BadBagError(reading.bag, text)
+        self._findings.lose(f'{reading.file}: {text}', count)
 
 
-def _latching(connection: Connection) -> tuple[str, int] | None:
-    """Topic and depth of a connection whose publisher kept messages for late subscribers."""
-    if not isinstance(connection.ext, ConnectionExtRosbag2):
-        return (connection.topic, _DEPTH) if connection.ext.latching else None
-    for profile in connection.ext.offered_qos_profiles:
-        if profile.durability is QosDurability.TRANSIENT_LOCAL:
-            return connection.topic, profile.depth
-    return None
-
-
-def _ros2_like(ros1: Typestore) -> Typestore:
-    """The types of a ROS 1 bag as ROS 2 defines them: a Header without seq, names in lower case."""
-    definitions = dict(ros1.fielddefs)
-    if _HEADER in definitions:
-        constants, fields = definitions[_HEADER]
-        definitions[_HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
-    for name, known in TYPESTORE.fielddefs.items():
-        if name in definitions and _kinds(definitions[name]) == _kinds(known):
-            definitions[name] = known
-    store = get_typestore(Stores.EMPTY)
-    store.register(definitions)
-    return store
-
-
-def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
-    """What a definition's fields are, whatever they are called."""
-    return [kind for _, kind in definition[1]]
-
-
-def _scanned_types(scans: Iterable[McapScan]) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    for scan in scans:
-        for schema in scan.schemas.values():
-            if schema.encoding == 'ros2msg' and schema.name not in store.fielddefs:
-                store.register(get_types_from_msg(schema.data.decode(), schema.name))
-    return store
+def _count(file: BagFile, channel_id: int) -> int:
+    return sum(piece.counts.get(channel_id, 0) for piece in file.pieces)

@@ -10,6 +10,7 @@ in the memory of the pieces that overlap. What is damaged costs its own piece, a
 from __future__ import annotations
 
 import os
+from collections import Counter
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
@@ -18,7 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from .record_walk import Record
     from .summary import BagIndex
+
+_LARGEST_RUN = 2**20
 
 Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
@@ -60,6 +64,34 @@ class Piece(NamedTuple):
     position: int
     length: int
     counts: Mapping[int, int]
+
+
+class Run:
+    """A piece that grows while records are passed over: from where to where, and its messages."""
+
+    def __init__(self, start: int, end: int | None = None) -> None:
+        self.end = start if end is None else end
+        self._start = start
+        self._counts: Counter[int] = Counter()
+        self._start_ns = 2**64
+        self._end_ns = 0
+
+    def takes(self, record: Record) -> bool:
+        """Whether a record follows, and is not too much."""
+        return record.position == self.end and record.end - self._start <= _LARGEST_RUN
+
+    def add(self, channel_id: int, stamp_ns: int) -> None:
+        """Enter a message."""
+        self._counts[channel_id] += 1
+        self._start_ns = min(self._start_ns, stamp_ns)
+        self._end_ns = max(self._end_ns, stamp_ns)
+
+    def end_in(self, pieces: list[Piece]) -> None:
+        """Become one of the pieces, unless it has no messages."""
+        if self._counts:
+            length = self.end - self._start
+            times = self._start_ns, self._end_ns
+            pieces.append(Piece(*times, self._start, length, self._counts))
 
 
 class BagFile(Protocol):
@@ -116,6 +148,10 @@ class FileBytes:
                 break
             data += more
         return data
+
+    def is_cut(self) -> bool:
+        """Whether it has become shorter since it was opened."""
+        return os.fstat(self._file.fileno()).st_size < self.size
 
     def close(self) -> None:
         """Close it; nothing happens the second time."""

@@ -1,115 +1,98 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read any bag: what is in it at a glance, and its messages in time order."""
+"""Read any bags: what is in them at a glance, and their messages in time order."""
 
 from __future__ import annotations
 
-import shutil
-from contextlib import ExitStack
+from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-import zstandard
-
-from kitti_ros2.errors import BadBagError
-
-from .bag_index import mcap_index, ros1_index, sqlite_index
-from .locate import BagFiles, locate_bag
+from .bag_files import index_files
+from .locate import locate_bag
 from .message_source import BagMessage, BagMessages
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Collection
 
     from kitti_ros2.samples import Int64Array
 
+    from .locate import BagFiles
+
 __all__ = [
+    'BagIndex',
     'BagMessage',
     'BagMessages',
     'BagSummary',
     'TopicSummary',
     'bag_stamps',
+    'index_bag',
     'open_messages',
     'summarize_bag',
 ]
 
-_INDEXES: dict[str, Callable[[Path], BagIndex]] = {
-    'mcap': mcap_index,
-    'sqlite3': sqlite_index,
-    'ros1': ros1_index,
-}
+Bags: TypeAlias = Path | Sequence[Path]
+"""An .mcap, .db3 or .bag file or a directory of rosbag2, or several of them."""
 
 
-def summarize_bag(path: Path) -> BagSummary:
+def summarize_bag(paths: Bags) -> BagSummary:
     """Topics, counts, times, rates and gaps of a bag, from its index where it has one.
 
-    Args:
-        path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
-
     Raises:
-        BadBagError: It holds no bag, or one that cannot be read at all.
+        BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: It cannot be read.
     """
-    bag = locate_bag(path)
-    index = _bag_index(bag)
-    if bag.message_count is not None and bag.message_count != index.total:
-        index.warnings.append(
-            f'{path}: metadata.yaml counts {bag.message_count} messages,'
-            f' the files hold {index.total}; ros2 bag reindex corrects it'
-        )
-    return summarize(bag.container, bag.files, index)
+    bags = _locate(paths)
+    index = index_bag(paths)
+    containers = ', '.join(dict.fromkeys(bag.container for bag in bags))
+    return summarize(containers, tuple(file for bag in bags for file in bag.files), index)
 
 
-def bag_stamps(path: Path) -> dict[str, Int64Array]:
-    """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
+def index_bag(paths: Bags) -> BagIndex:
+    """The stamps of a bag's messages, and what is wrong with it.
 
     Raises:
-        BadBagError: It holds no bag, or one that cannot be read at all.
+        BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: It cannot be read.
     """
-    index = _bag_index(locate_bag(path))
-    pieces: dict[str, list[Int64Array]] = {}
-    for (topic, _), found in index.stamps.items():
-        pieces.setdefault(topic, []).extend(found)
-    return {topic: np.sort(np.concatenate(found)) for topic, found in pieces.items() if found}
-
-
-def _bag_index(bag: BagFiles) -> BagIndex:
+    bags = _locate(paths)
     index = BagIndex()
-    if bag.compression_mode:
-        index.compressions.add('zstd')
-    for file in bag.files:
-        index.merge(_file_index(bag, file))
+    for bag in bags:
+        found = index_files(bag)
+        if bag.message_count is not None and bag.message_count != found.total:
+            found.warnings.append(
+                f'{bag.path}: metadata.yaml counts {bag.message_count} messages,'
+                f' the files hold {found.total}; ros2 bag reindex corrects it'
+            )
+        index.merge(found)
     return index
 
 
-def open_messages(path: Path, topics: Collection[str] | None = None) -> BagMessages:
-    """Open a bag to read its messages; a context manager, and then an iterable.
+def bag_stamps(paths: Bags) -> dict[str, Int64Array]:
+    """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
+
+    Raises:
+        BadBagError: A path holds no bag, or one that cannot be read at all.
+        OSError: It cannot be read.
+    """
+    return index_bag(paths).by_topic()
+
+
+def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMessages:
+    """Open bags to read their messages; a context manager, and then an iterable.
 
     Args:
-        path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
+        paths: What to read; the messages of several are merged by time.
         topics: The topics to read; all of them by default.
 
     Raises:
-        BadBagError: It holds no bag, or one that cannot be read at all.
+        BadBagError: A path holds no bag, or one that cannot be read at all; or bags disagree about
+            a topic's type or a type's definition.
         OSError: It cannot be read.
     """
-    return BagMessages(locate_bag(path), topics)
+    return BagMessages(_locate(paths), topics)
 
 
-def _file_index(bag: BagFiles, file: Path) -> BagIndex:
-    index = _INDEXES[bag.storage]
-    if bag.compression_mode != 'file':
-        return index(file)
-    with ExitStack() as stack:
-        folder = stack.enter_context(TemporaryDirectory())
-        plain = Path(folder) / file.stem
-        with file.open('rb') as source, plain.open('wb') as target:
-            reader = zstandard.ZstdDecompressor().stream_reader(source)
-            try:
-                shutil.copyfileobj(reader, target)
-            except zstandard.ZstdError as error:
-                raise BadBagError(file, f'cannot be decompressed ({error})') from error
-        return index(plain)
+def _locate(paths: Bags) -> list[BagFiles]:
+    return [locate_bag(path) for path in ([paths] if isinstance(paths, Path) else paths)]

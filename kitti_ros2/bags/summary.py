@@ -47,6 +47,13 @@ class BagIndex:
         self.complete = self.complete and other.complete
         self.warnings += other.warnings
 
+    def by_topic(self) -> dict[str, StampArray]:
+        """By topic the stamps of its messages, (N,) nanoseconds, ascending."""
+        found: dict[str, list[StampArray]] = {}
+        for (topic, _), pieces in self.stamps.items():
+            found.setdefault(topic, []).extend(pieces)
+        return {topic: np.sort(np.concatenate(pieces)) for topic, pieces in found.items() if pieces}
+
     @property
     def total(self) -> int:
         """All messages."""

@@ -250,6 +250,24 @@ def to_kitti(  # noqa: PLR0913, PLR0917 - each is an option of the command
     return run_to_kitti(paths, given, plan_file, plan_only=plan, quiet=quiet)
 
 
+@app.command('recover')
+def recover(
+    bag: Annotated[Path, typer.Argument(help='A bag that was cut off or damaged.')],
+    out: Annotated[Path, typer.Argument(help='The sound bag, as OUT of to-bag.')],
+    storage: Annotated[
+        Optional[str], typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT, or BAG's own]")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace an existing bag.')
+    ] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Write a sound bag from a damaged one; each loss is named."""
+    from .recover import run_recover
+
+    return run_recover(bag, out, storage, overwrite=overwrite, quiet=quiet)
+
+
 @app.command('info')
 def info(
     path: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.merged import MergedMessages
+from ..bags.reader import open_messages
 from ..errors import KittiRos2Error
 from ..kitti.write_object import ObjectWriter
 from ..kitti.write_odometry import OdometryWriter
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage
+    from ..bags.reader import BagMessage, BagMessages
     from ..kitti.writer import LayoutWriter
     from ..options import ImportOptions
     from .ego import PoseTrack
@@ -93,7 +93,7 @@ def build(
     with _make_writer(plan, stage, options) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
-        with MergedMessages(paths, builder.topics) as messages:
+        with open_messages(paths, builder.topics) as messages:
             workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
             for count, done in enumerate(ordered_map(_do, builder.jobs(messages), workers), 1):
                 builder.take(done)
@@ -172,7 +172,7 @@ class _Builder:
                 self._writer.write_calibration(self._first + number, calibration)
                 self.counts[Stream.CALIBRATION.value] += 1
 
-    def jobs(self, messages: MergedMessages) -> Iterator[_Job]:
+    def jobs(self, messages: BagMessages) -> Iterator[_Job]:
         """What is to be written of the samples that frames took, in the order of reading."""
         seen: Counter[str] = Counter()
         for message in messages:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..bags.merged import MergedMessages
+from ..bags.reader import open_messages
 from ..errors import UsageError
 from ..samples import Layout
 from .build import build
@@ -30,7 +30,7 @@ def look(paths: Sequence[Path]) -> Survey:
     Raises:
         BadBagError: One cannot be read.
     """
-    with MergedMessages(paths) as messages:
+    with open_messages(paths) as messages:
         return survey_bag(messages)
 
 

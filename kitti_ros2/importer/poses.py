@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..bags.merged import MergedMessages
+from ..bags.reader import open_messages
 from ..errors import UsageError
 from . import survey as types
 from .ego import (
@@ -49,7 +49,7 @@ def read_track(
         return None
     topic = topic_of(survey, plan.pose.topic)
     found: list[StampedPose] = []
-    with MergedMessages(paths, {topic.name}) as messages:
+    with open_messages(paths, {topic.name}) as messages:
         for message in messages:
             try:
                 decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..bags.merged import MergedMessages
     from ..bags.reader import BagMessages
     from ..samples import Layout
 
@@ -64,6 +63,6 @@ class LossTally:
         )
 
 
-def damage(messages: BagMessages | MergedMessages, name: str) -> tuple[Loss, ...]:
-    """What a bag lost, as far as it has been read."""
-    return tuple(Loss(name, 1, warning) for warning in messages.warnings)
+def damage(messages: BagMessages, name: str) -> tuple[Loss, ...]:
+    """What a bag lost, as far as it has been read; what is of unknown number counts once."""
+    return tuple(Loss(name, count or 1, text) for text, count in messages.losses.items())

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
-    from ..bags.merged import MergedMessages
-    from ..bags.reader import BagMessage
+    from ..bags.reader import BagMessage, BagMessages
     from ..geometry import Transform
     from ..samples import Int64Array, TextFile
 
@@ -122,7 +121,7 @@ class Survey:
         return sorted(found, key=lambda each: each.name)
 
 
-def survey_bag(messages: MergedMessages) -> Survey:
+def survey_bag(messages: BagMessages) -> Survey:
     """Pass over a bag once.
 
     Raises:
@@ -162,7 +161,7 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
     topic.frames[frame.lstrip('/')] += 1
 
 
-def _decoded(topic: TopicSurvey, messages: MergedMessages, message: BagMessage) -> Any:  # noqa: ANN401
+def _decoded(topic: TopicSurvey, messages: BagMessages, message: BagMessage) -> Any:  # noqa: ANN401
     try:
         return messages.typestore.deserialize_cdr(message.data, message.msgtype)
     except Exception as error:  # noqa: BLE001 - generated code lets anything out

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag opened for reading, whatever their storage, unpacked where they are packed."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from kitti_ros2.errors import BadBagError
+
+from .decompressors import ZSTD_MAGIC, decompress_stream
+from .findings import Findings
+from .mcap_file import McapFile
+from .ros1_file import Ros1File
+from .sqlite_file import SqliteFile
+from .summary import BagIndex
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .locate import BagFiles
+    from .pieces import BagFile
+
+_STORAGES: dict[str, Callable[[Path, Path, Findings], BagFile]] = {
+    'mcap': McapFile,
+    'sqlite3': SqliteFile,
+    'ros1': Ros1File,
+}
+_STEP = 2**20
+
+
+def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+    """Open the files of a bag; one of several that cannot be read is entered as lost.
+
+    Args:
+        bag: What to open.
+        findings: What is damaged is entered there.
+        stack: Closes them.
+
+    Raises:
+        BadBagError: None can be read.
+        OSError: One cannot be opened.
+    """
+    for loss in bag.losses:
+        findings.lose(loss)
+    found: list[tuple[Path, BagFile]] = []
+    failure: BadBagError | None = None
+    for path in bag.files:
+        try:
+            plain = _unpacked(path, stack)
+            name = path if plain == path else Path(f'{path} (unpacked)')
+            file = _STORAGES[bag.storage](plain, name, findings)
+        except BadBagError as error:
+            failure = failure or error
+            findings.lose(str(error))
+            continue
+        stack.callback(file.close)
+        found.append((path, file))
+    if failure is not None and not found:
+        raise failure
+    return found
+
+
+def index_files(bag: BagFiles) -> BagIndex:
+    """The stamps of a bag's messages without their payloads.
+
+    Raises:
+        BadBagError: It cannot be read at all.
+        OSError: A file cannot be opened.
+    """
+    index, findings = BagIndex(), Findings()
+    with ExitStack() as stack:
+        for _, file in open_files(bag, findings, stack):
+            index.merge(file.index())
+    if bag.compression_mode:
+        index.compressions.add('zstd')
+    index.complete = findings.complete
+    index.warnings += findings.warnings
+    return index
+
+
+def _unpacked(path: Path, stack: ExitStack) -> Path:
+    """The file itself, or what is in it if rosbag2 compressed it as a whole, as far as it goes."""
+    with path.open('rb') as source:
+        if source.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
+            return path
+        source.seek(0)
+        plain = Path(stack.enter_context(TemporaryDirectory())) / path.stem
+        with plain.open('wb') as target:
+            blocks = iter(lambda: source.read(_STEP), b'')
+            target.writelines(decompress_stream('zstd', blocks))
+    return plain

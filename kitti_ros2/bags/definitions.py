@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The message types of bags as the bags themselves define them, in one typestore."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, cast
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from kitti_ros2.errors import BadBagError
+from kitti_ros2.messages.ros_types import TYPESTORE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
+    from rosbags.typesys.store import Typestore
+
+    from .findings import Findings
+    from .pieces import SourceChannel
+
+_HEADER = 'std_msgs/msg/Header'
+_LONGEST_REASON = 80
+_IDL_DIVIDER = '=' * 80 + '\n'
+
+
+class Definitions:
+    """The types of channels, gathered from bag after bag.
+
+    A definition that differs from an earlier one of the same bag is told and not used. Types that a
+    bag does not define are those of ROS 2 Jazzy.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._types: Typesdict = {}
+        self._origins: dict[str, Path] = {}
+        self._seen: set[tuple[Path, tuple[str, str, str]]] = set()
+
+    def add(self, bag: Path, file: Path, channel: SourceChannel) -> None:
+        """Enter what a channel of a bag's file brings.
+
+        Raises:
+            BadBagError: Another bag defines one of its types otherwise.
+        """
+        key = (channel.msgtype, channel.definition, channel.definition_encoding)
+        if not channel.definition.strip() or (bag, key) in self._seen:
+            return
+        self._seen.add((bag, key))
+        try:
+            found = parse_definition(*key)
+        except Exception as error:  # noqa: BLE001 - a parser of any text lets anything out
+            reason = ' '.join(str(error).split())[:_LONGEST_REASON]
+            text = f'the definition of {channel.msgtype} cannot be read ({reason})'
+            self._findings.note(f'{file}: {text}')
+            return
+        for name, definition in found.items():
+            self._enter(bag, file, name, definition)
+
+    def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
+        """The store of everything, and those types that nobody defines."""
+        types = dict(self._types)
+        lacking = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
+        store = get_typestore(Stores.EMPTY)
+        store.register(
+            {name: definition for name, definition in types.items() if name not in store.fielddefs}
+        )
+        return store, lacking
+
+    def _enter(
+        self, bag: Path, file: Path, name: str, definition: tuple[Constdefs, Fielddefs]
+    ) -> None:
+        known = self._types.setdefault(name, definition)
+        origin = self._origins.setdefault(name, bag)
+        if known[1] == definition[1]:
+            return
+        if origin != bag:
+            raise BadBagError(bag, f'defines {name} otherwise than {origin}')
+        self._findings.note(f'{file}: defines {name} in two ways; messages are read by the first')
+
+
+@lru_cache(maxsize=1024)
+def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
+    """The types that a text defines, as ROS 2 spells them.
+
+    Args:
+        msgtype: The first of them.
+        text: Messages, divided as rosbag2 and ROS 1 do; or IDL.
+        encoding: ros2msg, ros1msg, ros2idl or omgidl.
+
+    Raises:
+        ValueError: The encoding is unknown.
+        TypesysError: The text cannot be read.
+    """
+    if encoding == 'ros2msg':
+        return get_types_from_msg(text, msgtype)
+    if encoding == 'ros1msg':
+        return _ros2_like(get_types_from_msg(text, msgtype))
+    if encoding not in {'ros2idl', 'omgidl'}:
+        raise ValueError(f'unknown encoding {encoding!r}')
+    types: Typesdict = {}
+    for part in text.split(_IDL_DIVIDER):
+        head, newline, rest = part.partition('\n')
+        body = rest if newline and head.startswith('IDL: ') else part
+        if body.strip():
+            types.update(get_types_from_idl(body))
+    return types
+
+
+def _ros2_like(types: Typesdict) -> Typesdict:
+    """The types of a ROS 1 bag as ROS 2 defines them: a Header without seq, names in lower case."""
+    definitions = dict(types)
+    if _HEADER in definitions:
+        constants, fields = definitions[_HEADER]
+        definitions[_HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
+    for name, known in TYPESTORE.fielddefs.items():
+        if name in definitions and _kinds(definitions[name]) == _kinds(known):
+            definitions[name] = known
+    return definitions
+
+
+def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
+    """What a definition's fields are, whatever they are called."""
+    return [kind for _, kind in definition[1]]
+
+
+def _complete(types: Typesdict, msgtype: str) -> bool:
+    """Add what a type needs and the bags do not define; False where nobody does."""
+    missing = [name for name in _closure(types, msgtype) if name not in types]
+    if not missing:
+        return True
+    known = {**_jazzy(), **types}
+    needed = list(_closure(known, msgtype))
+    if any(name not in known for name in needed):
+        return False
+    types.update({name: known[name] for name in needed})
+    return True
+
+
+def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
+    """A type and those in it, each once, also those that are not defined."""
+    waiting, seen = [msgtype], {msgtype}
+    while waiting:
+        name = waiting.pop()
+        yield name
+        for _, description in types[name][1] if name in types else ():
+            nested = _nested(description)
+            if nested is not None and nested not in seen:
+                seen.add(nested)
+                waiting.append(nested)
+
+
+def _nested(description: FieldDesc) -> str | None:
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        return str(detail)
+    if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        return _nested(cast('tuple[FieldDesc, int]', detail)[0])
+    return None
+
+
+def _jazzy() -> Typesdict:
+    # Loading every type of ROS 2 takes its time; most bags do without.
+    return {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **TYPESTORE.fielddefs}

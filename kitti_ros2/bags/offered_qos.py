@@ -1,0 +1,29 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What rosbag2's text of offered QoS profiles tells of late subscribers."""
+
+from __future__ import annotations
+
+import re
+
+import yaml
+
+UNKNOWN_DEPTH = 100  # where a bag does not tell: enough for every text file of a recording
+
+# Versions before 9 write rmw's number.
+_TRANSIENT_LOCAL = (1, 'transient_local')
+_HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
+
+
+def latched_depth(profiles: str) -> int:
+    """How many messages publishers keep for late subscribers; 0 where they keep none."""
+    if not _HINT.search(profiles):
+        return 0  # reading YAML takes its time
+    try:
+        for profile in yaml.safe_load(profiles):
+            durability = profile.get('durability')
+            if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
+                return int(profile.get('depth') or UNKNOWN_DEPTH)
+    except (yaml.YAMLError, TypeError, AttributeError, ValueError):
+        return UNKNOWN_DEPTH
+    return 0

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS 1 .bag file open for reading: by its index, or by a pass over it where that is lacking."""
+
+from __future__ import annotations
+
+import struct
+from operator import itemgetter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kitti_ros2.errors import BadBagError
+
+from .chunked_file import ChunkedFile
+from .pieces import FileBytes, Piece
+from .ros1_records import (
+    BAG_HEADER,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX,
+    MAGIC,
+    MESSAGE,
+    messages_in,
+    opcode_of,
+    parse_message,
+    parse_time,
+    split_record,
+    unpack_chunk,
+)
+from .ros1_scan import Ros1Contents, Ros1Scan, is_chunk, parse_connection, piece_records
+
+if TYPE_CHECKING:
+    from array import array
+    from collections.abc import Collection, Iterator, Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from .findings import Findings
+    from .pieces import StoredMessage
+
+_HEAD_READ = 4096
+_COUNT = struct.Struct('<II')
+_ENTRY = np.dtype([('seconds', '<u4'), ('nanoseconds', '<u4'), ('offset', '<u4')])
+
+
+class Ros1File(ChunkedFile):
+    """A ROS 1 .bag file, format 2.0.
+
+    Args:
+        path: The file.
+        name: The path to tell the user.
+        findings: What is damaged is entered there.
+
+    Raises:
+        BadBagError: It does not begin as such a file does.
+        OSError: It cannot be read.
+    """
+
+    def __init__(self, path: Path, name: Path, findings: Findings) -> None:
+        file = FileBytes(path, name)
+        if file.read(0, len(MAGIC)) != MAGIC:
+            raise BadBagError(name, 'does not begin as a ROS 1 bag of format 2.0 does')
+        contents = _read_index(file, findings) or Ros1Scan(file, findings).run()
+        super().__init__(
+            file,
+            findings,
+            contents.channels,
+            contents.pieces,
+            contents.stamps,
+            contents.compressions,
+        )
+
+    def _messages(
+        self, data: bytes, wanted: Collection[int], since_ns: int
+    ) -> tuple[list[StoredMessage], bool]:
+        records, whole = unpack_chunk(data) if is_chunk(data) else (data, True)
+        found, end = messages_in(records, wanted, since_ns)
+        return found, whole and end == len(records)
+
+    def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
+        for fields, body in piece_records(self._file, position, data, self._findings, cost):
+            if opcode_of(fields) == MESSAGE:
+                channel_id, stamp_ns = parse_message(fields)
+                yield stamp_ns, channel_id, body
+
+    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
+        fields, _, end = split_record(self._file.read(piece.position, _HEAD_READ), 0)
+        if opcode_of(fields) == CHUNK:
+            self._compressions.add(fields[b'compression'].decode('ascii', 'replace'))
+        block = self._file.read(piece.position + end, piece.length - end)
+        found = {}
+        position = 0
+        while position < len(block):
+            fields, start, position = split_record(block, position)
+            if opcode_of(fields) == INDEX:
+                entries = np.frombuffer(block[start:position], _ENTRY)
+                times = entries['seconds'].astype(np.int64) * 10**9 + entries['nanoseconds']
+                found[int.from_bytes(fields[b'conn'], 'little')] = times
+        return found
+
+    def _scanned(self) -> Mapping[int, array[int]]:
+        return Ros1Scan(self._file, self._findings).run().stamps or {}
+
+
+def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
+    """What the index at the end tells, None where there is none, or none that can be read."""
+    try:
+        fields, _, _ = split_record(file.read(len(MAGIC), _HEAD_READ), 0)
+        start = int.from_bytes(fields.get(b'index_pos', b''), 'little')
+        if start == 0 and opcode_of(fields) == BAG_HEADER:
+            findings.lose(f'{file.name}: was not closed by its recorder', 0)
+            return None
+        if start > file.size:
+            return None  # the pass says where it is cut
+        return _indexed_contents(file.read(start, file.size - start), start, fields)
+    except ValueError as error:
+        findings.lose(f'{file.name}: its index is damaged ({error})', 0)
+        return None
+
+
+def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) -> Ros1Contents:
+    """The contents that an index tells of, with as many chunks as the bag's header tells.
+
+    Raises:
+        ValueError: It is damaged.
+    """
+    if opcode_of(header) != BAG_HEADER:
+        raise ValueError('the header does not tell where it is')
+    expected = int.from_bytes(header[b'chunk_count'], 'little')
+    contents = Ros1Contents()
+    infos: list[tuple[int, int, int, dict[int, int]]] = []
+    position = 0
+    while position < len(section):
+        fields, at, position = split_record(section, position)
+        body = section[at:position]
+        opcode = opcode_of(fields)
+        if opcode == CONNECTION:
+            channel_id, channel = parse_connection(fields, body)
+            contents.channels[channel_id] = channel
+        elif opcode == CHUNK_INFO:
+            times = parse_time(fields[b'start_time']), parse_time(fields[b'end_time'])
+            counts = dict(_COUNT.iter_unpack(body))
+            infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
+    if len(infos) != expected:
+        raise ValueError(f'{len(infos)} chunks instead of {expected}')
+    infos.sort(key=itemgetter(0))
+    ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
+    contents.pieces = [
+        Piece(start_ns, end_ns, place, end - place, counts)
+        for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
+    ]
+    return contents

@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
+
+Little endian; every record is a header's length (uint32), the header, the data's length (uint32)
+and the data. A header is a row of fields, each its length (uint32) and ``name=value``; the field op
+tells the record's kind. Messages stand in chunks; behind each chunk stand the indexes of its
+messages, at the end of the file all connections and what is in each chunk.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import TYPE_CHECKING
+
+from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
+from .record_walk import Kind, Record
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from .pieces import Buffer, StoredMessage
+    from .record_walk import Source
+
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
+MAGIC = b'#ROSBAG V2.0\n'
+
+_UINT32 = struct.Struct('<I')
+_TIME = struct.Struct('<II')
+_LONGEST_HEADER = 2**16
+_HEAD_READ = 256
+# The fields that records of each kind need, with their sizes, and the data's size for each count.
+_NEEDED: dict[int, dict[bytes, int | None]] = {
+    MESSAGE: {b'conn': 4, b'time': 8},
+    BAG_HEADER: {b'index_pos': 8, b'conn_count': 4, b'chunk_count': 4},
+    INDEX: {b'ver': 4, b'conn': 4, b'count': 4},
+    CHUNK: {b'compression': None, b'size': 4},
+    CHUNK_INFO: {b'ver': 4, b'chunk_pos': 8, b'start_time': 8, b'end_time': 8, b'count': 4},
+    CONNECTION: {b'conn': 4, b'topic': None},
+}
+_ENTRY_SIZES = {INDEX: 12, CHUNK_INFO: 8}
+
+# A message's header as recorders write it, its fields in any order, and its data's length.
+_MESSAGE_HEAD = re.compile(
+    rb'\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})',
+    re.DOTALL,
+)
+# The first field of any record that a search may begin with: chunks, messages, connections.
+_FIELD = (
+    rb'(?:\x04\0\0\0op=|.\0\0\0compression=|\x09\0\0\0(?:conn|size)=|\x0d\0\0\0time=|...\0topic=)'
+)
+
+
+def parse_time(value: Buffer) -> int:
+    """Nanoseconds."""
+    seconds, nanoseconds = _TIME.unpack(value)
+    return int(seconds) * 10**9 + int(nanoseconds)
+
+
+def parse_fields(header: Buffer) -> dict[bytes, bytes]:
+    """The fields of a header by name.
+
+    Raises:
+        ValueError: It is none.
+    """
+    data = bytes(header)
+    fields = {}
+    position = 0
+    while position < len(data):
+        if position + 4 > len(data):
+            raise ValueError('a field is cut')
+        (size,) = _UINT32.unpack_from(data, position)
+        position += 4
+        name, equals, value = data[position : position + size].partition(b'=')
+        position += size
+        if not equals or position > len(data):
+            raise ValueError('a field is cut')
+        fields[name] = value
+    return fields
+
+
+def split_record(view: Buffer, position: int) -> tuple[dict[bytes, bytes], int, int]:
+    """The header's fields of a record, and where its data begin and end, be they there or not.
+
+    Raises:
+        ValueError: There is no such record.
+    """
+    if position + 4 > len(view):
+        raise ValueError('cut')
+    (size,) = _UINT32.unpack_from(view, position)
+    start = position + 4 + size
+    if size > _LONGEST_HEADER:
+        raise ValueError('no header')
+    if start + 4 > len(view):
+        raise ValueError('cut')
+    fields = parse_fields(view[position + 4 : start])
+    (length,) = _UINT32.unpack_from(view, start)
+    return fields, start + 4, start + 4 + int(length)
+
+
+def split_records(view: Buffer) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
+    """Records as they follow each other, up to the first that is damaged."""
+    position = 0
+    while position < len(view):
+        try:
+            fields, start, position = split_record(view, position)
+        except ValueError:
+            return
+        if position > len(view) or not opcode_of(fields):
+            return
+        yield fields, start, position
+
+
+def opcode_of(fields: dict[bytes, bytes]) -> int:
+    """The kind of a record, 0 where its fields do not make one."""
+    opcode = int.from_bytes(fields.get(b'op', b'\0'), 'little')
+    for name, size in _NEEDED.get(opcode, {b'': None}).items():
+        if name not in fields or (size is not None and len(fields[name]) != size):
+            return 0
+    return opcode
+
+
+def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
+    """The records in a chunk, and whether it is whole; of one that is cut, the first of them.
+
+    Raises:
+        ValueError: It is damaged.
+    """
+    fields, start, end = split_record(record, 0)
+    if opcode_of(fields) != CHUNK:
+        raise ValueError('its head is damaged')
+    compression = fields[b'compression'].decode('ascii', 'replace')
+    (size,) = _UINT32.unpack(fields[b'size'])
+    stored = memoryview(record)[start:]
+    if size == 0 or end - start > len(stored):
+        # A recorder writes the size when the chunk is full.
+        return decompress_beginning(compression, stored), False
+    return decompress(compression, stored[: end - start], size), True
+
+
+def messages_in(
+    records: Buffer, wanted: Collection[int], since_ns: int
+) -> tuple[list[StoredMessage], int]:
+    """The messages of some connections among records, and where what can be split ends."""
+    view = memoryview(records)
+    found: list[StoredMessage] = []
+    position, end = 0, len(view)
+    match_head = _MESSAGE_HEAD.match
+    while position < end:
+        head = match_head(view, position)
+        if head is not None:
+            conn, time, size = head.groups()
+            start = head.end()
+            following = start + int.from_bytes(size, 'little')
+            if conn is None or time is None or following > end:
+                break
+            channel_id = int.from_bytes(conn, 'little')
+            if channel_id in wanted and (stamp_ns := parse_time(time)) >= since_ns:
+                found.append((stamp_ns, channel_id, view[start:following]))
+            position = following
+            continue
+        try:
+            fields, start, following = split_record(view, position)
+        except ValueError:
+            break
+        opcode = opcode_of(fields)
+        if opcode == 0 or following > end:
+            break
+        if opcode == MESSAGE:
+            channel_id, stamp_ns = parse_message(fields)
+            if channel_id in wanted and stamp_ns >= since_ns:
+                found.append((stamp_ns, channel_id, view[start:following]))
+        position = following
+    return found, position
+
+
+def parse_message(fields: dict[bytes, bytes]) -> tuple[int, int]:
+    """Connection and stamp of a message."""
+    return int.from_bytes(fields[b'conn'], 'little'), parse_time(fields[b'time'])
+
+
+class Ros1Format:
+    """What records of a ROS 1 bag look like."""
+
+    chunk = CHUNK
+    candidate = re.compile(rb'(?=..\0\0' + _FIELD + rb')', re.DOTALL)
+    longest = 32
+    row = 1  # names of fields are no accident
+
+    def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
+        """What stands at a position."""
+        head = source.read(position, min(_HEAD_READ, end - position))
+        size = int.from_bytes(head[:4], 'little')
+        if size > _LONGEST_HEADER:
+            return Kind.NONE, Record(0, position, position)
+        needed = 4 + size + 4
+        if needed > len(head):
+            head = source.read(position, min(needed, end - position))
+        if needed > len(head):
+            return Kind.CUT, Record(0, position, end + 1)
+        try:
+            fields, start, stop = split_record(head, 0)
+        except ValueError:
+            return Kind.NONE, Record(0, position, position)
+        return _kind(
+            fields, stop - start, Record(opcode_of(fields), position, position + stop), end
+        )
+
+    def is_checked(self, opcode: int) -> bool:
+        """Whether such a record has a second length."""
+        return opcode in _ENTRY_SIZES
+
+    def inside(self, source: Source, position: int) -> int | None:
+        """Where the records of a chunk begin."""
+        fields, start, _ = split_record(source.read(position, _HEAD_READ), 0)
+        return position + start if fields[b'compression'] == b'none' else None
+
+
+def _kind(fields: dict[bytes, bytes], length: int, record: Record, end: int) -> tuple[Kind, Record]:
+    """What a record is by its header's fields and its data's length."""
+    if not _agrees(record.opcode, fields, length):
+        return Kind.NONE, record
+    if record.opcode == CHUNK and fields[b'size'] == bytes(4):
+        # A chunk that its recorder did not come to fill goes on to the end.
+        record = record._replace(end=end + 1)
+    return (Kind.WHOLE if record.end <= end else Kind.CUT), record
+
+
+def _agrees(opcode: int, fields: dict[bytes, bytes], length: int) -> bool:
+    """Whether there is such a record, and what its header tells agrees with its length."""
+    if opcode in _ENTRY_SIZES:
+        (count,) = _UINT32.unpack(fields[b'count'])
+        return bool(length == count * _ENTRY_SIZES[opcode])
+    if opcode == CHUNK and fields[b'compression'].decode('ascii', 'replace') in UNCOMPRESSED:
+        return bool(length == _UINT32.unpack(fields[b'size'])[0])
+    return opcode != 0
+
+
+ROS1 = Ros1Format()

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A rosbag2 .db3 file open for reading, one that is cut or damaged too.
+
+Its rows are told first, without their data: that says which there are and in which order of time.
+Their data are read by one query as long as that goes well, then from the file's pages.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import suppress
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import numpy as np
+from rosbags.typesys.msg import normalize_msgtype
+
+from kitti_ros2.errors import BadBagError
+
+from .offered_qos import latched_depth
+from .pieces import FileBytes, Piece, SourceChannel
+from .sqlite_scan import Pages
+from .summary import BagIndex
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from .findings import Findings
+    from .pieces import StoredMessage
+    from .sqlite_scan import MessageRow
+
+_ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
+_DATA = 'SELECT id, data FROM messages {} WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
+_IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
+_TO_SORT = _DATA.format('', '{}', 'timestamp, id')
+_DEFINITION_COLUMNS = 4
+_LEAST_TOPIC_COLUMNS = 3
+_ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
+
+
+class SqliteFile:
+    """A .db3 file.
+
+    Args:
+        path: The file.
+        name: The path to tell the user.
+        findings: What is damaged is entered there.
+
+    Attributes:
+        channels: By the id of their row.
+        pieces: All rows are one.
+
+    Raises:
+        BadBagError: It is no rosbag2 database.
+        OSError: It cannot be read.
+    """
+
+    def __init__(self, path: Path, name: Path, findings: Findings) -> None:
+        self._name = name
+        self._findings = findings
+        self._file = FileBytes(path, name)
+        self._connection: sqlite3.Connection | None = None
+        self._by_id: dict[int, MessageRow] | None = None
+        try:
+            self._pages = Pages(self._file)
+            rows = self._open(path)
+        except ValueError as error:
+            self.close()
+            raise BadBagError(name, f'is no rosbag2 sqlite3 file ({error})') from error
+        known = np.isin(rows['topic_id'], list(self.channels))
+        if not known.all():
+            count = int(np.count_nonzero(~known))
+            self._lose(f'{count} messages are of topics that are not described', count)
+            rows = rows[known]
+        # Stable: by id where stamps are the same.
+        self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
+        self.pieces = [self._piece()] if len(rows) else []
+
+    def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
+        """The messages of some topics from a stamp on, in time order."""
+        del piece  # there is one only
+        rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
+        rows = rows[np.isin(rows['topic_id'], list(wanted))]
+        done = 0
+        for message in self._in_one_query(rows, wanted):
+            yield message
+            done += 1
+        for row_id, topic_id, stamp_ns in rows[done:].tolist():
+            data = self._data(row_id)
+            if data is not None:
+                yield stamp_ns, topic_id, data
+
+    def index(self) -> BagIndex:
+        """The stamps of all messages, by topic and type."""
+        index = BagIndex()
+        for topic_id, channel in self.channels.items():
+            stamps = self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
+            index.add((channel.topic, channel.msgtype), stamps)
+        return index
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+        if self._connection is not None:
+            self._connection.close()
+
+    def _lose(self, text: str, messages: int | None) -> None:
+        self._findings.lose(f'{self._name}: {text}', messages)
+
+    def _piece(self) -> Piece:
+        stamps = self._rows['stamp_ns']
+        ids, counts = np.unique(self._rows['topic_id'], return_counts=True)
+        by_topic = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        return Piece(int(stamps[0]), int(stamps[-1]), 0, len(stamps), by_topic)
+
+    def _open(self, path: Path) -> npt.NDArray[np.void]:
+        """Id, topic and stamp of every row that can be read, by id; sets the channels.
+
+        Raises:
+            ValueError: There are no topics.
+        """
+        size = self._file.size
+        if size < self._pages.expected:
+            self._lose(f'cut off at byte {size} of {self._pages.expected}', None)
+        else:
+            try:
+                self._connection = _connect(path, self._name, self._findings)
+                self.channels = _channels(self._connection)
+                query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
+                return np.fromiter(self._connection.execute(query), _ROW)
+            except _ERRORS as error:
+                if self._connection is not None:
+                    self._connection.close()
+                    self._connection = None
+                self._lose(f'is damaged ({error})', None)
+        self.channels = _scanned_channels(self._pages)
+        if not self.channels:
+            raise ValueError('it has no list of topics')
+        return self._scanned_rows()
+
+    def _scanned_rows(self) -> npt.NDArray[np.void]:
+        found = self._scanned()
+        ids = np.array(sorted(found), dtype=np.int64)
+        # Recorders number without gaps and delete nothing.
+        for gap in np.flatnonzero(np.diff(ids) > 1).tolist():
+            first, last = int(ids[gap]) + 1, int(ids[gap + 1]) - 1
+            self._lose(f'rows {first} to {last} cannot be read', last - first + 1)
+        rows = [(row_id, found[row_id].topic_id, found[row_id].stamp_ns) for row_id in ids.tolist()]
+        return np.array(rows, _ROW)
+
+    def _scanned(self) -> dict[int, MessageRow]:
+        """The messages that can be seen in the pages, by the id of their row."""
+        if self._by_id is None:
+            self._by_id = {message.row.row_id: message for message in self._pages.messages()}
+        return self._by_id
+
+    def _in_one_query(
+        self, rows: npt.NDArray[np.void], wanted: Collection[int]
+    ) -> Iterator[StoredMessage]:
+        """The messages of rows by the query that reads fastest, up to the first damage."""
+        if self._connection is None or not len(rows):
+            return
+        # Sorting is left to the database's index, unless the rows lie in order.
+        query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
+        query = query.format(', '.join('?' * len(wanted)))
+        try:
+            found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
+            for row_id, topic_id, stamp_ns in rows.tolist():
+                row = next(found, None)
+                # Of a file that is cut now, SQLite would read zeros.
+                if row is None or row[0] != row_id or self._file.is_cut():
+                    return
+                if not isinstance(row[1], bytes):
+                    return
+                yield stamp_ns, topic_id, row[1]
+        except sqlite3.Error:
+            return
+
+    def _data(self, row_id: int) -> bytes | None:
+        message = self._scanned().get(row_id)
+        if message is None:
+            self._lose(f'row {row_id} cannot be read', 1)
+            return None
+        try:
+            return self._pages.data(message)
+        except ValueError as error:
+            self._lose(f'row {row_id} cannot be read ({error})', 1)
+            return None
+
+
+def _connect(path: Path, name: Path, findings: Findings) -> sqlite3.Connection:
+    """Open a database for reading only.
+
+    Raises:
+        sqlite3.Error: It cannot be opened.
+    """
+    mode = 'immutable=1'
+    wal = path.with_name(f'{path.name}-wal')
+    if wal.is_file() and wal.stat().st_size:
+        findings.lose(f'{name}: its recorder did not close it; what {wal.name} adds is read', 0)
+        mode = 'mode=ro'
+    uri = f'file:{quote(str(path.absolute()))}?{mode}'
+    # One thread after another may read.
+    return sqlite3.connect(uri, uri=True, check_same_thread=False)
+
+
+def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:
+    """The topics by the id of their row; earlier versions of the schema tell less.
+
+    Raises:
+        sqlite3.Error: They cannot be read.
+        TypeError: They are damaged.
+    """
+    definitions = {}
+    with suppress(sqlite3.OperationalError):  # there is no such table before version 4
+        for row in connection.execute(
+            'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+        ):
+            definitions[row[0]] = (row[2], row[1])
+    # Columns by their number: the id, four texts or so.
+    return {
+        topic_id: _channel(texts, definitions)
+        for topic_id, *texts in connection.execute('SELECT * FROM topics')
+    }
+
+
+def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
+    """The topics that can be seen in the pages, by the id of their row."""
+    definitions = {}
+    topics = {}
+    for row_id, texts in pages.texts():
+        if len(texts) == _DEFINITION_COLUMNS and texts[1].startswith('ros2'):
+            definitions[texts[0]] = (texts[2], texts[1])
+        elif len(texts) >= _LEAST_TOPIC_COLUMNS and '/' in texts[1]:
+            topics[row_id] = texts
+    return {topic_id: _channel(texts, definitions) for topic_id, texts in topics.items()}
+
+
+def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> SourceChannel:
+    """A topic from its row: name, type, serialization format, from version 2 on QoS profiles."""
+    topic, msgtype, encoding, *rest = texts
+    return SourceChannel(
+        topic,
+        normalize_msgtype(msgtype) if '/' in msgtype else msgtype,
+        encoding,
+        *definitions.get(msgtype, ('', '')),
+        latched_depth(rest[0] if rest else ''),
+    )

@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rows of a rosbag2 database from its pages, where SQLite gives up: cut or damaged files.
+
+https://sqlite.org/fileformat2.html, big endian. A file is pages of one size. Rows stand in the
+leaves of trees, pages that begin with 13 (the first page after a head of 100 bytes): the number of
+cells (uint16 at 3) and the place of each in the page (uint16 from 8 on). A cell is the size of its
+payload and the row's id (varints) and the payload, whose end may go on in a chain of overflow
+pages: each the number of the next (uint32) and bytes. A payload is the size of its head, the types
+of its columns (all varints) and their values. Nothing here needs the trees' inner pages.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from .pieces import FileBytes
+
+_MAGIC = b'SQLite format 3\0'
+_HEAD_SIZE = 100
+_LEAF = 13
+_LEAF_HEAD = 8
+_BLOCK = 2**20
+_UINT16 = struct.Struct('>H')
+_UINT32 = struct.Struct('>I')
+# By type the bytes of an integer, and the value where it has none.
+_INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}
+_CONSTANTS = {8: 0, 9: 1}
+
+
+class Row(NamedTuple):
+    """A row of a table: its id, the types of its columns, and where its payload begins.
+
+    Attributes:
+        row_id: The id.
+        types: Of the columns, as SQLite numbers them.
+        values: Where the first value begins in the payload.
+        size: Bytes of the payload.
+        position: Where the payload begins in the file.
+    """
+
+    row_id: int
+    types: tuple[int, ...]
+    values: int
+    size: int
+    position: int
+
+
+class MessageRow(NamedTuple):
+    """A message without its data."""
+
+    row: Row
+    topic_id: int
+    stamp_ns: int
+
+
+class Pages:
+    """The pages of a database that are whole.
+
+    Attributes:
+        expected: The file's size as its head tells, in bytes; 0 where that cannot be believed.
+
+    Raises:
+        ValueError: The head tells no size of pages.
+    """
+
+    def __init__(self, file: FileBytes) -> None:
+        self._file = file
+        head = file.read(0, _HEAD_SIZE)
+        if len(head) < _HEAD_SIZE or not head.startswith(_MAGIC):
+            raise ValueError('it does not begin as one')
+        (size,) = _UINT16.unpack_from(head, 16)
+        self._size = 2**16 if size == 1 else size
+        if self._size < 512 or self._size & (self._size - 1):
+            raise ValueError(f'pages of {size} bytes')
+        self._usable = self._size - head[20]
+        # Two counts of changes agree where the number of pages was written with the last one.
+        counted = head[24:28] == head[92:96]
+        self.expected = _UINT32.unpack_from(head, 28)[0] * self._size if counted else 0
+        self._block_at, self._block = 0, b''
+
+    def rows(self) -> Iterator[Row]:
+        """The rows of all tables, by page."""
+        pages = max(1, _BLOCK // self._size)
+        for start in range(0, self._file.size, pages * self._size):
+            block = self._file.read(start, pages * self._size)
+            first = np.frombuffer(block, np.uint8)[:: self._size]
+            numbers = np.flatnonzero(first == _LEAF).tolist()
+            if start == 0 and block[_HEAD_SIZE] == _LEAF:
+                numbers.insert(0, 0)
+            for number in numbers:
+                at = number * self._size
+                page = block[at : at + self._size]
+                if len(page) == self._size:
+                    yield from self._leaf(page, start + at)
+
+    def messages(self) -> Iterator[MessageRow]:
+        """The rows that are messages: an id, two integers and a blob."""
+        for row in self.rows():
+            types = row.types
+            if len(types) == 4 and types[0] == 0 and types[3] >= 12 and types[3] % 2 == 0:
+                start = row.position + row.values
+                body = self._file.read(start, 16)
+                topic_id, used = _integer(types[1], body)
+                stamp_ns, _ = _integer(types[2], body[used:])
+                if topic_id is not None and stamp_ns is not None:
+                    yield MessageRow(row, topic_id, stamp_ns)
+
+    def texts(self) -> Iterator[tuple[int, list[str]]]:
+        """The id and columns of rows that are an id and texts."""
+        for row in self.rows():
+            if row.types[0] == 0 and all(kind >= 13 and kind % 2 for kind in row.types[1:]):
+                try:
+                    payload = self.payload(row)[row.values :]
+                except ValueError:
+                    continue
+                texts = []
+                for kind in row.types[1:]:
+                    size = (kind - 13) // 2
+                    texts.append(payload[:size].decode(errors='replace'))
+                    payload = payload[size:]
+                yield row.row_id, texts
+
+    def data(self, message: MessageRow) -> bytes:
+        """The data of a message: the last column of its row.
+
+        Raises:
+            ValueError: It is damaged, or not all there.
+        """
+        return self.payload(message.row)[-((message.row.types[3] - 12) // 2) :]
+
+    def payload(self, row: Row) -> bytes:
+        """The payload of a row.
+
+        Raises:
+            ValueError: It is damaged, or not all there.
+        """
+        local = self._local(row.size)
+        parts = [self._file.read(row.position, local)]
+        left = row.size - local
+        link = self._file.read(row.position + local, 4) if left else bytes(4)
+        if len(parts[0]) < local or len(link) < 4:
+            raise ValueError('its page is missing')
+        while left:
+            page = self._page(*_UINT32.unpack(link))
+            parts.append(page[4 : min(self._usable, left + 4)])
+            left -= len(parts[-1])
+            link = page[:4]
+        if link != bytes(4):
+            raise ValueError('its pages go on behind its end')
+        return b''.join(parts)
+
+    def _local(self, size: int) -> int:
+        """How many bytes of a payload stand in the leaf."""
+        usable = self._usable
+        if size <= usable - 35:
+            return size
+        least = (usable - 12) * 32 // 255 - 23
+        local = least + (size - least) % (usable - 4)
+        return local if local <= usable - 35 else least
+
+    def _page(self, number: int) -> bytes:
+        at = (number - 1) * self._size
+        if not self._block_at <= at <= self._block_at + len(self._block) - self._size:
+            # Chains mostly go on in the next page.
+            self._block_at = at
+            self._block = self._file.read(at, max(_BLOCK, self._size)) if number > 1 else b''
+        start = at - self._block_at
+        page = self._block[start : start + self._size]
+        if len(page) < self._size:
+            raise ValueError(f'its page {number} is missing')
+        return page
+
+    def _leaf(self, page: bytes, position: int) -> Iterator[Row]:
+        head = _HEAD_SIZE if position == 0 else 0
+        (cells,) = _UINT16.unpack_from(page, head + 3)
+        first = head + _LEAF_HEAD
+        if first + 2 * cells > len(page):
+            return
+        for (start,) in _UINT16.iter_unpack(page[first : first + 2 * cells]):
+            row = self._cell(page, start, position) if start >= first + 2 * cells else None
+            if row is not None:
+                yield row
+
+    def _cell(self, page: bytes, start: int, position: int) -> Row | None:
+        """The row at a place in a page, None where there can be none."""
+        try:
+            size, at = _varint(page, start)
+            row_id, at = _varint(page, at)
+            end = at + self._local(size)
+            head, place = _varint(page, at)
+            types = []
+            while place < at + head:
+                kind, place = _varint(page, place)
+                types.append(kind)
+        except IndexError:
+            return None
+        sound = place == at + head and end <= len(page) and head <= size and types
+        if not sound or head + sum(map(_width, types)) != size:
+            return None
+        signed = row_id - 2**64 if row_id >= 2**63 else row_id
+        return Row(signed, tuple(types), head, size, position + at)
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A number, and what follows it.
+
+    Raises:
+        IndexError: The data end before.
+    """
+    value = 0
+    for place in range(at, at + 8):
+        value = value << 7 | data[place] & 0x7F
+        if data[place] < 0x80:
+            return value, place + 1
+    return value << 8 | data[at + 8], at + 9
+
+
+def _width(kind: int) -> int:
+    """Bytes of a value."""
+    if kind >= 12:
+        return (kind - 12) // 2
+    return 8 if kind == 7 else _INTEGERS.get(kind, 0)
+
+
+def _integer(kind: int, data: bytes) -> tuple[int | None, int]:
+    """The integer that data begin with, None for other types, and its bytes."""
+    size = _width(kind)
+    if kind in _INTEGERS:
+        return int.from_bytes(data[:size], 'big', signed=True), size
+    return _CONSTANTS.get(kind), size
