@@ -236,8 +236,8 @@ class _Guesser:
             return SOURCE
         if any(plan.info for plan in cameras.values()):
             return TF
-        if cameras:
-            self.remarks.append('missing: calibration (no camera_info); --calib FILE gives it')
+        lacking = 'camera_info' if cameras else 'camera'
+        self.remarks.append(f'missing: calibration (no {lacking}); --calib FILE gives it')
         return NONE
 
     def _pass_over(self, what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> None:

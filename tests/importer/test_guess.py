@@ -153,6 +153,12 @@ def test_a_lidar_goes_before_a_depth_cameras_cloud():
     assert 'passed over for scans: /realsense/points' in found.remarks
 
 
+def test_scans_alone_have_no_calibration_and_that_is_said():
+    found = guess(cloud('/velodyne_points'))
+    assert found.plan.calibration == NONE
+    assert 'missing: calibration (no camera); --calib FILE gives it' in found.remarks
+
+
 def test_points_of_an_optical_frame_are_pointed_out():
     found = guess(cloud('/points', frame='camera_depth_optical_frame'))
     assert any('z forward' in remark for remark in found.remarks)
