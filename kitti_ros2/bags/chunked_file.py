@@ -47,7 +47,7 @@ class ChunkedFile(ABC):
         self._file = file
         self._findings = findings
         self._stamps = stamps
-        self._compressions = compressions
+        self.compressions = compressions
 
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
         """The messages of some channels in a piece from a stamp on, in time order."""
@@ -78,7 +78,7 @@ class ChunkedFile(ABC):
             if channel_id in self.channels:
                 channel = self.channels[channel_id]
                 index.add((channel.topic, channel.msgtype), found)
-        index.compressions |= self._compressions
+        index.compressions |= self.compressions
         return index
 
     def close(self) -> None:

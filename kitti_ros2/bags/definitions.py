@@ -8,17 +8,23 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
+from rosbags.typesys.store import Typestore
 
 from kitti_ros2.errors import BadBagError
 from kitti_ros2.messages.ros_types import TYPESTORE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
-    from rosbags.typesys.store import Typestore
 
     from .findings import Findings
     from .pieces import SourceChannel
@@ -71,6 +77,15 @@ class Definitions:
         )
         return store, lacking
 
+    def in_own_words(self, typestore: Typestore) -> Typestore:
+        """A store that gives the text of a definition as the bags have it, where ROS 2 wrote it."""
+        texts = {
+            msgtype: text
+            for _, (msgtype, text, encoding) in sorted(self._seen)
+            if encoding == 'ros2msg'
+        }
+        return _OwnWords(typestore, texts)
+
     def _enter(
         self, bag: Path, file: Path, name: str, definition: tuple[Constdefs, Fielddefs]
     ) -> None:
@@ -81,6 +96,30 @@ class Definitions:
         if origin != bag:
             raise BadBagError(bag, f'defines {name} otherwise than {origin}')
         self._findings.note(f'{file}: defines {name} in two ways; messages are read by the first')
+
+
+class _OwnWords(Typestore):
+    """A typestore that tells texts as they were told; a type that it does not know has no text."""
+
+    def __init__(self, typestore: Typestore, texts: Mapping[str, str]) -> None:
+        super().__init__()
+        self.register(typestore.fielddefs)
+        self._texts = texts
+
+    def generate_msgdef(self, typename: str, ros_version: int = 1) -> tuple[str, str]:
+        """The text of a definition, and its md5 sum for ROS 1."""
+        if ros_version == 2 and typename in self._texts:
+            return self._texts[typename], ''
+        if typename not in self.fielddefs:
+            return '', ''
+        return super().generate_msgdef(typename, ros_version)
+
+    def hash_rihs01(self, typ: str) -> str:
+        """The hash of a type, empty where it has none."""
+        try:
+            return super().hash_rihs01(typ)
+        except (KeyError, TypesysError):
+            return ''
 
 
 @lru_cache(maxsize=1024)

@@ -62,13 +62,15 @@ class BagMessages:
     Args:
         bags: What to read; several are merged by time.
         topics: The topics to read; all of them by default.
-        as_stored: Whether ROS 1 messages stay as they are, and types without definition are read.
+        as_stored: For copies: ROS 1 messages stay as they are, types without definition are read,
+            and the typestore tells definitions in the bags' own words.
 
     Attributes:
         channels: Topic and type of each channel that is read, by topic.
         sources: The channels themselves, as their files have them, by topic; of several the first.
         latched: The depth of each topic that offers its last messages to late subscribers.
         typestore: The types as the bags themselves define them, to decode the data with.
+        compressions: Names of the compressions that are known from the start.
 
     Raises:
         BadBagError: A bag cannot be read at all, or they disagree about a topic or a type.
@@ -101,6 +103,9 @@ class BagMessages:
                 }
                 for bag, path, file in opened
             ]
+            self.compressions = {'zstd' for bag in bags if bag.compression_mode}.union(
+                *(file.compressions for file in self._files)
+            )
             self._leave_out_encodings()
             self._leave_out_second_types()
             self._define()
@@ -123,6 +128,15 @@ class BagMessages:
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one line each, as far as has been read."""
         return self._findings.warnings
+
+    @property
+    def expected(self) -> int:
+        """How many messages the files tell of; those of damaged pieces among them."""
+        return sum(
+            _count(file, channel_id)
+            for channels, file in zip(self._readings, self._files, strict=True)
+            for channel_id in channels
+        )
 
     @property
     def losses(self) -> dict[str, int | None]:
@@ -186,17 +200,24 @@ class BagMessages:
             BadBagError: Nothing is left.
         """
         found: set[str] = set()
-        for channels in self._readings:
+        for channels, file in zip(self._readings, self._files, strict=True):
             for channel_id, reading in list(channels.items()):
                 encoding = reading.channel.encoding
                 if encoding not in _READ:
                     found.add(encoding)
                     del channels[channel_id]
                     text = f'{reading.channel.topic} is {encoding}, which is not read'
-                    self._findings.note(f'{reading.file}: {text}')
+                    self._leave_out(f'{reading.file}: {text}', _count(file, channel_id))
         if found and not any(self._readings):
             kinds = ', '.join(sorted(found))
             raise BadBagError(self._path, f'has messages in {kinds}, and only cdr is read')
+
+    def _leave_out(self, text: str, count: int) -> None:
+        """Tell what is not damaged, and not read: a copy lacks it."""
+        if self._as_stored:
+            self._findings.lose(text, count)
+        else:
+            self._findings.note(text)
 
     def _leave_out_second_types(self) -> None:
         """Read one type of each topic.
@@ -231,6 +252,10 @@ class BagMessages:
         needed = {each.channel.msgtype for found in self._readings for each in found.values()}
         self.typestore, lacking = definitions.typestore(needed)
         if self._as_stored:
+            self.typestore = definitions.in_own_words(self.typestore)
+            for msgtype in sorted(lacking):
+                text = f'neither the bag nor ROS 2 Jazzy defines {msgtype}; it is copied as it is'
+                self._findings.note(f'{self._path}: {text}')
             return
         for channels, file in zip(self._readings, self._files, strict=True):
             for channel_id, reading in list(channels.items()):

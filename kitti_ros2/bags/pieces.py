@@ -107,6 +107,11 @@ class BagFile(Protocol):
         """In any order."""
         ...
 
+    @property
+    def compressions(self) -> Collection[str]:
+        """Names of the compressions of chunks, as far as they were met; none is one of them."""
+        ...
+
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
         """The messages of some channels in a piece from a stamp on, in time order.
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -72,6 +73,9 @@ class Ros1File(ChunkedFile):
             contents.stamps,
             contents.compressions,
         )
+        if self.pieces:
+            with suppress(ValueError):
+                self._chunk_end(self.pieces[0])
 
     def _messages(
         self, data: bytes, wanted: Collection[int], since_ns: int
@@ -87,9 +91,7 @@ class Ros1File(ChunkedFile):
                 yield stamp_ns, channel_id, body
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
-        fields, _, end = split_record(self._file.read(piece.position, _HEAD_READ), 0)
-        if opcode_of(fields) == CHUNK:
-            self._compressions.add(fields[b'compression'].decode('ascii', 'replace'))
+        end = self._chunk_end(piece)
         block = self._file.read(piece.position + end, piece.length - end)
         found = {}
         position = 0
@@ -100,6 +102,17 @@ class Ros1File(ChunkedFile):
                 times = entries['seconds'].astype(np.int64) * 10**9 + entries['nanoseconds']
                 found[int.from_bytes(fields[b'conn'], 'little')] = times
         return found
+
+    def _chunk_end(self, piece: Piece) -> int:
+        """Where the indexes behind a chunk begin, from the piece's beginning on.
+
+        Raises:
+            ValueError: The chunk is damaged.
+        """
+        fields, _, end = split_record(self._file.read(piece.position, _HEAD_READ), 0)
+        if opcode_of(fields) == CHUNK:
+            self.compressions.add(fields[b'compression'].decode('ascii', 'replace'))
+        return end
 
     def _scanned(self) -> Mapping[int, array[int]]:
         return Ros1Scan(self._file, self._findings).run().stamps or {}
@@ -146,6 +159,8 @@ def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) ->
             infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
     if len(infos) != expected:
         raise ValueError(f'{len(infos)} chunks instead of {expected}')
+    if any(not counts.keys() <= contents.channels.keys() for _, _, _, counts in infos):
+        raise ValueError('a connection is missing')
     infos.sort(key=itemgetter(0))
     ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
     contents.pieces = [

@@ -53,11 +53,14 @@ class SqliteFile:
     Attributes:
         channels: By the id of their row.
         pieces: All rows are one.
+        compressions: None; rosbag2 compresses messages or whole files.
 
     Raises:
         BadBagError: It is no rosbag2 database.
         OSError: It cannot be read.
     """
+
+    compressions: Collection[str] = ()
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
         self._name = name
@@ -65,6 +68,7 @@ class SqliteFile:
         self._file = FileBytes(path, name)
         self._connection: sqlite3.Connection | None = None
         self._by_id: dict[int, MessageRow] | None = None
+        self._shared: Path | None = None
         try:
             self._pages = Pages(self._file)
             rows = self._open(path)
@@ -107,6 +111,8 @@ class SqliteFile:
         self._file.close()
         if self._connection is not None:
             self._connection.close()
+        if self._shared is not None:
+            self._shared.unlink(missing_ok=True)
 
     def _lose(self, text: str, messages: int | None) -> None:
         self._findings.lose(f'{self._name}: {text}', messages)
@@ -128,7 +134,7 @@ class SqliteFile:
             self._lose(f'cut off at byte {size} of {self._pages.expected}', None)
         else:
             try:
-                self._connection = _connect(path, self._name, self._findings)
+                self._connection = self._connect(path)
                 self.channels = _channels(self._connection)
                 query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
                 return np.fromiter(self._connection.execute(query), _ROW)
@@ -141,6 +147,24 @@ class SqliteFile:
         if not self.channels:
             raise ValueError('it has no list of topics')
         return self._scanned_rows()
+
+    def _connect(self, path: Path) -> sqlite3.Connection:
+        """Open the database for reading only.
+
+        Raises:
+            sqlite3.Error: It cannot be opened.
+        """
+        mode = 'immutable=1'
+        wal = path.with_name(f'{path.name}-wal')
+        if wal.is_file() and wal.stat().st_size:
+            self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
+            mode = 'mode=ro'
+            shared = path.with_name(f'{path.name}-shm')
+            if not shared.exists():
+                self._shared = shared  # SQLite makes it and leaves it
+        uri = f'file:{quote(str(path.absolute()))}?{mode}'
+        # One thread after another may read.
+        return sqlite3.connect(uri, uri=True, check_same_thread=False)
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
         found = self._scanned()
@@ -190,22 +214,6 @@ class SqliteFile:
         except ValueError as error:
             self._lose(f'row {row_id} cannot be read ({error})', 1)
             return None
-
-
-def _connect(path: Path, name: Path, findings: Findings) -> sqlite3.Connection:
-    """Open a database for reading only.
-
-    Raises:
-        sqlite3.Error: It cannot be opened.
-    """
-    mode = 'immutable=1'
-    wal = path.with_name(f'{path.name}-wal')
-    if wal.is_file() and wal.stat().st_size:
-        findings.lose(f'{name}: its recorder did not close it; what {wal.name} adds is read', 0)
-        mode = 'mode=ro'
-    uri = f'file:{quote(str(path.absolute()))}?{mode}'
-    # One thread after another may read.
-    return sqlite3.connect(uri, uri=True, check_same_thread=False)
 
 
 def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:

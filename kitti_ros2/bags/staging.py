@@ -84,10 +84,14 @@ class Staging:
         try:
             with reported(self.path):
                 self._created = _make_parents(self.path.parent)
-                self._lock = self._acquire()
+                self._acquire()
                 self._clear()
-        except BaseException:
+        except BaseException as error:
             self.discard()
+            if isinstance(error, (KeyboardInterrupt, SystemExit)):
+                # It may have come between making the directory and locking it; an empty one goes.
+                with suppress(OSError):
+                    self._partial.rmdir()
             raise
 
     def publish(self) -> None:
@@ -131,7 +135,8 @@ class Staging:
             if refusal is not None:
                 raise OutputExistsError(self.path, refusal)
 
-    def _acquire(self) -> int:
+    def _acquire(self) -> None:
+        """Make the partial directory and lock it."""
         while True:
             with suppress(FileExistsError):
                 self._partial.mkdir()
@@ -140,7 +145,8 @@ class Staging:
                 self._lock_exclusively(fd)
                 # A directory that its owner removed between our open and our lock is not ours.
                 if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
-                    return fd
+                    self._lock = fd
+                    return
             except FileNotFoundError:
                 pass
             except BaseException:

@@ -5,28 +5,31 @@
 from __future__ import annotations
 
 import sys
+import time
 from typing import TYPE_CHECKING
 
-from ..bags.locate import locate_bag
-from ..bags.writer import guess_storage
-from ..options import BagOptions
 from ..recover import recover
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .memory import keep_imports
+from .memory import keep_freed_memory, keep_imports
+from .progress import count_progress
 from .text import format_bytes, format_count, format_path
-from .to_bag import show_losses
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from ..recover import RecoveryReport
+
+_PARTS = 1000
 
 
 def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, quiet: bool) -> int:
-    """Recover, and say what came of it.
+    """Recover, and say what was lost.
 
     Args:
-        bag: The bag to read.
-        out: The bag to write.
-        storage: Its storage; by its ending, else as the source has it, where None.
+        bag: What is cut off or damaged.
+        out: The sound bag.
+        storage: mcap, sqlite3 or ros1, None for the bag's own.
         overwrite: Whether an existing bag may be replaced.
         quiet: Say only what was lost.
 
@@ -34,14 +37,47 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
         The exit code.
     """
     keep_imports()
-    wanted = guess_storage(out, storage) if storage or out.suffix else locate_bag(bag).storage
-    found = recover(bag, out, BagOptions(storage=wanted, overwrite=overwrite))
+    keep_freed_memory()
+    started = time.monotonic()
+    with count_progress('', _PARTS, show=not quiet) as show:
+        report = recover(bag, out, storage, overwrite=overwrite, progress=_in_parts(show))
+    for loss in report.losses:
+        sys.stderr.write(f'{loss}\n')
     if not quiet:
-        for note in found.notes:
-            sys.stdout.write(f'note: {note}\n')
-        sys.stdout.write(
-            f'{format_path(found.path)}: {format_count(sum(found.counts.values()), "message")} on'
-            f' {format_count(len(found.counts), "topic")}, {format_bytes(found.size_bytes)}\n'
-        )
-    show_losses(found.losses)
-    return EXIT_LOSSES if found.losses else EXIT_OK
+        _summarize(report, time.monotonic() - started)
+    if not report.losses:
+        return EXIT_OK
+    sys.stderr.write(f'kitti-ros2: {_lost(report)}, as told above; exit code {EXIT_LOSSES}\n')
+    return EXIT_LOSSES
+
+
+def _in_parts(show: Callable[[int], None]) -> Callable[[int, int], None]:
+    """Show a new part only: most messages are small."""
+    last = 0
+
+    def tell(done: int, expected: int) -> None:
+        nonlocal last
+        part = done * _PARTS // max(expected, 1)
+        if part != last:
+            last = part
+            show(part)
+
+    return tell
+
+
+def _summarize(report: RecoveryReport, elapsed: float) -> None:
+    for note in report.notes:
+        sys.stdout.write(f'note: {note}\n')
+    sys.stdout.write(
+        f'{format_path(report.path)}: {format_count(sum(report.counts.values()), "message")} on'
+        f' {format_count(len(report.counts), "topic")}, {format_bytes(report.size_bytes)};'
+        f' {_lost(report)}; took {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)\n'
+    )
+
+
+def _lost(report: RecoveryReport) -> str:
+    if report.lost_exactly:
+        return f'{format_count(report.lost, "message") if report.lost else "no message"} lost'
+    if not report.lost:
+        return 'an unknown number of messages lost'
+    return f'at least {format_count(report.lost, "message")} lost'
