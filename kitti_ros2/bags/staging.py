@@ -150,7 +150,8 @@ class Staging:
             except FileNotFoundError:
                 pass
             except BaseException:
-                os.close(fd)
+                if self._lock != fd:
+                    os.close(fd)
                 raise
             os.close(fd)
 
