@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The labelled objects of a frame, in the one form that everything is drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..boxes import cuboid_of, has_cuboid, is_absurd
+from ..labels import identified, rect_from_velo
+
+if TYPE_CHECKING:
+    from ..boxes import Box, Cuboid
+    from ..geometry import Transform
+    from ..samples import Calibration, FrameLabels
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledObject:
+    """One object of a frame.
+
+    Attributes:
+        kind: Class name; DontCare for a region without labels.
+        cuboid: Its 3D box in velo_link, None where the label has none.
+        box_2d: left, top, right, bottom in pixels of the labelled camera (KITTI's camera 2), None
+            where the label has none (tracklets).
+        truncated: 0..1, None where it is not told.
+        occluded: 0 visible, 1 partly, 2 largely, 3 unknown, None where it is not told.
+        score: Detection score, None for ground truth.
+        track_id: Identity across frames, None where there is none.
+    """
+
+    kind: str
+    cuboid: Cuboid | None
+    box_2d: tuple[float, float, float, float] | None = None
+    truncated: float | None = None
+    occluded: int | None = None
+    score: float | None = None
+    track_id: int | None = None
+
+
+def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[LabelledObject]:
+    """The objects of a frame, from label lines or from tracklets.
+
+    Without a calibration, or with one that does not tell where the scanner is, the boxes of label
+    lines have their 2D side only.
+    """
+    if labels.cuboids:
+        return [
+            LabelledObject(each.kind, each, score=each.score, track_id=each.track_id)
+            for each in labels.cuboids
+        ]
+    rect_t_velo = _rect_t_velo(calibration)
+    return [_object_of(identity, box, rect_t_velo) for identity, box in identified(labels)]
+
+
+def _rect_t_velo(calibration: Calibration | None) -> Transform | None:
+    try:
+        return None if calibration is None else rect_from_velo(calibration)
+    except ValueError:
+        return None
+
+
+def _object_of(identity: str, box: Box, rect_t_velo: Transform | None) -> LabelledObject:
+    solid = rect_t_velo is not None and has_cuboid(box) and not is_absurd(box)
+    left, top, right, bottom = box.box_2d
+    return LabelledObject(
+        box.kind,
+        cuboid_of(box, identity, rect_t_velo) if solid and rect_t_velo is not None else None,
+        box.box_2d if right > left and bottom > top else None,
+        box.truncated if box.truncated >= 0 else None,
+        box.occluded if box.occluded >= 0 else None,
+        box.score,
+        box.track_id if box.track_id is not None and box.track_id >= 0 else None,
+    )
