@@ -33,6 +33,7 @@ from .rig import CameraModel, camera_model, rect_in_frame
 
 if TYPE_CHECKING:
     from ..boxes import Box
+    from ..messages.pixels import Pixels
     from .survey import Survey
 
 _WORTH_A_WORD_RAD = np.radians(10)
@@ -147,9 +148,22 @@ class Rigging:
                 raise ValueError(str(error)) from None
             self._check_size(camera, (image.width, image.height))
             return own
+        return encode_png(self.pixels(camera, message))
+
+    def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+        """An Image or CompressedImage decoded, rectified where the plan says so.
+
+        Returns:
+            (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
+
+        Raises:
+            ValueError: As png.
+        """
+        compressed = hasattr(message, 'format')
         pixels = decode_compressed_pixels(message) if compressed else decode_pixels(message)
         self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
-        return encode_png(pixels if rectifier is None else rectifier.apply(pixels))
+        rectifier = self._rectifiers.get(camera)
+        return pixels if rectifier is None else rectifier.apply(pixels)
 
     def _check_size(self, camera: int, size: tuple[int, int]) -> None:
         expected = self._sizes.setdefault(camera, size)

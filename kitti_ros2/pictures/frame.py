@@ -19,6 +19,15 @@ if TYPE_CHECKING:
 Pixels: TypeAlias = npt.NDArray[np.uint8]
 
 
+def colour_pixels(pixels: npt.NDArray[np.uint8 | np.uint16]) -> Pixels:
+    """(H, W, 3) uint8 BGR of grey or colour pixels; of 16 bits the upper 8."""
+    import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
+
+    upper = pixels if pixels.dtype == np.uint8 else pixels // 256
+    values = upper.astype(np.uint8, copy=False)
+    return values if values.ndim == 3 else np.asarray(cv2.cvtColor(values, cv2.COLOR_GRAY2BGR))
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """What belongs to one moment.
@@ -27,8 +36,8 @@ class Frame:
         source: Name of the recording, for people.
         number: KITTI file number; in a bag of others, the place of the frame from 0.
         stamp_ns: Nanoseconds since 1970 of the stream that frames are counted by.
-        images: (H, W, 3) uint8 BGR by KITTI camera index, read-only; grey ones have three equal
-            channels.
+        images: (H, W, 3) uint8 BGR by KITTI camera index, not to be drawn on; grey ones have three
+            equal channels.
         points: (N, 4) float32 x y z in metres in velo_link and reflectance 0..1; None without.
         calibration: Of this frame, None where there is none at all.
         objects: Labels.

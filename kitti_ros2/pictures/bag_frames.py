@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The frames of a bag, as the importer's plan would lay them out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from threading import Lock
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..bags.reader import open_messages
+from ..drawing.objects import objects_of
+from ..errors import KittiRos2Error, LackingError, UsageError
+from ..geometry import Transform
+from ..importer.frame_tree import FrameTree
+from ..importer.frames import choose_frames, frame_topics, topic_of
+from ..importer.guess import guess_plan
+from ..importer.plan import NONE as NO_CALIBRATION
+from ..importer.plan import Incomplete
+from ..importer.planned import look
+from ..importer.poses import read_track
+from ..importer.report import LossTally
+from ..importer.rigging import Rigging
+from ..importer.sync import NONE
+from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream
+from .frame import Frame, colour_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from ..importer.ego import PoseTrack
+    from ..importer.frames import Frames
+    from ..importer.plan import Plan
+    from ..importer.survey import Survey
+    from ..samples import Int64Array
+
+
+class _Place(NamedTuple):
+    """Where a message is: its topic, its log time, and how many of that topic come before it then.
+
+    A bag is entered by time, and several messages of a topic may have the same.
+    """
+
+    topic: str
+    log_ns: int
+    before: int
+
+
+class BagFrames:
+    """The frames of a bag: see frame.FrameSource. Frames count from 0.
+
+    Images are rectified where their camera_info tells a distortion, so that what is projected into
+    them lies right.
+
+    Raises:
+        BadBagError: It cannot be read.
+        LackingError: It has neither point clouds nor images.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.name = path.name
+        self._path = path
+        survey = look([path])
+        guess = guess_plan(survey, Layout.OBJECT, path)
+        plan = _to_look_at(guess.plan)
+        notes = list(guess.remarks)
+        self._plan, self._rigging = _rigged(plan, survey, notes)
+        self._track = _track(path, survey, notes)
+        self._body_t_imu = self._find_unit(survey)
+        frames = choose_frames(self._plan, survey, None)
+        self.stamps_ns = frames.stamps_ns
+        self.numbers: Int64Array = np.arange(len(frames), dtype=np.int64)
+        self.cameras: Mapping[int, str] = {
+            index: CAMERA_NAMES.get(index, str(index)) for index in self._plan.cameras
+        }
+        self._places = {
+            stream: _places(topic, survey, frames, stream)
+            for stream, topic in frame_topics(self._plan).items()
+        }
+        self._messages = open_messages(path, set(frame_topics(self._plan).values()))
+        self._lock = Lock()
+        self.notes: Sequence[str] = (*notes, *frames.notes, *self._messages.warnings)
+
+    def _find_unit(self, survey: Survey) -> Transform:
+        """body_T_imu, where static transforms tell it; else the body stands for the unit."""
+        pose, unit = self._track, self._plan.imu_frame
+        if pose is None or not unit:
+            return Transform.identity()
+        tree = FrameTree(survey.static, survey.moving)
+        return tree.find(pose.body, unit) or Transform.identity()
+
+    def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
+        """As FrameSource has it."""
+        if not 0 <= number < len(self.numbers):
+            last = len(self.numbers) - 1
+            raise UsageError(f'{self.name} has no frame {number}; it has 0 to {last}')
+        places = {
+            stream: place
+            for stream, found in self._places.items()
+            if (place := found[number]) is not None and (wanted is None or stream.value in wanted)
+        }
+        stamp_ns = int(self.stamps_ns[number])
+        lacks: dict[str, str] = {}
+        with self._lock:
+            stored = {stream: self._read(place) for stream, place in places.items()}
+        made: dict[Stream, Any] = {}
+        for stream, data in stored.items():
+            try:
+                made[stream] = self._make(stream, data, stamp_ns)
+            except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
+                topic = places[stream].topic
+                lacks[stream.value] = f'{topic}: the message of frame {number}: {error}'
+        calibration = self._rigging.calibrations.at(stamp_ns)
+        labels = made.get(Stream.LABELS, FrameLabels())
+        return Frame(
+            source=self.name,
+            number=number,
+            stamp_ns=stamp_ns,
+            images={stream.camera: made[stream] for stream in made if stream.camera is not None},
+            points=made.get(Stream.SCAN),
+            calibration=calibration,
+            objects=objects_of(labels, calibration),
+            pose=self._pose(stamp_ns),
+            lacks=lacks,
+        )
+
+    def _read(self, place: _Place) -> Any:  # noqa: ANN401 - of the bag's types
+        """The decoded message at a place, or the error that it has instead."""
+        before = place.before
+        try:
+            for message in self._messages.since(place.log_ns):
+                if message.topic != place.topic:
+                    continue
+                if not before:
+                    kind = message.msgtype
+                    return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)
+                before -= 1
+        except Exception as error:  # noqa: BLE001 - generated code lets anything out
+            return error
+        return LackingError('it is not there any more')
+
+    def _make(self, stream: Stream, message: Any, stamp_ns: int) -> Any:  # noqa: ANN401
+        if isinstance(message, Exception):
+            raise message
+        if stream is Stream.SCAN:
+            return self._rigging.scan(message)[0].points
+        if stream is Stream.LABELS:
+            return FrameLabels(boxes=self._rigging.boxes(message, stamp_ns))
+        return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
+
+    def _pose(self, stamp_ns: int) -> Pose | None:
+        if self._track is None:
+            return None
+        (pose,) = self._track.track.at(np.array([stamp_ns], dtype=np.int64))
+        return None if pose is None else Pose(pose @ self._body_t_imu)
+
+
+class _Track(NamedTuple):
+    """Poses, and the frame whose poses they are."""
+
+    track: PoseTrack
+    body: str
+
+
+def _to_look_at(plan: Plan) -> Plan:
+    """The plan with every frame, and with the boxes that the camera does not see."""
+    labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
+    return replace(plan, incomplete=Incomplete.KEEP, labels=labels)
+
+
+def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging]:
+    """The rigging of a plan; where its calibration cannot be had, of the same without."""
+    try:
+        return plan, Rigging(plan, survey)
+    except KittiRos2Error as error:
+        notes.append(f'no calibration: {error}')
+    plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
+    return plan, Rigging(plan, survey)
+
+
+def _track(path: Path, survey: Survey, notes: list[str]) -> _Track | None:
+    """The poses that odometry would be made of, if any."""
+    try:
+        plan = guess_plan(survey, Layout.ODOMETRY, path).plan
+        losses = LossTally()
+        track = read_track([path], plan, survey, losses)
+    except KittiRos2Error as error:
+        notes.append(str(error))
+        return None
+    if track is None or plan.pose is None:
+        return None
+    notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
+    return _Track(track, plan.pose.body)
+
+
+def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[_Place | None]:
+    """Where the message of each frame is, None for a frame without."""
+    log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
+    found: list[_Place | None] = []
+    for place in frames.samples[stream].tolist():
+        if place == NONE:
+            found.append(None)
+            continue
+        stamp_ns = int(log_ns[place])
+        found.append(_Place(topic, stamp_ns, int(np.count_nonzero(log_ns[:place] == stamp_ns))))
+    return found

@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a detector or tracker found, as label files beside the ground truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..drawing.objects import objects_of
+from ..errors import BadFileError, UsageError
+from ..kitti.label_file import parse_labels
+from ..kitti.names import FRAME_DIGITS, SEQUENCE_DIGITS, TXT, file_name
+from ..kitti.store import STORE
+from ..samples import FrameLabels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..boxes import Box
+    from .frame import Frame
+
+_DATA = 'data'
+"""Where the devkits' evaluation and OpenPCDet put their result files, inside the folder."""
+
+
+class Predictions:
+    """Result files of one recording.
+
+    Attributes:
+        path: A tracker's file (lines of all frames, as label_02 has them), or a folder with a
+            file for each frame (as label_2), itself or in its data/.
+
+    Raises:
+        UsageError: It holds no result file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.exists():
+            raise UsageError(f'{path}: no such file or folder; expected label files of predictions')
+        self.path = path
+        self._folder = path / _DATA if STORE.is_dir(path / _DATA) else path
+        if STORE.is_dir(path) and not any(map(_is_of_frame, STORE.names(self._folder))):
+            tracks = [name for name in STORE.names(self._folder) if _is_of_sequence(name)]
+            hint = f'; give one of its files, such as {tracks[0]}' if tracks else ''
+            raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
+
+    def add_to(self, frame: Frame) -> Frame:
+        """The frame with what was found in it; bad lines are among what it lacks."""
+        lacks: dict[str, str] = {}
+        try:
+            boxes = self._boxes(frame.number, lacks)
+        except (BadFileError, OSError) as error:
+            boxes = []
+            lacks['predictions'] = str(error)
+        found = objects_of(FrameLabels(boxes=boxes), frame.calibration)
+        return replace(frame, predictions=found, lacks={**frame.lacks, **lacks})
+
+    def _boxes(self, number: int, lacks: dict[str, str]) -> list[Box]:
+        if not STORE.is_dir(self.path):
+            return self._tracks.get(number, [])
+        path = self._folder / file_name(number, FRAME_DIGITS, TXT)
+        if not STORE.is_file(path):
+            lacks['predictions'] = f'{path}: no such file'
+            return []
+        lines = parse_labels(STORE.read_text(path), path)
+        lacks |= {f'predictions {row}': str(error) for row, error in lines.errors.items()}
+        return [box for box in lines.values if box is not None]
+
+    @cached_property
+    def _tracks(self) -> Mapping[int, list[Box]]:
+        """The boxes of a tracker's file by frame.
+
+        Raises:
+            BadFileError: A line is no label.
+        """
+        lines = parse_labels(STORE.read_text(self.path), self.path)
+        for error in lines.errors.values():
+            raise error
+        frames: dict[int, list[Box]] = {}
+        for row, box in enumerate(lines.values):
+            if box is None:
+                continue
+            if box.frame is None:
+                expected = '17 or 18 columns, of which the first is the frame'
+                raise BadFileError(self.path, 'no frame number', expected, line=row + 1)
+            frames.setdefault(box.frame, []).append(box)
+        return frames
+
+
+def _is_of_frame(name: str) -> bool:
+    return name.endswith(TXT) and len(name) == FRAME_DIGITS + len(TXT) and name[:-4].isdecimal()
+
+
+def _is_of_sequence(name: str) -> bool:
+    return name.endswith(TXT) and len(name) == SEQUENCE_DIGITS + len(TXT) and name[:-4].isdecimal()

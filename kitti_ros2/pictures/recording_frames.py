@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The frames of a KITTI folder."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from ..drawing.objects import objects_of
+from ..errors import KittiRos2Error, LackingError, UsageError
+from ..importer.sync import NONE, default_tolerance_ns, match_frames
+from ..messages.png import decode_png
+from ..samples import (
+    Calibration,
+    FrameLabels,
+    Image,
+    Layout,
+    OxtsPacket,
+    Pose,
+    Scan,
+    Stream,
+    format_numbers,
+)
+from .frame import Frame, colour_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from ..samples import Int64Array, Recording, Sample
+    from .frame import Pixels
+
+_OF_FRAMES = (
+    Stream.SCAN,
+    Stream.IMAGE_2,
+    Stream.IMAGE_0,
+    Stream.IMAGE_3,
+    Stream.IMAGE_1,
+    Stream.IMAGE_4,
+    Stream.LABELS,
+    Stream.OXTS,
+    Stream.POSE,
+)
+"""The streams a frame is made of; the first that has a sample tells its stamp."""
+
+S = TypeVar('S')
+
+
+class RecordingFrames:
+    """The frames of a recording: see frame.FrameSource.
+
+    Where the same number is the same moment in all streams, every number is a frame. In a raw
+    extract the scans are the frames, and the nearest sample of each other stream within half their
+    period belongs to them.
+
+    Raises:
+        LackingError: It has neither images nor scans nor labels.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.name = f'{recording.layout.value} {recording.name}'
+        self.notes: Sequence[str] = (
+            *(f'{loss.stream}: {loss.text()}' for loss in recording.losses),
+            *recording.notes,
+        )
+        self._recording = recording
+        self.cameras: Mapping[int, str] = recording.cameras
+        streams = [each for each in _OF_FRAMES if each in recording.streams]
+        if not streams:
+            raise LackingError(f'{recording.root}: has no stream that pictures could be made of')
+        if recording.common_numbers:
+            self.numbers, self.stamps_ns = _common(recording, streams)
+            self._samples = {stream: _same(recording.streams[stream].numbers) for stream in streams}
+        else:
+            reference = recording.streams[streams[0]]
+            self.numbers, self.stamps_ns = reference.numbers, reference.stamps_ns
+            self._samples = _nearest(recording, streams)
+
+    def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
+        """As FrameSource has it."""
+        place = int(np.searchsorted(self.numbers, number))
+        if place == len(self.numbers) or self.numbers[place] != number:
+            raise UsageError(
+                f'{self.name} has no frame {number}; it has {format_numbers(self.numbers.tolist())}'
+            )
+        lacks: dict[str, str] = {}
+        calibration = self._recording.calibration(number)
+        lacks |= {f'calibration {part}': reason for part, reason in calibration.lacks.items()}
+        samples: dict[Stream, Sample] = {}
+        for stream, files in self._samples.items():
+            if number not in files or (wanted is not None and stream.value not in wanted):
+                continue
+            try:
+                samples[stream] = self._recording.read(stream, files[number])
+            except (KittiRos2Error, OSError) as error:
+                lacks[stream.value] = str(error)
+        scan = _of(samples, Stream.SCAN, Scan)
+        labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
+        lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
+        return Frame(
+            source=self.name,
+            number=number,
+            stamp_ns=int(self.stamps_ns[place]),
+            images=_decoded(samples, lacks),
+            points=None if scan is None else scan.points,
+            calibration=None if _is_empty(calibration) else calibration,
+            objects=objects_of(labels, calibration),
+            packet=_of(samples, Stream.OXTS, OxtsPacket),
+            pose=_of(samples, Stream.POSE, Pose),
+            timed=self._recording.layout is Layout.RAW,
+            lacks=lacks,
+        )
+
+
+def _same(numbers: Int64Array) -> dict[int, int]:
+    return {number: number for number in numbers.tolist()}
+
+
+def _nearest(recording: Recording, streams: Sequence[Stream]) -> dict[Stream, dict[int, int]]:
+    """By stream and frame the file number of the sample nearest in time to the first stream's."""
+    reference = recording.streams[streams[0]]
+    matches = match_frames(
+        reference.stamps_ns,
+        {stream.value: recording.streams[stream].stamps_ns for stream in streams},
+        default_tolerance_ns(reference.stamps_ns),
+    )
+    found = {}
+    for stream in streams:
+        taken = matches[stream.value].indices
+        frames = np.flatnonzero(taken != NONE)
+        own = recording.streams[stream].numbers[taken[frames]]
+        found[stream] = dict(zip(reference.numbers[frames].tolist(), own.tolist(), strict=True))
+    return found
+
+
+def _common(recording: Recording, streams: Sequence[Stream]) -> tuple[Int64Array, Int64Array]:
+    """All numbers and their stamps, of the first stream that has each."""
+    index = recording.streams
+    every = np.concatenate([index[stream].numbers for stream in streams])
+    stamps = np.concatenate([index[stream].stamps_ns for stream in streams])
+    numbers, first = np.unique(every, return_index=True)
+    return numbers, stamps[first]
+
+
+def _decoded(samples: Mapping[Stream, Sample], lacks: dict[str, str]) -> dict[int, Pixels]:
+    """The pixels of the images, by camera."""
+    images: dict[int, Pixels] = {}
+    for stream, sample in samples.items():
+        if stream.camera is None or not isinstance(sample, Image):
+            continue
+        try:
+            images[stream.camera] = colour_pixels(decode_png(sample))
+        except ValueError as error:
+            lacks[stream.value] = str(error)
+    return images
+
+
+def _is_empty(calibration: Calibration) -> bool:
+    return not calibration.cameras and calibration.cam0_T_velo is None
+
+
+def _of(samples: Mapping[Stream, Sample], stream: Stream, kind: type[S]) -> S | None:
+    sample = samples.get(stream)
+    return sample if isinstance(sample, kind) else None

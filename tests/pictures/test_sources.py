@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A frame is the same wherever it is read from: every layout, every container, bags of others."""
+
+from __future__ import annotations
+
+import shutil
+
+import foreign
+import numpy as np
+import pytest
+
+from kitti_ros2.convert import convert
+from kitti_ros2.errors import UsageError
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.options import BagOptions, Images, MessageOptions, ReadOptions, SelectionOptions
+from kitti_ros2.pictures.predictions import Predictions
+from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.samples import Layout, Stream
+
+ANY = ReadOptions()
+
+
+def make_bag(source, path, storage='mcap', images=Images.COMPRESSED):
+    messages = MessageOptions(images=images)
+    convert(open_recording(source), path, messages, SelectionOptions(), BagOptions(storage))
+    return path
+
+
+def assert_same(frame, other):
+    assert frame.images.keys() == other.images.keys()
+    for camera, pixels in frame.images.items():
+        np.testing.assert_array_equal(pixels, other.images[camera])
+    np.testing.assert_array_equal(frame.points, other.points)
+    assert frame.calibration is not None
+    assert other.calibration is not None
+    for camera, calibration in frame.calibration.cameras.items():
+        if camera in other.images:
+            np.testing.assert_allclose(
+                calibration.p_rect, other.calibration.cameras[camera].p_rect, atol=1e-9
+            )
+
+
+@pytest.mark.parametrize('images', [Images.COMPRESSED, Images.RAW])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
+def test_a_bag_shows_what_its_folder_shows(recording_path, tmp_path, storage, images):
+    name = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}[storage]
+    bag = open_frames(make_bag(recording_path, tmp_path / name, storage, images), ANY)
+    folder = open_frames(recording_path, ANY)
+    assert len(bag.numbers) == len(folder.numbers)
+    assert bag.cameras == folder.cameras
+    for number in (0, int(folder.numbers[-1])):
+        there, here = bag.frame(number), folder.frame(number)
+        assert not there.lacks
+        assert not here.lacks
+        assert there.stamp_ns == here.stamp_ns
+        assert_same(there, here)
+        solid = sorted(each.kind for each in here.objects if each.cuboid is not None)
+        assert sorted(each.kind for each in there.objects if each.cuboid is not None) == solid
+
+
+def test_a_bag_of_others(tmp_path):
+    truth = foreign.make_truth()
+    source = open_frames(foreign.write_foreign(tmp_path / 'bag.mcap', truth), ANY)
+    frame = source.frame(3)
+    assert set(frame.images) == {2, 3}
+    assert frame.points is not None
+    assert len(frame.points)
+    assert frame.calibration is not None
+    assert frame.pose is not None
+    assert frame.objects
+
+
+def test_only_what_is_wanted_is_read(recordings):
+    source = open_frames(recordings[Layout.OBJECT], ANY)
+    frame = source.frame(1, frozenset({Stream.SCAN.value}))
+    assert not frame.images
+    assert not frame.objects
+    assert frame.points is not None
+
+
+@pytest.mark.parametrize('number', [-1, 5])
+def test_a_frame_that_is_not_there(recording_path, tmp_path, number):
+    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0-4'):
+        open_frames(recording_path, ANY).frame(number)
+    bag = open_frames(make_bag(recording_path, tmp_path / 'bag.mcap'), ANY)
+    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0 to 4'):
+        bag.frame(number)
+
+
+def test_a_gap_shifts_nothing(drive):
+    (drive / 'velodyne_points/data/0000000002.bin').unlink()
+    source = open_frames(drive, ANY)
+    assert source.frame(2).points is None
+    assert set(source.frame(2).images) == {0, 1, 2, 3}
+    before = open_recording(drive).read(Stream.SCAN, 3)
+    np.testing.assert_array_equal(source.frame(3).points, before.points)
+    assert any('no file for frames 2' in note for note in source.notes)
+
+
+def test_what_cannot_be_read_costs_itself(drive):
+    (drive / 'image_02/data/0000000001.png').write_bytes(b'no picture')
+    frame = open_frames(drive, ANY).frame(1)
+    assert set(frame.images) == {0, 1, 3}
+    assert '0000000001.png' in frame.lacks['image_2']
+
+
+def test_an_extract_is_put_together_by_time(recordings, tmp_path):
+    drive = tmp_path / recordings[Layout.RAW].parent.name / 'drive_0001_extract'
+    drive = drive.with_name(recordings[Layout.RAW].name.replace('sync', 'extract'))
+    shutil.copytree(recordings[Layout.RAW].parent, drive.parent)
+    drive.with_name(recordings[Layout.RAW].name).rename(drive)
+    stamps = drive / 'image_02/timestamps.txt'
+    lines = stamps.read_text().splitlines(keepends=True)
+    # The camera begins a frame late: its file 0 belongs to scan 1.
+    stamps.write_text(''.join(lines[1:]))
+    (drive / 'image_02/data/0000000004.png').unlink()
+    source = open_frames(drive, ANY)
+    assert 2 not in source.frame(0).images
+    expected = open_recording(drive).read(Stream.IMAGE_2, 2)
+    frame = source.frame(3)
+    assert frame.images[2].shape == (expected.height, expected.width, 3)
+    own = open_frames(recordings[Layout.RAW], ANY).frame(2)
+    np.testing.assert_array_equal(frame.images[2], own.images[2])
+
+
+def test_nothing_to_look_at(tmp_path):
+    with pytest.raises(UsageError, match='no such file or folder'):
+        open_frames(tmp_path / 'none', ANY)
+
+
+def test_a_calibration_that_cannot_be_had_is_noted(tmp_path):
+    truth = foreign.make_truth()
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', truth, 'mcap', '/tf_static')
+    source = open_frames(path, ANY)
+    frame = source.frame(0)
+    assert frame.images
+    assert frame.calibration is None
+    assert any(note.startswith('no calibration: ') for note in source.notes)
+
+
+LINE = 'Car 0.00 0 -1.57 100.00 50.00 200.00 90.00 1.50 1.60 3.90 1.00 1.60 12.00 -1.57 0.91\n'
+
+
+class TestPredictions:
+    @pytest.mark.parametrize('below', ['.', 'data'])
+    def test_a_file_for_each_frame(self, recordings, tmp_path, below):
+        (tmp_path / below).mkdir(exist_ok=True)
+        (tmp_path / below / '000001.txt').write_text(LINE * 2)
+        source = open_frames(recordings[Layout.OBJECT], ANY)
+        found = Predictions(tmp_path)
+        first, second = found.add_to(source.frame(1)).predictions
+        assert first.score == second.score == 0.91
+        assert first.cuboid is not None
+        frame = found.add_to(source.frame(2))
+        assert not frame.predictions
+        assert '000002.txt: no such file' in frame.lacks['predictions']
+
+    def test_a_file_of_tracks(self, recordings, tmp_path):
+        path = tmp_path / '0000.txt'
+        path.write_text(f'1 7 {LINE}3 8 {LINE}')
+        source = open_frames(recordings[Layout.TRACKING], ANY)
+        frames = [Predictions(path).add_to(source.frame(number)) for number in range(4)]
+        ids = [[each.track_id for each in frame.predictions] for frame in frames]
+        assert ids == [[], [7], [], [8]]
+
+    def test_a_bad_line_costs_itself(self, recordings, tmp_path):
+        (tmp_path / '000000.txt').write_text(f'Car 1 2\n{LINE}')
+        frame = Predictions(tmp_path).add_to(open_frames(recordings[Layout.OBJECT], ANY).frame(0))
+        assert len(frame.predictions) == 1
+        assert '000000.txt:1: 3 columns' in frame.lacks['predictions 0']
+
+    def test_a_folder_of_something_else(self, tmp_path):
+        (tmp_path / '0003.txt').touch()
+        with pytest.raises(UsageError, match=r'no file named like 000000.txt; give one .* 0003'):
+            Predictions(tmp_path)
+        with pytest.raises(UsageError, match='no such file or folder'):
+            Predictions(tmp_path / 'none')
