@@ -14,11 +14,15 @@ rear right to rear left, seen in the box's own frame. Corner i + 4 is above corn
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from .geometry import Float64Array, Transform
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 DONT_CARE = 'DontCare'
 """The class of image regions without labels; they have a 2D box only."""
@@ -107,6 +111,15 @@ def wrap_angle(angle: npt.ArrayLike) -> Float64Array:
 def unit_corners() -> Float64Array:
     """(8, 3) corners of the cube of side 1 in its own frame, in the order told above."""
     return _SIGNS / 2
+
+
+def cuboid_corners(cuboids: Sequence[Cuboid]) -> Float64Array:
+    """(N, 8, 3) corners of cuboids in velo_link, metres."""
+    rotations = np.array([each.velo_T_box.rotation for each in cuboids]).reshape(-1, 3, 3)
+    middles = np.array([each.velo_T_box.translation for each in cuboids]).reshape(-1, 1, 3)
+    sizes = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 1, 3)
+    corners: Float64Array = (_SIGNS / 2 * sizes) @ np.swapaxes(rotations, 1, 2) + middles
+    return corners
 
 
 def box_rotations(rotation_y: npt.ArrayLike) -> Float64Array:

@@ -10,9 +10,9 @@ from collections import Counter
 
 import pytest
 
+from kitti_ros2.drawing.palette import color_of
 from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.tracklet_file import parse_tracklets
-from kitti_ros2.messages.markers import color_of
 from kitti_ros2.options import MarkerColors, MarkerOptions
 from kitti_ros2.samples import Layout
 

@@ -4,16 +4,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..boxes import cuboid_of, has_cuboid, is_absurd
 from ..labels import identified, rect_from_velo
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..boxes import Box, Cuboid
     from ..geometry import Transform
     from ..samples import Calibration, FrameLabels
+
+
+LABEL_CAMERA = 2
+"""The camera whose pixels KITTI's 2D boxes count: the left colour one, rectified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +61,20 @@ def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[Lab
         ]
     rect_t_velo = _rect_t_velo(calibration)
     return [_object_of(identity, box, rect_t_velo) for identity, box in identified(labels)]
+
+
+def resized(
+    objects: Sequence[LabelledObject], scale_x: float, scale_y: float
+) -> list[LabelledObject]:
+    """The objects with their 2D boxes as they are in the resized image."""
+    scales = np.array([scale_x, scale_y] * 2)
+    shifts = (scales - 1) / 2
+    return [
+        each
+        if each.box_2d is None
+        else replace(each, box_2d=tuple((np.array(each.box_2d) * scales + shifts).tolist()))
+        for each in objects
+    ]
 
 
 def _rect_t_velo(calibration: Calibration | None) -> Transform | None:

@@ -10,15 +10,14 @@ trail (LINE_STRIP in map); and ego, the recording car at base_link.
 
 from __future__ import annotations
 
-import colorsys
 import math
 import struct
 from typing import TYPE_CHECKING
-from zlib import crc32
 
 import numpy as np
 
 from ..boxes import EDGES, unit_corners
+from ..drawing.palette import EGO_COLOR, EGO_SIZE_LWH, color_of
 from ..options import MarkerColors, MarkerOptions
 from .cdr_writer import CdrWriter
 from .header import pose_numbers
@@ -32,25 +31,10 @@ if TYPE_CHECKING:
     from .cdr import Parts
     from .naming import Frames
 
-_CLASS_COLORS = {
-    'Car': (0.13, 0.59, 0.95),
-    'Van': (0.0, 0.74, 0.83),
-    'Truck': (0.25, 0.32, 0.71),
-    'Tram': (0.40, 0.23, 0.72),
-    'Pedestrian': (0.96, 0.26, 0.21),
-    'Person_sitting': (1.0, 0.44, 0.26),
-    'Person (sitting)': (1.0, 0.44, 0.26),
-    'Cyclist': (1.0, 0.76, 0.03),
-    'Misc': (0.62, 0.62, 0.62),
-}
-_EGO_COLOR = (0.30, 0.69, 0.31)
-_EGO_SIZE_LWH = (4.0, 1.7, 1.5)
 # A Passat's measure about the middle of its rear axle, on the ground.
 _EGO_POSE = (1.35, 0.0, 0.75, 0.0, 0.0, 0.0, 1.0)
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _WHITE = (1.0, 1.0, 1.0)
-
-_GOLDEN_TURN = 0.6180339887498949
 
 
 def encode_markers(
@@ -94,17 +78,6 @@ def _number(cuboid: Cuboid, place: int) -> int:
     if cuboid.track_id is None:
         return place
     return cuboid.track_id if cuboid.track_id >= 0 else -1 - place
-
-
-def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
-    """Red, green, blue, 0..1: of a class, or of a track's number.
-
-    Unknown classes get a colour of their own by their name, the same in every run.
-    """
-    if colors is MarkerColors.CLASS and kind in _CLASS_COLORS:
-        return _CLASS_COLORS[kind]
-    seed = number if colors is MarkerColors.TRACK else crc32(kind.encode())
-    return colorsys.hsv_to_rgb(seed * _GOLDEN_TURN % 1.0, 0.75, 0.95)
 
 
 def _colors_to_text() -> bytes:
@@ -156,8 +129,8 @@ class _Drawing:
     def ego(self, frame_id: str) -> None:
         """The recording car."""
         self._add(
-            frame_id, ('ego', 0), Marker.CUBE, _EGO_COLOR,
-            pose=_EGO_POSE, scale=_EGO_SIZE_LWH, alpha=self._options.alpha,
+            frame_id, ('ego', 0), Marker.CUBE, EGO_COLOR,
+            pose=_EGO_POSE, scale=EGO_SIZE_LWH, alpha=self._options.alpha,
         )  # fmt: skip
 
     def object(self, cuboid: Cuboid, number: int, frame_id: str) -> None:

@@ -17,11 +17,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.boxes import EDGES, Cuboid, unit_corners
+from kitti_ros2.drawing.palette import color_of
 from kitti_ros2.errors import UsageError
 from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
-from kitti_ros2.messages.markers import color_of, encode_markers
+from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import Frames
 from kitti_ros2.messages.ros_types import Marker
 from kitti_ros2.options import MarkerColors, MarkerOptions
@@ -273,7 +274,7 @@ def test_colours_are_within_range(kind, number, colors):
 def test_unknown_classes_have_the_same_colours_in_every_run():
     kinds = ['my-robot', 'Bus', 'Straßenbahn']
     program = (
-        'from kitti_ros2.messages.markers import color_of; '
+        'from kitti_ros2.drawing.palette import color_of; '
         'from kitti_ros2.options import MarkerColors; '
         f'print([color_of(kind, 0, MarkerColors.CLASS) for kind in {kinds}])'
     )

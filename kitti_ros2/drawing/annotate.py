@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that is known of a frame's objects, on its camera image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .boxes_2d import draw_boxes_2d
+from .objects import LABEL_CAMERA
+from .projection import Projection
+from .wireframes import draw_wireframes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..samples import Calibration
+    from .objects import LabelledObject
+    from .strokes import Pixels
+
+
+def annotate(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    calibration: Calibration | Projection | None,
+    camera: int,
+    *,
+    predictions: Sequence[LabelledObject] = (),
+    solid: bool = True,
+) -> None:
+    """Draw objects on a camera image: their 3D boxes, and the 2D ones of those without.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        objects: Of the frame.
+        calibration: Of the frame, or what Projection.of made of it. Without one, or with one that
+            lacks what is needed, 2D boxes are drawn where the labels have them for this camera.
+        camera: KITTI camera index of the picture.
+        predictions: In their own style.
+        solid: Whether 3D boxes are drawn where there are any; else 2D ones only.
+
+    Raises:
+        ValueError: The picture cannot be drawn on.
+    """
+    projection = _projection(calibration, camera)
+    labelled = is_labelled(calibration, camera)
+    if projection is None or not solid:
+        draw_boxes_2d(picture, objects, projection, predictions=predictions, labelled=labelled)
+        return
+    flat, flat_predictions = (
+        [each for each in some if each.cuboid is None] for some in (objects, predictions)
+    )
+    draw_boxes_2d(picture, flat, predictions=flat_predictions, labelled=labelled)
+    draw_wireframes(picture, objects, projection, predictions)
+
+
+def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bool:
+    """Whether 2D boxes of labels count the pixels of this camera's images."""
+    if camera != LABEL_CAMERA:
+        return False
+    if isinstance(calibration, Projection):
+        return calibration.d is None
+    return calibration is None or calibration.rectified
+
+
+def _projection(calibration: Calibration | Projection | None, camera: int) -> Projection | None:
+    if calibration is None or isinstance(calibration, Projection):
+        return calibration
+    try:
+        return Projection.of(calibration, camera)
+    except ValueError:
+        return None

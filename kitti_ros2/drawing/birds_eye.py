@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A frame from above: points by height, boxes with their headings, rings of equal distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from ..options import ColorBy, ColorMap
+from .looks import bgr, class_color, corners_of, name_of, nearest_first
+from .palette import EGO_COLOR, EGO_SIZE_LWH
+from .points import scatter
+from .scales import SCALES, colored
+from .strokes import check_picture, cut_segments, dashes, draw_segments, size_of
+from .text import Tag, draw_tags, extent_of, put_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..geometry import Float64Array
+    from ..options import BirdOptions
+    from ..samples import Float32Array
+    from .objects import LabelledObject
+    from .strokes import Pixels
+
+BACKGROUND = (24, 20, 18)
+_RING_COLOR = (84, 76, 70)
+_RING_TEXT = (186, 178, 172)
+_RING_STEPS_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+_MOST_RINGS = 8
+_LARGEST = 1 << 20
+"""Pixels that a ring may be away; OpenCV's fixed point ends soon after."""
+
+_SHIFT = 4
+_TEXT_SCALE = 0.36
+_ARROW_M = 1.2
+_EGO_MIDDLE_X = 0.59
+"""The middle of KITTI's car before its scanner: 1.35 m before the rear axle, which is 0.76 m behind
+the scanner; metres."""
+
+
+@dataclass(frozen=True)
+class BirdView:
+    """Where places of velo_link are in a picture from above.
+
+    Attributes:
+        left_m, top_m: y and x of the picture's upper left corner, metres.
+        pixels_per_metre: Resolution.
+    """
+
+    left_m: float
+    top_m: float
+    pixels_per_metre: float
+
+    @classmethod
+    def of(cls, options: BirdOptions) -> BirdView:
+        """The view that options ask for."""
+        return cls(options.y_range[1], options.x_range[1], options.pixels_per_metre)
+
+    def pixels(self, places: Float64Array) -> Float64Array:
+        """(..., 2) column and row of (..., 2) x and y; a pixel's middle is at a whole number."""
+        corner = np.array([self.left_m, self.top_m])
+        found: Float64Array = (corner - places[..., ::-1]) * self.pixels_per_metre - 0.5
+        return found
+
+
+def birds_eye(
+    points: Float32Array | None,
+    objects: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject],
+    options: BirdOptions,
+    color_map: ColorMap = ColorMap.TURBO,
+) -> Pixels:
+    """A frame from above, in a new (H, W, 3) picture.
+
+    Args:
+        points: (N, 4) x y z in velo_link, metres, and reflectance; None without a scan.
+        objects: Ground truth; those without a 3D box are left out.
+        predictions: In the style of predictions.
+        options: Range and resolution.
+        color_map: The colours of heights.
+    """
+    width, height = options.size
+    picture = np.full((height, width, 3), BACKGROUND, np.uint8)
+    view = BirdView.of(options)
+    radii = _ring_radii(options)
+    _draw_rings(picture, view, radii)
+    if points is not None:
+        draw_points_from_above(picture, points, view, color_map)
+    _label_rings(picture, view, radii)
+    _draw_ego(picture, view)
+    draw_footprints(picture, objects, view, predictions)
+    return picture
+
+
+def draw_points_from_above(
+    picture: Pixels,
+    points: Float32Array,
+    view: BirdView,
+    color_map: ColorMap = ColorMap.TURBO,
+    point_size: int = 1,
+) -> None:
+    """Draw points, the highest on top, coloured by height."""
+    check_picture(picture)
+    width, height = size_of(picture)
+    scale = np.float32(view.pixels_per_metre)
+    with np.errstate(over='ignore'):
+        columns = (np.float32(view.left_m) - points[:, 1]) * scale
+        rows = (np.float32(view.top_m) - points[:, 0]) * scale
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    shades = SCALES[ColorBy.HEIGHT].shades(points[inside, 2])
+    order = np.argsort(shades, kind='stable')
+    places = np.stack([columns[inside], rows[inside]], axis=1).astype(np.int32)
+    layer = scatter(places[order], shades[order], (width, height), point_size)
+    cv2.copyTo(colored(layer, color_map), layer, picture)
+
+
+def draw_footprints(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    view: BirdView,
+    predictions: Sequence[LabelledObject] = (),
+) -> None:
+    """Draw the outline of each 3D box from above, an arrow along its heading, and its tag.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        objects: Those without a 3D box are left out.
+        view: Of the picture.
+        predictions: In their own style.
+
+    Raises:
+        ValueError: The picture cannot be drawn on.
+    """
+    check_picture(picture)
+    shown = nearest_first(objects, predictions)
+    corners = corners_of(shown)
+    outlines = view.pixels(corners[:, :4, :2])
+    size, tags = size_of(picture), []
+    arrows = view.pixels(_arrows(corners))
+    for place in reversed(range(len(shown))):
+        (each, predicted), outline = shown[place], outlines[place]
+        color = class_color(each.kind)
+        sides, _ = cut_segments(np.stack([outline, np.roll(outline, -1, axis=0)], axis=1), size)
+        if not len(sides):
+            continue
+        draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, 2 - predicted)
+        draw_segments(picture, cut_segments(arrows[place], size)[0], color, 2 - predicted)
+        seen = sides.reshape(-1, 2).clip(0, np.array(size) - 1.0)
+        bounds = (*seen.min(axis=0).tolist(), *seen.max(axis=0).tolist())
+        tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))
+    draw_tags(picture, tags[::-1], _TEXT_SCALE)
+
+
+def _arrows(corners: Float64Array) -> Float64Array:
+    """(N, 3, 2, 2) shaft and barbs of an arrow in x and y, from the middle of (N, 8, 3) boxes."""
+    middle = corners[:, :4, :2].mean(axis=1)
+    front = corners[:, :2, :2].mean(axis=1)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ahead = (front - middle) / np.linalg.norm(front - middle, axis=1, keepdims=True)
+    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    tip = front + _ARROW_M * ahead
+    back = tip - 0.5 * _ARROW_M * ahead
+    barbs = [back + 0.35 * _ARROW_M * sign * aside for sign in (1, -1)]
+    return np.stack([np.stack([start, tip], axis=1) for start in (middle, *barbs)], axis=1)
+
+
+def _ring_radii(options: BirdOptions) -> list[int]:
+    """Metres of the rings that the view has room for."""
+    reach = float(np.hypot(np.abs(options.x_range).max(), np.abs(options.y_range).max()))
+    if reach * options.pixels_per_metre > _LARGEST:
+        return []
+    for step in _RING_STEPS_M:
+        if reach / step <= _MOST_RINGS:
+            return list(range(step, int(reach) + 1, step))
+    return []
+
+
+def _draw_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
+    """Rings of equal distance from the scanner."""
+    column, row = view.pixels(np.zeros(2)).tolist()
+    centre = (round(column * (1 << _SHIFT)), round(row * (1 << _SHIFT)))
+    for radius in radii:
+        pixels = round(radius * view.pixels_per_metre * (1 << _SHIFT))
+        cv2.circle(picture, centre, pixels, _RING_COLOR, 1, cv2.LINE_AA, _SHIFT)
+
+
+def _label_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
+    """Each ring's radius where it is straight ahead."""
+    extent = extent_of('0', _TEXT_SCALE)
+    for radius in radii:
+        label = f'{radius} m'
+        column, row = view.pixels(np.array([radius, 0.0])).tolist()
+        room = extent_of(label, _TEXT_SCALE).width
+        if extent.above <= row < picture.shape[0] and room <= column < picture.shape[1] - room:
+            top = round(row - extent.above / 2)
+            left = round(column - room / 2)
+            window = picture[top - 2 : top + extent.above + 3, left - 3 : left + room + 3]
+            window[:] = cv2.convertScaleAbs(window, alpha=0.3)
+            put_text(picture, label, (left, top + extent.above), _TEXT_SCALE, _RING_TEXT)
+
+
+def _draw_ego(picture: Pixels, view: BirdView) -> None:
+    """The recording car, and where it is heading."""
+    length, width, _ = EGO_SIZE_LWH
+    front, rear = _EGO_MIDDLE_X + length / 2, _EGO_MIDDLE_X - length / 2
+    side = width / 2
+    corners = np.array([(front, side), (front, -side), (rear, -side), (rear, side)])
+    nose = np.array([(rear + 0.7 * length, side), (front, 0.0), (rear + 0.7 * length, -side)])
+    outline = view.pixels(corners)
+    lines = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
+    wedge = view.pixels(nose)
+    lines = np.concatenate([lines, np.stack([wedge[:-1], wedge[1:]], axis=1)])
+    draw_segments(picture, cut_segments(lines, size_of(picture))[0], bgr(EGO_COLOR), 2)

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""2D boxes on a camera image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from ..boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
+from .looks import caption_2d, class_color, line_width, nearest_first, scale_of
+from .strokes import (
+    check_picture,
+    cut_segments,
+    dashes,
+    draw_segments,
+    rectangle_segments,
+    size_of,
+)
+from .text import Tag, draw_tags
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..boxes import Cuboid
+    from ..geometry import Float64Array
+    from .objects import LabelledObject
+    from .projection import Projection
+    from .strokes import Pixels
+
+TEXT_SCALE = 0.37
+_SHADE = 0.6
+_HATCH_GREY = (150, 150, 150)
+_HATCH_STEP = 9
+
+
+def draw_boxes_2d(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    projection: Projection | None = None,
+    *,
+    predictions: Sequence[LabelledObject] = (),
+    labelled: bool = True,
+) -> None:
+    """Draw the 2D box of each object, with its tag; DontCare regions are shaded.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        objects: Of the frame.
+        projection: Into the picture, for the bounds of objects without a 2D box in it; those are
+            left out without.
+        labelled: Whether the picture is of the camera whose pixels the 2D boxes count.
+        predictions: In their own style.
+
+    Raises:
+        ValueError: The picture cannot be drawn on.
+    """
+    check_picture(picture)
+    size, scale = size_of(picture), scale_of(picture)
+    shown = nearest_first(objects, predictions)
+    bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
+    with np.errstate(invalid='ignore'):
+        cut, _ = clip_bounds(bounds, size)
+    tags = []
+    for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
+        each, predicted = shown[place]
+        if each.kind == DONT_CARE:
+            _shade(picture, cut[place])
+            continue
+        sides, _ = cut_segments(rectangle_segments(np.rint(bounds[place : place + 1])), size)
+        color, seen = class_color(each.kind), tuple(cut[place].tolist())
+        if predicted:
+            draw_segments(picture, dashes(sides, scale), color)
+        else:
+            draw_segments(picture, sides, color, line_width(each, seen, scale))
+        tags.append(Tag(caption_2d(each), seen, color, predicted))
+    draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
+
+
+def object_bounds(
+    objects: Sequence[LabelledObject],
+    projection: Projection | None,
+    size: tuple[int, int],
+    *,
+    labelled: bool,
+) -> Float64Array:
+    """(N, 4) left, top, right, bottom of the objects, pixels; NaN for one that is not in view.
+
+    A label's own 2D box where the picture is the labelled one, as it stands; else the bounds of the
+    projected 3D box, cut to the image.
+    """
+    bounds = np.full((len(objects), 4), np.nan)
+    solid: list[tuple[int, Cuboid]] = []
+    for place, each in enumerate(objects):
+        if labelled and each.box_2d is not None:
+            bounds[place] = each.box_2d
+        elif each.cuboid is not None:
+            solid.append((place, each.cuboid))
+    if projection is not None and solid:
+        found = projected_bounds(cuboid_corners([cuboid for _, cuboid in solid]), projection)
+        bounds[[place for place, _ in solid]], _ = clip_bounds(found, size)
+    return bounds
+
+
+def projected_bounds(corners: Float64Array, projection: Projection) -> Float64Array:
+    """(N, 4) bounds of (N, 8, 3) boxes in velo_link, not cut to any image; NaN for one unseen.
+
+    As boxes.project_corners, and where the lens bends the edges too.
+    """
+    pieces, lines = projection.segments(corners[:, EDGES].reshape(-1, 2, 3))
+    owners = lines // len(EDGES)
+    bounds = np.full((len(corners), 4), np.nan)
+    places, first = np.unique(owners, return_index=True)
+    if len(places):
+        bounds[places, :2] = np.minimum.reduceat(pieces.min(axis=1), first)
+        bounds[places, 2:] = np.maximum.reduceat(pieces.max(axis=1), first)
+    return bounds
+
+
+def _shade(picture: Pixels, bounds: Float64Array) -> None:
+    """Darken and hatch a region."""
+    left, top, right, bottom = np.rint(bounds).astype(int)
+    window = picture[top : bottom + 1, left : right + 1]
+    window[:] = cv2.convertScaleAbs(window, alpha=_SHADE)
+    height, width = window.shape[:2]
+    starts = np.arange(_HATCH_STEP, width + height, _HATCH_STEP, dtype=np.float64)
+    hatch = np.stack(
+        [
+            np.stack([starts, np.zeros_like(starts)], axis=1),
+            np.stack([starts - height, np.full_like(starts, height)], axis=1),
+        ],
+        axis=1,
+    )
+    lines, _ = cut_segments(hatch, (width, height))
+    draw_segments(window, lines, _HATCH_GREY)
+    cv2.rectangle(picture, (left, top), (right, bottom), _HATCH_GREY, 1)

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scan's points on a camera image, the nearest on top."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..options import ColorBy, ColorMap
+from .looks import scale_of
+from .scales import EMPTY, SCALES, colored, draw_bar
+from .strokes import check_picture, size_of
+
+if TYPE_CHECKING:
+    from ..samples import Float32Array
+    from .projection import Projection
+    from .strokes import Pixels
+
+_BAR_SIZE = (150, 7)
+
+
+def draw_points(
+    picture: Pixels,
+    points: Float32Array,
+    projection: Projection,
+    color_by: ColorBy = ColorBy.DEPTH,
+    color_map: ColorMap = ColorMap.TURBO,
+    point_size: int = 2,
+) -> None:
+    """Draw the points that the camera sees, and a colour bar.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        points: (N, 4) x y z in velo_link, metres, and reflectance 0..1.
+        projection: Into the picture.
+        color_by: What a point's colour says.
+        color_map: Which colours.
+        point_size: Diameter of a point, pixels.
+
+    Raises:
+        ValueError: The picture cannot be drawn on.
+    """
+    check_picture(picture)
+    pixels, depth, shown = seen_points(points, projection, size_of(picture))
+    values = {ColorBy.DEPTH: depth, ColorBy.HEIGHT: shown[:, 2], ColorBy.INTENSITY: shown[:, 3]}
+    order = np.argsort(-depth)
+    shades = SCALES[color_by].shades(values[color_by])
+    layer = scatter(pixels[order], shades[order], size_of(picture), point_size)
+    cv2.copyTo(colored(layer, color_map), layer, picture)
+    scale = scale_of(picture)
+    bar = (round(_BAR_SIZE[0] * scale), round(_BAR_SIZE[1] * scale))
+    corner = (3 * bar[1], 2 * bar[1])
+    draw_bar(picture, SCALES[color_by], color_map, corner, bar, 0.34 * scale)
+
+
+def seen_points(
+    points: Float32Array, projection: Projection, size: tuple[int, int]
+) -> tuple[npt.NDArray[np.int32], Float32Array, Float32Array]:
+    """The points that an image shows.
+
+    Returns:
+        (K, 2) int32 column and row, (K,) depth in metres, and the (K, 4) points themselves.
+    """
+    pixels, depth = projection.project(points[:, :3])
+    inside = ((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=1)
+    places = np.rint(pixels[inside]).astype(np.int32)
+    return places, depth[inside].astype(np.float32), points[inside]
+
+
+def scatter(
+    pixels: npt.NDArray[np.int32],
+    shades: npt.NDArray[np.uint8],
+    size: tuple[int, int],
+    point_size: int,
+) -> npt.NDArray[np.uint8]:
+    """(H, W) shades of points, each a disc; later ones lie on earlier ones.
+
+    Args:
+        pixels: (N, 2) column and row, within the image.
+        shades: (N,).
+        size: (width, height).
+        point_size: Diameter, pixels.
+    """
+    width, height = size
+    # A border as wide as the discs stands in for the test whether each of their pixels is inside.
+    offsets = _disc(point_size)
+    border = int(np.abs(offsets).max())
+    layer = np.full((height + 2 * border, width + 2 * border), EMPTY, np.uint8)
+    middles = (pixels[:, 1] + border) * layer.shape[1] + pixels[:, 0] + border
+    steps = offsets[:, 1] * layer.shape[1] + offsets[:, 0]
+    # NumPy assigns in order, so of several points on one pixel the last stays.
+    layer.reshape(-1)[(middles[:, None] + steps).ravel()] = np.repeat(shades, len(steps))
+    return np.ascontiguousarray(layer[border : border + height, border : border + width])
+
+
+def _disc(diameter: int) -> npt.NDArray[np.int32]:
+    """(K, 2) offsets of a disc's pixels from the one that its middle is in."""
+    reach = np.arange(diameter) - (diameter - 1) // 2
+    x, y = (each.ravel() for each in np.meshgrid(reach, reach))
+    middle = 0.5 if diameter % 2 == 0 else 0.0
+    inside = (x - middle) ** 2 + (y - middle) ** 2 <= (diameter / 2) ** 2 + 0.25
+    return np.stack([x[inside], y[inside]], axis=1).astype(np.int32)

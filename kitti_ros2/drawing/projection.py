@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""From velo_link to the pixels of one camera's images, whatever kind of camera it is.
+
+- Rectified images: P_i R0_rect Tr_velo_to_cam.
+- Cameras with extrinsics of their own (Waymo): P_i cam_T_velo.
+- Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's own
+  K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
+
+Pixels are KITTI's: (0, 0) is the middle of the first one. Depth is along the optical axis, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..boxes import NEAR_M
+from ..geometry import Transform
+from ..labels import rect_from_velo
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from ..geometry import Float64Array
+    from ..samples import Calibration, CameraCalibration
+
+_PLUMB_BOB = 5
+_PIECES = 16
+"""How many straight ones a line becomes where the lens bends it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """velo_link points to pixels of a camera.
+
+    Attributes:
+        matrix: (3, 4) velo_link to homogeneous pixels; where d is set, to metres in the camera's
+            own frame. The third row is the depth either way.
+        k: (3, 3) that follows the distortion, None without.
+        d: (5,) plumb bob, None where images are rectified.
+    """
+
+    matrix: Float64Array
+    k: Float64Array | None = None
+    d: Float64Array | None = None
+
+    @classmethod
+    def of(cls, calibration: Calibration, camera: int) -> Projection:
+        """The projection into the images of a camera.
+
+        Args:
+            calibration: The rig.
+            camera: KITTI camera index.
+
+        Raises:
+            ValueError: The calibration lacks what is needed; the message names it.
+        """
+        found = calibration.cameras.get(camera)
+        if found is None:
+            known = ', '.join(map(str, sorted(calibration.cameras))) or 'none'
+            raise ValueError(f'no calibration of camera {camera} (there is: {known})')
+        if found.cam_T_velo is not None:
+            return cls(_finite(found.p_rect @ found.cam_T_velo.matrix(), camera))
+        if calibration.cam0_T_velo is None:
+            raise ValueError('the calibration does not tell where the scanner is (Tr_velo_to_cam)')
+        if not calibration.rectified:
+            return _unrectified(found, camera, calibration.cam0_T_velo)
+        if calibration.r0_rect is None:
+            raise ValueError('the calibration lacks the rectifying rotation (R0_rect)')
+        return cls(_finite(found.p_rect @ rect_from_velo(calibration).matrix(), camera))
+
+    def resized(self, scale_x: float, scale_y: float) -> Projection:
+        """The projection into the same images, resized; edges stay edges."""
+        shift_x, shift_y = (scale_x - 1) / 2, (scale_y - 1) / 2
+        resize = np.array([[scale_x, 0, shift_x], [0, scale_y, shift_y], [0, 0, 1]])
+        if self.k is not None:
+            return replace(self, k=resize @ self.k)
+        return replace(self, matrix=resize @ self.matrix)
+
+    def project(self, points: npt.ArrayLike) -> tuple[Float64Array, Float64Array]:
+        """Pixels and depths of points.
+
+        Args:
+            points: (N, 3) in velo_link, metres.
+
+        Returns:
+            (N, 2) u and v, NaN for a point that the camera cannot see: not before it, or so far
+            aside that the distortion would fold it back; (N,) depth in metres.
+        """
+        seen = self.homogeneous(points)
+        return self.pixels(seen), seen[:, 2]
+
+    def homogeneous(self, points: npt.ArrayLike) -> Float64Array:
+        """(..., 3) points in velo_link to what pixels takes; linear, so lines stay lines."""
+        seen: Float64Array = (
+            np.asarray(points, np.float64) @ self.matrix[:, :3].T + self.matrix[:, 3]
+        )
+        return seen
+
+    def pixels(self, seen: Float64Array) -> Float64Array:
+        """(..., 2) pixels of homogeneous points, NaN for those that the camera cannot see."""
+        with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
+            flat = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
+            if self.k is None or self.d is None:
+                return np.asarray(flat, np.float64)
+            return np.asarray(
+                _distorted(flat, self.d) @ self.k[:2, :2].T + self.k[:2, 2], np.float64
+            )
+
+    def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+        """Straight lines as the camera sees them, cut just in front of it.
+
+        Args:
+            ends: (M, 2, 3) in velo_link, metres.
+
+        Returns:
+            (K, 2, 2) pieces in pixels, not cut to any image; (K,) the line that each is of.
+        """
+        seen, lines = _before(self.homogeneous(ends))
+        if self.d is not None:
+            steps = np.linspace(0.0, 1.0, _PIECES + 1)[:, None]
+            along = seen[:, :1] + steps * (seen[:, 1:] - seen[:, :1])
+            seen = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2, 3)
+            lines = np.repeat(lines, _PIECES)
+        pieces = self.pixels(seen)
+        finite = np.isfinite(pieces).all(axis=(1, 2))
+        return pieces[finite], lines[finite]
+
+    def polygon(self, corners: Float64Array) -> Float64Array:
+        """(K, 2) outline in pixels of a flat polygon, cut just in front of the camera.
+
+        Args:
+            corners: (V, 3) in velo_link, metres, in order; K is 0 for one wholly behind.
+        """
+        pieces, _ = self.segments(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+        return pieces.reshape(-1, 2)
+
+
+def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+    """(K, 2, 3) the parts of (M, 2, 3) lines that lie before the camera, and the line of each."""
+    lines = np.flatnonzero(
+        (seen[..., 2] >= NEAR_M).any(axis=1) & np.isfinite(seen).all(axis=(1, 2))
+    )
+    seen = seen[lines]
+    depth = seen[..., 2]
+    fall = depth[:, ::-1] - depth
+    share = np.where(depth < NEAR_M, (NEAR_M - depth) / np.where(fall, fall, 1.0), 0.0)
+    return seen + share[..., None] * (seen[:, ::-1] - seen), lines
+
+
+def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
+    """Plumb bob on (..., 2) points at depth 1; NaN where the model folds back."""
+    k1, k2, p1, p2, k3 = d
+    x, y = flat[..., 0], flat[..., 1]
+    squared = x * x + y * y
+    squared = np.where(squared < _fold(d), squared, np.nan)
+    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (squared + 2 * x * x),
+            y * radial + p1 * (squared + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
+def _fold(d: Float64Array) -> float:
+    """The squared radius from which on a point farther out would be seen farther in."""
+    k1, k2, _, _, k3 = d
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+    return float(real.min()) if len(real) else np.inf
+
+
+def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) -> Projection:
+    """Of a camera whose images are as the lens makes them."""
+    if camera.k is None or camera.d is None or len(camera.d) != _PLUMB_BOB:
+        raise ValueError(f'the calibration lacks K and D of camera {index}, which is not rectified')
+    if camera.cam_T_cam0 is None and index != 0:
+        raise ValueError(f'the calibration lacks R and T of camera {index}, which is not rectified')
+    cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
+    matrix = (cam_t_cam0 @ cam0_t_velo).matrix()[:3]
+    return Projection(_finite(matrix, index), _finite(camera.k, index), _finite(camera.d, index))
+
+
+def _finite(values: Float64Array, camera: int) -> Float64Array:
+    """The values, if they are a calibration: drivers send zeros for a camera without one."""
+    if not np.isfinite(values).all() or (values.ndim == 2 and not values[:, :3].any(axis=1).all()):
+        raise ValueError(f'the calibration of camera {camera} is empty or not of finite numbers')
+    return np.ascontiguousarray(values, np.float64)

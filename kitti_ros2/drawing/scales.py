@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a colour says: values to shades, shades to colours, and the bar that explains them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..options import ColorBy, ColorMap
+from .text import WHITE, extent_of, put_text
+
+if TYPE_CHECKING:
+    from ..samples import Float32Array
+    from .strokes import Pixels
+
+EMPTY = 0
+"""The shade of a pixel without a value."""
+
+_MAPS = {
+    ColorMap.VIRIDIS: cv2.COLORMAP_VIRIDIS,
+    ColorMap.PLASMA: cv2.COLORMAP_PLASMA,
+    ColorMap.INFERNO: cv2.COLORMAP_INFERNO,
+    ColorMap.MAGMA: cv2.COLORMAP_MAGMA,
+    ColorMap.CIVIDIS: cv2.COLORMAP_CIVIDIS,
+    ColorMap.TURBO: cv2.COLORMAP_TURBO,
+    ColorMap.JET: cv2.COLORMAP_JET,
+}
+
+
+_ENDS = (14, 244)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A range of values that shades stand for.
+
+    Attributes:
+        low, high: The values of the first and the last shade; what is beyond has theirs.
+        ticks: Values with a label.
+        unit: Of the labels.
+        logarithmic: Whether equal ratios of values are equal steps of shade; else differences.
+        reverse: Whether the colour map runs from the high value to the low one.
+    """
+
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    unit: str
+    logarithmic: bool = False
+    reverse: bool = False
+
+    def shares(self, values: npt.NDArray[np.floating]) -> Float32Array:
+        """Where values lie between low and high, 0..1; what is no number counts as low."""
+        low, high = np.float32(self.low), np.float32(self.high)
+        bounded = np.clip(np.nan_to_num(values, nan=self.low), low, high).astype(np.float32)
+        if self.logarithmic:
+            bounded, low, high = np.log(bounded), np.log(low), np.log(high)
+        shares: Float32Array = (bounded - low) / (high - low)
+        return 1 - shares if self.reverse else shares
+
+    def shades(self, values: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+        """Shades 1..255 of values; 0 is EMPTY."""
+        shades = self.shares(values) * np.float32(254) + np.float32(1.5)
+        return np.asarray(shades, np.uint8)
+
+
+SCALES = {
+    # Near is where the detail is, so steps of depth are ratios, and near is bright.
+    ColorBy.DEPTH: Scale(
+        2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), ' m', logarithmic=True, reverse=True
+    ),
+    # Of velo_link: KITTI's road is at -1.73 m.
+    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), ' m'),
+    ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), ''),
+}
+
+
+@lru_cache(maxsize=len(_MAPS))
+def color_table(color_map: ColorMap) -> Pixels:
+    """(256, 1, 3) BGR of the shades."""
+    ramp = np.clip(np.arange(-1, 255), 0, 254) * 255 // 254
+    table = np.asarray(
+        cv2.applyColorMap(ramp.astype(np.uint8)[:, None], _MAPS[color_map]), np.uint8
+    )
+    table.flags.writeable = False
+    return table
+
+
+def colored(shades: npt.NDArray[np.uint8], color_map: ColorMap) -> Pixels:
+    """(H, W, 3) BGR of (H, W) shades; EMPTY ones have the first colour."""
+    return np.asarray(cv2.applyColorMap(shades, color_table(color_map)), np.uint8)
+
+
+def draw_bar(
+    picture: Pixels,
+    scale: Scale,
+    color_map: ColorMap,
+    corner: tuple[int, int],
+    size: tuple[int, int],
+    text_scale: float,
+) -> None:
+    """Draw a horizontal colour bar and its labels on a darkened strip.
+
+    Args:
+        picture: Drawn on in place; nothing is drawn where it is too small.
+        scale: What the colours say.
+        color_map: Which colours.
+        corner: (x, y) of the bar's top left pixel.
+        size: (width, height) of the bar, pixels.
+        text_scale: Of the labels, which stand below.
+    """
+    (left, top), (width, height) = corner, size
+    extent = extent_of('0', text_scale)
+    pad = 2 * height
+    bottom = top + height + extent.above + extent.below + 2
+    if left < pad or top < height or left + width + pad > picture.shape[1]:
+        return
+    if bottom > picture.shape[0]:
+        return
+    strip = picture[top - height : bottom, left - pad : left + width + pad]
+    strip[:] = cv2.convertScaleAbs(strip, alpha=0.35)
+    values = np.linspace(0, 1, width)
+    shades = ((1 - values if scale.reverse else values) * 254 + 1.5).astype(np.uint8)
+    picture[top : top + height, left : left + width] = colored(shades[None], color_map)
+    for tick, share in zip(scale.ticks, scale.shares(np.array(scale.ticks)), strict=True):
+        place = 1 - share if scale.reverse else share
+        x = left + round(float(place) * (width - 1))
+        cv2.line(picture, (x, top + height), (x, top + height + 1), WHITE, 1)
+        label = f'{tick:g}{scale.unit if tick == scale.ticks[-1] else ""}'
+        room = extent_of(f'{tick:g}', text_scale).width
+        put_text(picture, label, (x - room / 2, top + height + 2 + extent.above), text_scale)

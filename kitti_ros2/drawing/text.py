@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Words in images: plain text, and tags that keep out of each other's way.
+
+Text is measured, never guessed: OpenCV 4 draws Hershey's strokes and OpenCV 5 a real font, which
+is a fifth narrower.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from .strokes import size_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .strokes import Bounds, Color, Pixels
+
+BLACK: Color = (0, 0, 0)
+WHITE: Color = (255, 255, 255)
+LONGEST = 64
+"""Characters of a text that are drawn; class names may be of any length."""
+
+_REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
+_PAD = 3
+
+
+class Extent(NamedTuple):
+    """Of a text, in pixels: its width, and how far it reaches above the baseline and below it."""
+
+    width: int
+    above: int
+    below: int
+
+
+def printable(text: str) -> str:
+    """The text as it can be drawn: one line, of bounded length."""
+    shown = text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'
+    return ''.join(each if each.isprintable() else '?' for each in shown)
+
+
+@lru_cache(maxsize=4096)
+def extent_of(text: str, scale: float, *, bold: bool = False) -> Extent:
+    """How much room a text takes; the height is that of the font, whatever the letters."""
+    font = _BOLD if bold else _REGULAR
+    (width, _), _ = cv2.getTextSize(printable(text), font, scale, 1)
+    return Extent(width, round(22 * scale), round(7 * scale))
+
+
+def put_text(
+    picture: Pixels,
+    text: str,
+    place: tuple[float, float],
+    scale: float,
+    color: Color = WHITE,
+    *,
+    bold: bool = False,
+) -> None:
+    """Draw a text whose baseline begins at a place (x, y)."""
+    at = (round(place[0]), round(place[1]))
+    width, height = size_of(picture)
+    if -width <= at[0] < width and -height <= at[1] < 2 * height:
+        font = _BOLD if bold else _REGULAR
+        cv2.putText(picture, printable(text), at, font, scale, color, 1, cv2.LINE_AA)
+
+
+def ink_for(color: Color) -> Color:
+    """Black or white, whichever reads better on a colour (luma of ITU-R BT.601)."""
+    blue, green, red = color
+    return BLACK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else WHITE
+
+
+@dataclass(frozen=True)
+class Tag:
+    """What is written beside a box.
+
+    Attributes:
+        text: One line.
+        bounds: left, top, right, bottom of the box, pixels, within the image.
+        color: The box's.
+        outlined: Whether the tag is dark with a coloured frame, not filled with the colour.
+        beside: Whether it stands to the right of its box rather than above.
+    """
+
+    text: str
+    bounds: Bounds
+    color: Color
+    outlined: bool = False
+    beside: bool = False
+
+
+def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
+    """Draw tags, each at its box where none of the earlier ones is; all lie within the image."""
+    taken = np.zeros((len(tags), 4))
+    for count, tag in enumerate(tags):
+        extent = extent_of(tag.text, scale)
+        room = (extent.width + 2 * _PAD, extent.above + extent.below + 2)
+        left, top = _place(tag, room, size_of(picture), taken[:count])
+        taken[count] = left, top, left + room[0], top + room[1]
+        _draw_tag(picture, tag, (left, top), room, scale)
+
+
+def _place(
+    tag: Tag, room: tuple[int, int], size: tuple[int, int], taken: np.ndarray
+) -> tuple[int, int]:
+    """Above the box, below it, in its top, in its bottom; where the fewest others are."""
+    left, top, right, bottom = tag.bounds
+    width, height = room
+    columns, rows = (left, right - width), (top - height, bottom, top, bottom - height)
+    aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
+    tries = [
+        (x, y)
+        for x, y in [*aside, *((x, y) for x in columns for y in rows)]
+        if 0 <= y <= size[1] - height
+    ] or [(left, top)]
+    placed = np.rint(tries).astype(int)
+    placed[:, 0] = placed[:, 0].clip(0, max(size[0] - width, 0))
+    placed[:, 1] = placed[:, 1].clip(0, max(size[1] - height, 0))
+    ends = placed + np.array(room)
+    hits = ((placed[:, None] < taken[None, :, 2:]) & (ends[:, None] > taken[None, :, :2])).all(
+        axis=2
+    )
+    x, y = placed[int(np.argmin(hits.sum(axis=1)))]
+    return int(x), int(y)
+
+
+def _draw_tag(
+    picture: Pixels, tag: Tag, corner: tuple[int, int], room: tuple[int, int], scale: float
+) -> None:
+    left, top = corner
+    end = (left + room[0] - 1, top + room[1] - 1)
+    fill, ink = (BLACK, WHITE) if tag.outlined else (tag.color, ink_for(tag.color))
+    cv2.rectangle(picture, corner, end, fill, cv2.FILLED)
+    if tag.outlined:
+        cv2.rectangle(picture, corner, end, tag.color, 1)
+    baseline = top + 1 + extent_of(tag.text, scale).above
+    put_text(picture, tag.text, (left + _PAD, baseline), scale, ink)
