@@ -34,6 +34,8 @@ EXTRAS = {
         'ros-jazzy-common-interfaces>=5.3.6,<6',
         'ros-jazzy-rclpy[fastrtps]>=7.1.6,<8',
     ],
+    # Films in H.264; without it they are MPEG-4 Part 2, which browsers do not show.
+    'video': ['av>=12,<19'],
     'test': [
         'hypothesis>=6.100,<7',
         'mcap-ros2-support>=0.5.5,<0.7',

@@ -6,19 +6,22 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
+from .messages.png import decode_png
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from .samples import Calibration, Description, FrameLabels, Scan, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Hashable, Iterable, Sequence
+    from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 
     from .messages.cdr import Parts
+    from .messages.pixels import Pixels
     from .messages.topics import Topic
     from .options import MessageOptions, SelectionOptions
-    from .samples import Loss, Recording, Sample
+    from .samples import Image, Loss, Recording, Sample
     from .schedule import Entry, Schedule
 
 _KINDS = {
@@ -116,6 +119,8 @@ class Encoder:
             lambda: self._recording.calibration(entry.number),
             lambda: self._recording.trails(entry.number),
             entry.stream.camera or 0,
+            _once(decode_png),
+            lambda: self._labels_of(entry.number),
         )
         return self._serialize(rows, sample, moment)
 
@@ -135,6 +140,21 @@ class Encoder:
             nominal.append('points have time 0: their sweeps have no start and end')
         return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
+    def _labels_of(self, number: int) -> FrameLabels:
+        """The labels of an image's frame; none where the frame has none."""
+        if number not in self._labelled:
+            return FrameLabels()
+        labels = self._recording.read(Stream.LABELS, number)
+        return labels if isinstance(labels, FrameLabels) else FrameLabels()
+
+    @cached_property
+    def _labelled(self) -> frozenset[int]:
+        """The numbers of the frames with labels; without common numbers none is an image's."""
+        index = self._recording.streams.get(Stream.LABELS)
+        if index is None or not self._recording.common_numbers:
+            return frozenset()
+        return frozenset(index.numbers.tolist())
+
     @staticmethod
     def _serialize(
         rows: Sequence[tuple[int, Topic]], sample: Sample, moment: Moment
@@ -144,7 +164,7 @@ class Encoder:
         for index, row in rows:
             try:
                 serialized = row.serialize(sample, moment)
-            except KittiRos2Error as error:
+            except (KittiRos2Error, OSError) as error:  # of its own, or of what it also reads
                 failures.append(Failure((row.name,), error))
                 continue
             key = row.change_key(sample) if row.change_key else None
@@ -157,6 +177,18 @@ class Encoder:
         if entry.stream is Stream.PATH:
             return self._recording.trajectory(self._pose_numbers)
         return self._recording.read(entry.stream, entry.number)
+
+
+def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
+    """A decoder for one image, which several messages are made of."""
+    made: list[Pixels] = []
+
+    def decoded(image: Image) -> Pixels:
+        if not made:
+            made.append(decode(image))
+        return made[0]
+
+    return decoded
 
 
 def _lacking(sample: Sample) -> list[Failure]:

@@ -189,6 +189,7 @@ class MessageOptions:
         base_to_imu: x, y, z of imu_link in base_link, metres; None as the preset has it.
         semantic: Whether points also have SemanticKITTI's label, instance and rgb.
         markers: How labels are drawn.
+        annotated: Whether there are images with the labels drawn on them.
 
     Raises:
         UsageError: base_to_imu is not three finite numbers.
@@ -201,6 +202,7 @@ class MessageOptions:
     base_to_imu: tuple[float, ...] | None = None
     semantic: bool = False
     markers: MarkerOptions = field(default_factory=MarkerOptions)
+    annotated: bool = False
 
     def __post_init__(self) -> None:
         place = self.base_to_imu or BASE_T_IMU

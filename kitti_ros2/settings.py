@@ -15,12 +15,16 @@ from .errors import UsageError
 from .options import (
     AtEnd,
     BagOptions,
+    BirdOptions,
     Bound,
+    ColorBy,
+    ColorMap,
     Images,
     ImportOptions,
     MarkerColors,
     MarkerOptions,
     MessageOptions,
+    PictureOptions,
     PlaybackOptions,
     Preset,
     ReadOptions,
@@ -79,6 +83,30 @@ class PlaySettings:
     stamps: Stamps
     read_ahead: int
     qos_overrides_path: Path | None
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """Everything that drawing can be told.
+
+    Attributes:
+        read, pictures: The options objects of each part.
+        mode: What is drawn.
+        frame: The frame of a picture; None is the first.
+        frames: Those of a film or folder, FIRST:LAST[:STEP]; None is all.
+        predictions: Label files of a detector or tracker.
+        rate_hz: Pictures a second of a film; None is that of the recording.
+        overwrite: Whether an existing file may be replaced.
+    """
+
+    read: ReadOptions
+    pictures: PictureOptions
+    mode: str
+    frame: int | None
+    frames: str | None
+    predictions: Path | None
+    rate_hz: float | None
+    overwrite: bool
 
 
 def make_settings(values: Mapping[str, object]) -> Settings:
@@ -147,6 +175,37 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     return ImportOptions(**_parse(values, _TO_KITTI))
 
 
+def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
+    """Settings of view from values by name; None and absent ones take their default.
+
+    Raises:
+        UsageError: A name is unknown, or a value cannot be meant.
+    """
+    parsed = _parse(values, _VIEW)
+    bird = _pick(parsed, pixels_per_metre='resolution')
+    if 'range' in parsed:
+        back, front, right, left = parsed['range']
+        bird |= {'x_range': (back, front), 'y_range': (right, left)}
+    fields = ('camera', 'color_by', 'color_map', 'point_size', 'classes')
+    pictures = PictureOptions(
+        **{name: parsed[name] for name in fields if name in parsed}, bird=BirdOptions(**bird)
+    )
+    if parsed.get('frame') is not None and parsed.get('frames') is not None:
+        raise UsageError('--frame and --frames exclude each other')
+    if parsed.get('fps', 1) <= 0:
+        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected more than 0')
+    return ViewSettings(
+        read=_read_options(parsed),
+        pictures=pictures,
+        mode=parsed.get('mode', 'panel'),
+        frame=parsed.get('frame'),
+        frames=parsed.get('frames'),
+        predictions=parsed.get('predictions'),
+        rate_hz=parsed.get('fps'),
+        overwrite=parsed.get('overwrite', False),
+    )
+
+
 def _parse(values: Mapping[str, object], parsers: Mapping[str, _Parser]) -> dict[str, Any]:
     unknown = sorted(set(values) - set(parsers))
     if unknown:
@@ -185,6 +244,7 @@ def _message_options(parsed: Mapping[str, Any]) -> MessageOptions:
         ring_and_time='ring_time',
         base_to_imu='base_to_imu',
         semantic='semantic',
+        annotated='annotated',
     )
     return MessageOptions(**fields, markers=MarkerOptions(**markers))
 
@@ -296,6 +356,17 @@ def _place(name: str, value: object) -> tuple[float, ...]:
         raise UsageError(f'{name} takes three numbers x,y,z in metres, not {value!r}') from None
 
 
+def _four_numbers(name: str, value: object) -> tuple[float, ...]:
+    try:
+        back, front, right, left = (float(word) for word in str(value).split(','))
+    except ValueError:
+        raise UsageError(
+            f'{name} takes four numbers in metres, from and to forward, from and to the left, such'
+            f" as '-10,60,-25,25', not {value!r}"
+        ) from None
+    return back, front, right, left
+
+
 _RECORDING: dict[str, _Parser] = {
     'layout': _choice(Layout),
     'sequence': _text,
@@ -333,6 +404,7 @@ _TO_BAG: dict[str, _Parser] = {
 
 _PLAY: dict[str, _Parser] = {
     **_RECORDING,
+    'annotated': _flag,
     'rate': _number,
     'loop': _rounds,
     'start_paused': _flag,
@@ -352,6 +424,24 @@ _TO_KITTI: dict[str, _Parser] = {
     'calib': _path,
     'train_fraction': _number,
     'append': _flag,
+}
+
+_VIEW: dict[str, _Parser] = {
+    'layout': _choice(Layout),
+    'sequence': _text,
+    'mode': _text,
+    'frame': _integer,
+    'frames': _text,
+    'predictions': _path,
+    'fps': _number,
+    'overwrite': _flag,
+    'camera': _integer,
+    'color_by': _choice(ColorBy),
+    'color_map': _choice(ColorMap),
+    'point_size': _integer,
+    'classes': _texts,
+    'range': _four_numbers,
+    'resolution': _number,
 }
 
 TO_BAG_OPTIONS = tuple(_TO_BAG)

@@ -281,6 +281,87 @@ def info(
     return run_info(path, layout, sequence, json=json)
 
 
+@app.command('view')
+def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
+    src: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', help='Picture (.png, .jpg, .webp), film (.mp4) or folder'),
+    ] = None,
+    mode: Annotated[str, typer.Option(help='camera, boxes, lidar, bev or panel')] = 'panel',
+    frame: Annotated[
+        Optional[int], typer.Option(help='Frame number of a picture [default: the first]')
+    ] = None,
+    frames: Annotated[
+        Optional[str],
+        typer.Option(help='FIRST:LAST[:STEP] of a film or folder, both included [default: all]'),
+    ] = None,
+    camera: Annotated[
+        Optional[int], typer.Option(help="KITTI's number of a camera [default: 2, or the first]")
+    ] = None,
+    color_by: Annotated[
+        Optional[str],
+        typer.Option(help='What colours points: depth, height or intensity [default: depth]'),
+    ] = None,
+    color_map: Annotated[
+        Optional[str], typer.Option(help='turbo, viridis, plasma, cividis, ... [default: turbo]')
+    ] = None,
+    point_size: Annotated[Optional[int], typer.Option(help='Pixels [default: 2]')] = None,
+    range_: Annotated[
+        Optional[str],
+        typer.Option(
+            '--range', help="Of bev, m forward and left: from,to,from,to [default: '-10,60,-25,25']"
+        ),
+    ] = None,
+    resolution: Annotated[
+        Optional[float], typer.Option(help='Of bev: pixels a metre [default: 14]')
+    ] = None,
+    classes: Annotated[
+        Optional[list[str]], typer.Option(help='Only objects of these classes; repeatable')
+    ] = None,
+    predictions: Annotated[
+        Optional[Path],
+        typer.Option(help='Label files of a detector (a folder) or of a tracker (a file)'),
+    ] = None,
+    fps: Annotated[
+        Optional[float], typer.Option(help="Of a film: pictures a second [default: the data's]")
+    ] = None,
+    layout: LayoutOption = None,
+    sequence: SequenceOption = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace an existing file.')
+    ] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Draw frames of a KITTI folder or a bag.
+
+    camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
+    boxes from above. panel: all of these on one page.
+    """
+    if out is None:
+        raise UsageError('view needs -o OUT: a picture, a film or a folder')
+    from .view import run_view
+
+    given = {
+        'layout': layout,
+        'sequence': sequence,
+        'mode': mode,
+        'frame': frame,
+        'frames': frames,
+        'camera': camera,
+        'color_by': color_by,
+        'color_map': color_map,
+        'point_size': point_size,
+        'range': range_,
+        'resolution': resolution,
+        'classes': classes or None,
+        'predictions': None if predictions is None else str(predictions),
+        'fps': fps,
+        'overwrite': overwrite,
+    }
+    return run_view(src, out, given, quiet=quiet)
+
+
 @app.command('demo')
 def demo(
     out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(
@@ -347,6 +428,10 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     tf: Annotated[
         Optional[bool], typer.Option('--tf/--no-tf', help='map -> base_link on /tf [default: tf]')
     ] = None,
+    annotated: Annotated[
+        Optional[bool],
+        typer.Option('--annotated', help='Also images with the labels drawn on them'),
+    ] = None,
     read_ahead: Annotated[
         Optional[int], typer.Option(help='Frames to read ahead [default: 8]')
     ] = None,
@@ -382,6 +467,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'streams': streams or None,
         'preset': preset,
         'tf': tf,
+        'annotated': annotated,
         'read_ahead': read_ahead,
         'qos_overrides_path': None if qos_overrides is None else str(qos_overrides),
     }

@@ -37,11 +37,17 @@ def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
     Raises:
         ValueError: The PNG cannot be decoded.
     """
-    pixels = decode_png(image)
+    return encode_pixels(decode_png(image), stamp_ns, frame_id)
+
+
+def encode_pixels(
+    pixels: npt.NDArray[np.uint8 | np.uint16], stamp_ns: int, frame_id: str
+) -> ImageMsg:
+    """Pixels as decode_png gives them: mono8 or mono16 of grey ones, bgr8 of colour."""
     return ImageMsg(
         header=make_header(stamp_ns, frame_id),
-        height=image.height,
-        width=image.width,
+        height=pixels.shape[0],
+        width=pixels.shape[1],
         encoding=_ENCODINGS[pixels.dtype.name, pixels.ndim],
         is_bigendian=0,
         step=pixels[0].nbytes,

@@ -14,6 +14,11 @@ from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..drawing.annotate import annotate
+from ..drawing.objects import objects_of
+from ..drawing.pixels import colour_pixels
 from ..errors import BadFileError, LackingError, UsageError
 from ..labels import cuboids_of, identified
 from ..options import Images, MessageOptions
@@ -33,10 +38,11 @@ from ..samples import (
 from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import BULK_TAIL, Parts, restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
-from .image import encode_compressed, encode_image
+from .image import encode_compressed, encode_pixels
 from .markers import encode_markers
 from .naming import Frames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
+from .png import decode_png
 from .pose import encode_odometry, encode_path, encode_tf
 from .scan import encode_scan
 from .source import encode_description, encode_sweep, encode_text
@@ -48,6 +54,7 @@ if TYPE_CHECKING:
 
     from ..boxes import Cuboid
     from ..geometry import Float64Array, Transform
+    from .pixels import Pixels
 
 
 LARGE_TYPES = frozenset(BULK_TAIL)
@@ -83,6 +90,8 @@ class Moment:
         calibration: Gives the calibration of the sample's frame.
         trails: Gives where the tracks of the sample's frame were.
         camera: KITTI camera index of an image.
+        pixels: Decodes an image.
+        labels: Gives the labels of the sample's frame, if any.
     """
 
     rig: Rig
@@ -91,6 +100,8 @@ class Moment:
     calibration: Callable[[], Calibration]
     trails: Callable[[], Mapping[int, Float64Array]]
     camera: int = 0
+    pixels: Callable[[Image], Pixels] = decode_png
+    labels: Callable[[], FrameLabels] = FrameLabels
 
 
 @dataclass(frozen=True)
@@ -192,6 +203,8 @@ def _camera_rows(
         rows.append(Topic(f'{image}/compressed', compressed, stream, _compressed))
     if options.images is not Images.COMPRESSED:
         rows.append(Topic(image, 'sensor_msgs/msg/Image', stream, _image))
+    if options.annotated:
+        rows.append(Topic(f'{camera}/annotated', 'sensor_msgs/msg/Image', stream, _annotated))
     return rows
 
 
@@ -342,7 +355,15 @@ def _compressed(image: Image, moment: Moment) -> object:
 
 
 def _image(image: Image, moment: Moment) -> object:
-    return encode_image(image, moment.stamp_ns, _image_frame(moment))
+    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment))
+
+
+def _annotated(image: Image, moment: Moment) -> object:
+    calibration = moment.calibration()
+    picture = np.array(colour_pixels(moment.pixels(image)))
+    objects = objects_of(moment.labels(), calibration)
+    annotate(picture, objects, calibration, moment.camera)
+    return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
 
 
 def _camera_info(image: Image, moment: Moment) -> object:

@@ -90,6 +90,7 @@ PARAMETERS = (
     _P('topics', [''], 'topic names, * matches; empty is all'),
     _P('streams', [''], 'scan, image, image_0..4, oxts, pose, path, labels, calibration'),
     _P('images', 'both', 'compressed, raw or both; each is made only while subscribed'),
+    _P('annotated', False, 'images with the labels drawn on; made only while subscribed'),
     _P('preset', 'default', 'names of topics and frames: default or kitti2bag'),
     _P('tf', True, 'map -> base_link on /tf; false where a SLAM stack owns it'),
     _P('ring_time', False, 'points also have ring and time'),

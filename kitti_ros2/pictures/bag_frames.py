@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..bags.reader import open_messages
 from ..drawing.objects import objects_of
+from ..drawing.pixels import colour_pixels
 from ..errors import KittiRos2Error, LackingError, UsageError
 from ..geometry import Transform
 from ..importer.frame_tree import FrameTree
@@ -23,13 +25,15 @@ from ..importer.planned import look
 from ..importer.poses import read_track
 from ..importer.report import LossTally
 from ..importer.rigging import Rigging
+from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
+from ..kitti.label_file import frame_labels, parse_labels
+from ..messages.source import decode_text
 from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream
-from .frame import Frame, colour_pixels
+from .frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from ..importer.ego import PoseTrack
     from ..importer.frames import Frames
@@ -68,6 +72,8 @@ class BagFrames:
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
         self._plan, self._rigging = _rigged(plan, survey, notes)
+        labels = self._plan.labels
+        self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = _track(path, survey, notes)
         self._body_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
@@ -115,6 +121,7 @@ class BagFrames:
                 lacks[stream.value] = f'{topic}: the message of frame {number}: {error}'
         calibration = self._rigging.calibrations.at(stamp_ns)
         labels = made.get(Stream.LABELS, FrameLabels())
+        lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
         return Frame(
             source=self.name,
             number=number,
@@ -147,6 +154,9 @@ class BagFrames:
             raise message
         if stream is Stream.SCAN:
             return self._rigging.scan(message)[0].points
+        if stream is Stream.LABELS and self._own_lines:
+            text = decode_text(message)
+            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
         if stream is Stream.LABELS:
             return FrameLabels(boxes=self._rigging.boxes(message, stamp_ns))
         return colour_pixels(self._rigging.pixels(stream.camera or 0, message))

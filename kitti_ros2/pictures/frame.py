@@ -5,27 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.objects import LabelledObject
+    from ..drawing.pixels import Pixels
     from ..samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose
-
-Pixels: TypeAlias = npt.NDArray[np.uint8]
-
-
-def colour_pixels(pixels: npt.NDArray[np.uint8 | np.uint16]) -> Pixels:
-    """(H, W, 3) uint8 BGR of grey or colour pixels; of 16 bits the upper 8."""
-    import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
-
-    upper = pixels if pixels.dtype == np.uint8 else pixels // 256
-    values = upper.astype(np.uint8, copy=False)
-    return values if values.ndim == 3 else np.asarray(cv2.cvtColor(values, cv2.COLOR_GRAY2BGR))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,10 @@ from ..samples import Stream
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
+    from ..drawing.pixels import Pixels
     from ..options import PictureOptions
     from ..samples import Float32Array
-    from .frame import Frame, Pixels
+    from .frame import Frame
 
 
 @dataclass(frozen=True)

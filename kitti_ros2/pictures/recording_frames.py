@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from ..drawing.objects import objects_of
+from ..drawing.pixels import colour_pixels
 from ..errors import KittiRos2Error, LackingError, UsageError
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..messages.png import decode_png
@@ -23,13 +24,13 @@ from ..samples import (
     Stream,
     format_numbers,
 )
-from .frame import Frame, colour_pixels
+from .frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from ..drawing.pixels import Pixels
     from ..samples import Int64Array, Recording, Sample
-    from .frame import Pixels
 
 _OF_FRAMES = (
     Stream.SCAN,

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 view, as pictures and films."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ..errors import LackingError, UsageError
+from ..pictures.modes import MODES
+from ..pictures.movie import Movie
+from ..pictures.output import PICTURES, staged_file, staged_folder, write_picture
+from ..pictures.predictions import Predictions
+from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, stamps_of
+from ..pictures.sources import open_frames
+from ..samples import Loss
+from ..settings import make_view_settings
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_freed_memory, keep_imports
+from .progress import count_progress
+from .text import format_bytes, format_count, format_path
+from .to_bag import show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from ..drawing.pixels import Pixels
+    from ..pictures.frame import Frame, FrameSource
+    from ..settings import ViewSettings
+
+_MOVIE = '.mp4'
+
+
+@dataclass
+class _Tally:
+    """What came of a series of frames."""
+
+    drawn: int = 0
+    losses: Counter[str] = field(default_factory=Counter)
+
+    def pictures(
+        self, series: Iterable[Drawn], progress: Callable[[int], None]
+    ) -> Iterator[tuple[int, Pixels]]:
+        """The pictures with their frames' numbers; what lacks is counted."""
+        for done, each in enumerate(series, 1):
+            self.losses.update(each.losses)
+            if each.picture is not None:
+                self.drawn += 1
+                yield each.number, each.picture
+            progress(done)
+
+    def check(self) -> None:
+        """Refuse to write nothing.
+
+        Raises:
+            LackingError: Says why nothing was drawn.
+        """
+        if not self.drawn:
+            raise LackingError(f'nothing to draw: {next(reversed(self.losses), "no frames")}')
+
+    def told(self) -> tuple[Loss, ...]:
+        """The losses, as other commands tell them."""
+        return tuple(Loss('view', count, text) for text, count in self.losses.items())
+
+
+def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) -> int:
+    """Draw frames of a KITTI folder or a bag.
+
+    Args:
+        src: The folder or bag.
+        out: A picture, a film (.mp4), or a folder for a PNG of each frame.
+        given: Values of settings.make_view_settings, None where they are not given.
+        quiet: Say only what was lost.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UsageError: The words cannot be meant.
+        LackingError: No picture could be drawn.
+    """
+    keep_imports()
+    keep_freed_memory()
+    settings = make_view_settings(given)
+    single = out.suffix.lower() in PICTURES
+    _check(out, settings, single=single)
+    refine = _keep if settings.predictions is None else Predictions(settings.predictions).add_to
+    source = open_frames(src, settings.read)
+    numbers = _numbers(settings, source, single=single)
+    series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
+    tally = _Tally()
+    started = time.monotonic()
+    with count_progress('drawing', len(numbers), show=not quiet and not single) as progress:
+        pictures = tally.pictures(series, progress)
+        rate_hz = settings.rate_hz or rate_of(stamps_of(source, numbers))
+        how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
+    if not quiet:
+        elapsed = time.monotonic() - started
+        pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
+        sys.stdout.write(
+            f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
+            f' took {elapsed:.1f} s{pace}\n'
+        )
+    losses = tally.told()
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _keep(frame: Frame) -> Frame:
+    return frame
+
+
+def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> list[int]:
+    """The frames to draw."""
+    if settings.frame is not None:
+        return [settings.frame]
+    return [int(source.numbers[0])] if single else parse_frames(settings.frames or ':', source)
+
+
+def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
+    """Refuse what cannot be meant before anything is read."""
+    if settings.mode not in MODES:
+        raise UsageError(f'there is no mode {settings.mode!r}; choose one of {", ".join(MODES)}')
+    if single and settings.frames is not None:
+        raise UsageError(
+            f'{out}: one picture takes --frame N; for --frames give a film (.mp4) or a folder'
+        )
+    if not single and out.suffix and out.suffix.lower() != _MOVIE and not out.is_dir():
+        known = ', '.join((*PICTURES, _MOVIE))
+        raise UsageError(f'{out}: ends in none of {known}, and a folder has no ending')
+
+
+def _write(
+    out: Path,
+    pictures: Iterator[tuple[int, Pixels]],
+    rate_hz: float,
+    tally: _Tally,
+    *,
+    overwrite: bool,
+) -> str:
+    """Write the pictures; returns how, for people.
+
+    Raises:
+        LackingError: There are none.
+    """
+    if out.suffix.lower() in PICTURES:
+        with staged_file(out, overwrite=overwrite) as path:
+            for _, picture in pictures:
+                write_picture(path, picture)
+                shape = f'{picture.shape[1]}x{picture.shape[0]}'
+            tally.check()
+        return f'{shape}, {format_bytes(out.stat().st_size)}'
+    if out.suffix.lower() == _MOVIE:
+        with staged_file(out, overwrite=overwrite) as path:
+            with Movie(path, rate_hz) as movie:
+                for _, picture in pictures:
+                    movie.write(picture)
+            tally.check()
+        size = format_bytes(out.stat().st_size)
+        return f'{movie.codec}, {rate_hz:.4g} a second, {size}'
+    with staged_folder(out) as folder:
+        for number, picture in pictures:
+            write_picture(folder / f'{number:06d}.png', picture)
+        tally.check()
+        total = sum(path.stat().st_size for path in folder.iterdir())
+    return f'PNG, {format_bytes(total)}'

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of many frames, drawn on all cores and handed out in order."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..errors import LackingError, UsageError
+from ..ordered_map import ordered_map
+from ..stamps import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from ..drawing.pixels import Pixels
+    from ..options import PictureOptions
+    from ..samples import Int64Array
+    from .frame import Frame, FrameSource
+    from .modes import Mode
+
+_NOMINAL_HZ = 10.0
+_MOST_HZ = 60.0
+
+
+class Drawn(NamedTuple):
+    """The picture of a frame, None where it has not what the picture needs.
+
+    Attributes:
+        number: The frame's.
+        picture: (H, W, 3) uint8 BGR.
+        losses: What was wanted of the frame and cannot be had, a line each.
+    """
+
+    number: int
+    picture: Pixels | None
+    losses: tuple[str, ...]
+
+
+def draw_frames(
+    source: FrameSource,
+    numbers: Sequence[int],
+    mode: Mode,
+    options: PictureOptions,
+    refine: Callable[[Frame], Frame] = lambda frame: frame,
+) -> Iterator[Drawn]:
+    """The pictures of some frames, in their order.
+
+    Args:
+        source: Where they are.
+        numbers: Which.
+        mode: What is drawn.
+        options: How.
+        refine: Adds to a frame what the source does not have, such as predictions.
+
+    Raises:
+        UsageError: A frame is not there.
+    """
+    wanted = mode.streams(source.cameras, options)
+
+    def draw(number: int) -> Drawn:
+        frame = refine(source.frame(number, wanted))
+        losses = tuple(frame.lacks.values())
+        try:
+            return Drawn(number, mode.draw(frame, options), losses)
+        except LackingError as error:
+            return Drawn(number, None, (*losses, str(error)))
+
+    workers = len(os.sched_getaffinity(0))
+    return ordered_map(draw, numbers, workers)
+
+
+def parse_frames(text: str, source: FrameSource) -> list[int]:
+    """The frames of FIRST:LAST or FIRST:LAST:STEP, both ends included; each may be left out.
+
+    Raises:
+        UsageError: The text is none of these, or takes no frame.
+    """
+    words = text.split(':')
+    if len(words) not in {2, 3} or not all(not word or word.isdecimal() for word in words):
+        raise UsageError(f'{text!r} are no frames; write FIRST:LAST, such as 0:99, or : for all')
+    first, last, step = (int(word) if word else None for word in (*words, '')[:3])
+    if step == 0:
+        raise UsageError(f'{text!r}: a step of 0')
+    numbers = source.numbers
+    chosen = numbers[
+        (numbers >= (first or 0)) & (numbers <= (int(numbers[-1]) if last is None else last))
+    ]
+    if not len(chosen):
+        span = f'{numbers[0]} to {numbers[-1]}'
+        raise UsageError(f'{source.name} has no frame in {text}; it has {span}')
+    found: list[int] = chosen[:: step or 1].tolist()
+    return found
+
+
+def stamps_of(source: FrameSource, numbers: Sequence[int]) -> Int64Array:
+    """(N,) int64 stamps of those frames that are there, nanoseconds."""
+    return source.stamps_ns[np.isin(source.numbers, numbers)]
+
+
+def rate_of(stamps_ns: Int64Array) -> float:
+    """How many frames a second they were recorded at, from the median of their distances."""
+    periods = np.diff(stamps_ns)
+    period = float(np.median(periods)) if len(periods) else 0.0
+    return min(NS_PER_S / period, _MOST_HZ) if period > 0 else _NOMINAL_HZ

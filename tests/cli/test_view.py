@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 view as a user meets it: pictures, films, folders, and one line for each error."""
+
+from __future__ import annotations
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from kitti_ros2.cli import main
+from kitti_ros2.pictures import movie
+from kitti_ros2.pictures.modes import MODES
+from kitti_ros2.samples import Layout
+
+NEEDS = {'camera': 'image', 'boxes': 'image', 'lidar': 'scan', 'bev': 'scan', 'panel': ''}
+
+
+def one_line(text: str) -> str:
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith('kitti-ros2: ')
+    return lines[0]
+
+
+def test_the_modes_are_these() -> None:
+    assert set(MODES) == set(NEEDS)
+
+
+@pytest.mark.parametrize('mode', list(NEEDS))
+def test_every_mode_on_every_layout(recording_path, tmp_path, mode, capsys):
+    out = tmp_path / 'out.png'
+    assert main(['view', str(recording_path), '-o', str(out), '--mode', mode]) == 0
+    picture = cv2.imread(str(out))
+    height, width = picture.shape[:2]
+    said = capsys.readouterr()
+    assert f'{width}x{height}' in said.out
+    assert not said.err
+    assert picture.std() > 1
+
+
+@pytest.mark.parametrize('mode', list(NEEDS))
+def test_a_bag_gives_the_same_picture(recordings, tmp_path, mode):
+    source = recordings[Layout.OBJECT]
+    assert main(['to-bag', str(source), str(tmp_path / 'bag.mcap'), '-q']) == 0
+    drawn = []
+    for src in (source, tmp_path / 'bag.mcap'):
+        out = tmp_path / f'{len(drawn)}.png'
+        assert main(['view', str(src), '-o', str(out), '--mode', mode, '--frame', '2', '-q']) == 0
+        drawn.append(cv2.imread(str(out)).astype(int))
+    assert drawn[0].shape == drawn[1].shape
+    if mode != 'panel':  # which tells the source's name
+        assert np.abs(drawn[0] - drawn[1]).mean() < 0.5
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.jpg', '.webp', '.PNG'])
+def test_the_ending_tells_the_format(recordings, tmp_path, suffix):
+    out = tmp_path / f'out{suffix}'
+    words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--mode', 'camera', '-q']
+    assert main(words) == 0
+    heads = {'.png': b'\x89PNG', '.jpg': b'\xff\xd8\xff', '.webp': b'RIFF'}
+    assert out.read_bytes().startswith(heads[suffix.lower()])
+
+
+@pytest.mark.parametrize('h264', [False, True])
+def test_a_film(recordings, tmp_path, monkeypatch, h264, capsys):
+    if h264:
+        pytest.importorskip('av', reason='PyAV, the extra video, is not installed')
+    monkeypatch.setattr(movie, 'has_h264', lambda: h264)
+    out = tmp_path / 'out.mp4'
+    words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--mode', 'camera']
+    assert main([*words, '--frames', '1:3']) == 0
+    assert '3 pictures' in capsys.readouterr().out
+    film = cv2.VideoCapture(str(out))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(10, abs=0.2)
+    expected = tmp_path / 'two.png'
+    assert main([*words[:2], '-o', str(expected), *words[4:], '--frame', '2', '-q']) == 0
+    film.set(cv2.CAP_PROP_POS_FRAMES, 1)
+    _, picture = film.read()
+    height, width = picture.shape[:2]
+    difference = picture.astype(int) - cv2.imread(str(expected))[:height, :width]
+    assert np.abs(difference).mean() < 12
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['out.mp4', 'two.png']
+
+
+def test_a_folder_of_pictures(recordings, tmp_path):
+    out = tmp_path / 'out'
+    words = ['view', str(recordings[Layout.TRACKING]), '-o', str(out), '--mode', 'bev', '-q']
+    assert main([*words, '--frames', ':3:2']) == 0
+    assert sorted(path.name for path in out.iterdir()) == ['000000.png', '000002.png']
+
+
+def test_frames_that_lack_something_are_named_and_counted(drive, tmp_path, capsys):
+    (drive / 'velodyne_points/data/0000000001.bin').write_bytes(b'123')
+    out = tmp_path / 'out'
+    assert main(['view', str(drive), '-o', str(out), '--mode', 'lidar']) == 1
+    said = capsys.readouterr()
+    assert 'frame 1' in said.err
+    assert '0000000001.bin' in said.err
+    assert '4 pictures' in said.out
+    assert len(list(out.iterdir())) == 4
+
+
+@pytest.mark.parametrize(
+    ('words', 'complaint'),
+    [
+        (['--mode', 'nice'], "'nice'"),
+        (['--frame', '7'], 'has no frame 7; it has 0-4'),
+        (['--frames', '1:2'], 'one picture takes --frame N'),
+        (['--camera', '4'], 'camera 4'),
+        (['--predictions', '/nowhere'], '/nowhere: no such file or folder'),
+    ],
+)
+def test_wrong_words(recordings, tmp_path, words, complaint, capsys):
+    out = tmp_path / 'out.png'
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(out), *words]) == 2
+    assert complaint in one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('frames', ['3', 'a:b', '9:', '1:2:0', '1:2:3:4'])
+def test_wrong_frames(recordings, tmp_path, frames, capsys):
+    out = tmp_path / 'out'
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(out), '--frames', frames]) == 2
+    one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('name', ['out.png', 'out.mp4', 'out'])
+def test_what_is_there_is_kept(recordings, tmp_path, name, capsys):
+    out = tmp_path / name
+    if out.suffix:
+        out.write_text('mine')
+    else:
+        out.mkdir()
+        (out / 'mine').touch()
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(out)]) == 2
+    assert f'{out}: exists already' in one_line(capsys.readouterr().err)
+    if out.suffix:
+        assert out.read_text() == 'mine'
+        words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--frame', '0']
+        words = words if out.suffix == '.png' else [*words[:4], '--frames', '0:1']
+        assert main([*words, '--overwrite', '-q']) == 0
+        assert out.stat().st_size > 100
+
+
+def test_nothing_to_draw(recordings, tmp_path, capsys):
+    broken = tmp_path / 'in'
+    shutil.copytree(recordings[Layout.OBJECT], broken)
+    shutil.rmtree(broken / 'training/velodyne')
+    out = tmp_path / 'out.png'
+    assert main(['view', str(broken), '-o', str(out), '--mode', 'lidar']) == 2
+    assert 'nothing to draw' in one_line(capsys.readouterr().err)
+    assert not out.exists()
+
+
+def test_nowhere_to_draw_to(recordings, capsys):
+    assert main(['view', str(recordings[Layout.RAW])]) == 2
+    assert '-o' in one_line(capsys.readouterr().err)
