@@ -15,7 +15,7 @@ from .looks import bgr, class_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
 from .scales import SCALES, colored
-from .strokes import check_picture, cut_segments, dashes, draw_segments, size_of
+from .strokes import check_picture, cut_segments, dashes, draw_segments, new_picture, size_of
 from .text import Tag, draw_tags, extent_of, put_text
 
 if TYPE_CHECKING:
@@ -36,8 +36,10 @@ _LARGEST = 1 << 20
 """Pixels that a ring may be away; OpenCV's fixed point ends soon after."""
 
 _SHIFT = 4
+_SMALL = 30.0
 _TEXT_SCALE = 0.36
-_ARROW_M = 1.2
+_ARROW_M = (0.5, 1.2)
+"""Least and greatest length that an arrow reaches out of its box."""
 _EGO_MIDDLE_X = 0.59
 """The middle of KITTI's car before its scanner: 1.35 m before the rear axle, which is 0.76 m behind
 the scanner; metres."""
@@ -84,8 +86,7 @@ def birds_eye(
         options: Range and resolution.
         color_map: The colours of heights.
     """
-    width, height = options.size
-    picture = np.full((height, width, 3), BACKGROUND, np.uint8)
+    picture = new_picture(options.size, BACKGROUND)
     view = BirdView.of(options)
     radii = _ring_radii(options)
     _draw_rings(picture, view, radii)
@@ -148,8 +149,9 @@ def draw_footprints(
         sides, _ = cut_segments(np.stack([outline, np.roll(outline, -1, axis=0)], axis=1), size)
         if not len(sides):
             continue
-        draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, 2 - predicted)
-        draw_segments(picture, cut_segments(arrows[place], size)[0], color, 2 - predicted)
+        width = 1 if predicted or np.ptp(outline, axis=0).max() < _SMALL else 2
+        draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, width)
+        draw_segments(picture, cut_segments(arrows[place], size)[0], color, width)
         seen = sides.reshape(-1, 2).clip(0, np.array(size) - 1.0)
         bounds = (*seen.min(axis=0).tolist(), *seen.max(axis=0).tolist())
         tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))
@@ -163,9 +165,9 @@ def _arrows(corners: Float64Array) -> Float64Array:
     with np.errstate(invalid='ignore', divide='ignore'):
         ahead = (front - middle) / np.linalg.norm(front - middle, axis=1, keepdims=True)
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-    tip = front + _ARROW_M * ahead
-    back = tip - 0.5 * _ARROW_M * ahead
-    barbs = [back + 0.35 * _ARROW_M * sign * aside for sign in (1, -1)]
+    reach = np.clip(np.linalg.norm(front - middle, axis=1, keepdims=True), *_ARROW_M)
+    tip = front + reach * ahead
+    barbs = [tip - reach * (0.5 * ahead + 0.35 * sign * aside) for sign in (1, -1)]
     return np.stack([np.stack([start, tip], axis=1) for start in (middle, *barbs)], axis=1)
 
 

@@ -42,9 +42,9 @@ def class_color(kind: str) -> Color:
 
 
 def scale_of(picture: Pixels) -> float:
-    """How large lines and letters are: 1 in KITTI's images."""
+    """How large lines and letters are: 1 in KITTI's images, more in larger ones."""
     area = picture.shape[0] * picture.shape[1]
-    return min(max(math.sqrt(area / _KITTI_AREA), 0.8), 3.0)
+    return min(max(math.sqrt(area / _KITTI_AREA), 1.0), 3.0)
 
 
 def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:
@@ -63,8 +63,14 @@ def name_of(each: LabelledObject) -> str:
 def caption_2d(each: LabelledObject) -> str:
     """Class, track, score, and how much of the object the image does not show."""
     occlusion = _OCCLUSIONS.get(each.occluded or 0, '')
-    truncation = f' trunc {100 * each.truncated:.0f}%' if each.truncated else ''
-    return name_of(each) + occlusion + truncation
+    return name_of(each) + occlusion + _truncation(each.truncated or 0.0)
+
+
+def _truncation(share: float) -> str:
+    """The part that is outside the image; tracking labels only tell that there is one (1, 2)."""
+    if not share > 0:
+        return ''
+    return f' trunc {100 * share:.0f}%' if share < 1 else ' trunc'
 
 
 def caption_3d(each: LabelledObject) -> str:

@@ -53,8 +53,7 @@ def draw_points(
     cv2.copyTo(colored(layer, color_map), layer, picture)
     scale = scale_of(picture)
     bar = (round(_BAR_SIZE[0] * scale), round(_BAR_SIZE[1] * scale))
-    corner = (3 * bar[1], 2 * bar[1])
-    draw_bar(picture, SCALES[color_by], color_map, corner, bar, 0.34 * scale)
+    draw_bar(picture, SCALES[color_by], color_map, (bar[1], bar[1]), bar)
 
 
 def seen_points(
@@ -65,10 +64,14 @@ def seen_points(
     Returns:
         (K, 2) int32 column and row, (K,) depth in metres, and the (K, 4) points themselves.
     """
-    pixels, depth = projection.project(points[:, :3])
-    inside = ((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=1)
+    seen = projection.homogeneous(points[:, :3])
+    ahead = np.flatnonzero(seen[:, 2] > 0)
+    pixels = projection.pixels(seen[ahead])
+    u, v = pixels.T
+    inside = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
+    chosen = ahead[inside]
     places = np.rint(pixels[inside]).astype(np.int32)
-    return places, depth[inside].astype(np.float32), points[inside]
+    return places, seen[chosen, 2].astype(np.float32), points[chosen]
 
 
 def scatter(

@@ -34,6 +34,9 @@ _MAPS = {
 
 
 _ENDS = (14, 244)
+_DIM = 0.35
+_RAMP_SIZE = (120, 8)
+_RAMP_TEXT = 0.38
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Scale:
     Attributes:
         low, high: The values of the first and the last shade; what is beyond has theirs.
         ticks: Values with a label.
-        unit: Of the labels.
+        title: What is told, and in which unit.
         logarithmic: Whether equal ratios of values are equal steps of shade; else differences.
         reverse: Whether the colour map runs from the high value to the low one.
     """
@@ -51,7 +54,7 @@ class Scale:
     low: float
     high: float
     ticks: tuple[float, ...]
-    unit: str
+    title: str
     logarithmic: bool = False
     reverse: bool = False
 
@@ -73,11 +76,11 @@ class Scale:
 SCALES = {
     # Near is where the detail is, so steps of depth are ratios, and near is bright.
     ColorBy.DEPTH: Scale(
-        2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), ' m', logarithmic=True, reverse=True
+        2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
     ),
     # Of velo_link: KITTI's road is at -1.73 m.
-    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), ' m'),
-    ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), ''),
+    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 'height, m'),
+    ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
 
 
@@ -103,35 +106,56 @@ def draw_bar(
     color_map: ColorMap,
     corner: tuple[int, int],
     size: tuple[int, int],
-    text_scale: float,
 ) -> None:
-    """Draw a horizontal colour bar and its labels on a darkened strip.
+    """Draw a horizontal colour bar with its title above and its labels below, on a darkened strip.
 
     Args:
         picture: Drawn on in place; nothing is drawn where it is too small.
         scale: What the colours say.
         color_map: Which colours.
-        corner: (x, y) of the bar's top left pixel.
-        size: (width, height) of the bar, pixels.
-        text_scale: Of the labels, which stand below.
+        corner: (x, y) of the strip's top left pixel.
+        size: (width, height) of the bar itself, pixels.
     """
-    (left, top), (width, height) = corner, size
+    width, height = size
+    text_scale = height / 18
     extent = extent_of('0', text_scale)
-    pad = 2 * height
-    bottom = top + height + extent.above + extent.below + 2
-    if left < pad or top < height or left + width + pad > picture.shape[1]:
+    line, pad = extent.above + extent.below, extent_of('000', text_scale).width
+    strip = picture[
+        corner[1] : corner[1] + 2 * line + height + 2, corner[0] : corner[0] + width + 2 * pad
+    ]
+    if strip.shape[:2] != (2 * line + height + 2, width + 2 * pad):
         return
-    if bottom > picture.shape[0]:
-        return
-    strip = picture[top - height : bottom, left - pad : left + width + pad]
-    strip[:] = cv2.convertScaleAbs(strip, alpha=0.35)
-    values = np.linspace(0, 1, width)
-    shades = ((1 - values if scale.reverse else values) * 254 + 1.5).astype(np.uint8)
-    picture[top : top + height, left : left + width] = colored(shades[None], color_map)
+    strip[:] = cv2.convertScaleAbs(strip, alpha=_DIM)
+    put_text(strip, scale.title, (pad, extent.above + 1), text_scale)
+    strip[line : line + height, pad : pad + width] = _ramp(scale, color_map, width)
     for tick, share in zip(scale.ticks, scale.shares(np.array(scale.ticks)), strict=True):
-        place = 1 - share if scale.reverse else share
-        x = left + round(float(place) * (width - 1))
-        cv2.line(picture, (x, top + height), (x, top + height + 1), WHITE, 1)
-        label = f'{tick:g}{scale.unit if tick == scale.ticks[-1] else ""}'
+        x = pad + round(float(1 - share if scale.reverse else share) * (width - 1))
         room = extent_of(f'{tick:g}', text_scale).width
-        put_text(picture, label, (x - room / 2, top + height + 2 + extent.above), text_scale)
+        cv2.line(strip, (x, line + height), (x, line + height + 1), WHITE, 1)
+        baseline = line + height + 2 + extent.above
+        put_text(strip, f'{tick:g}', (x - room / 2, baseline), text_scale)
+
+
+def draw_ramp(picture: Pixels, scale: Scale, color_map: ColorMap, end: tuple[int, int]) -> None:
+    """Draw a colour bar in one line of text: the low value, the colours, the high value.
+
+    Args:
+        picture: Drawn on in place.
+        scale: What the colours say.
+        color_map: Which colours.
+        end: (x, y) of the end of the line, on the baseline.
+    """
+    (width, height), (right, baseline) = _RAMP_SIZE, end
+    low, high = f'{scale.low:g}', f'{scale.high:g}'
+    right -= extent_of(high, _RAMP_TEXT).width
+    put_text(picture, high, (right, baseline), _RAMP_TEXT)
+    left = right - height - width
+    picture[baseline - height : baseline, left : left + width] = _ramp(scale, color_map, width)
+    left -= height + extent_of(low, _RAMP_TEXT).width
+    put_text(picture, low, (left, baseline), _RAMP_TEXT)
+
+
+def _ramp(scale: Scale, color_map: ColorMap, width: int) -> Pixels:
+    """(1, width, 3) colours from the low value to the high one."""
+    values = np.linspace(1, 0, width) if scale.reverse else np.linspace(0, 1, width)
+    return colored((values * 254 + 1.5).astype(np.uint8)[None], color_map)

@@ -45,6 +45,13 @@ def check_picture(picture: Pixels) -> None:
         raise ValueError('the picture is read-only; draw on a copy')
 
 
+def new_picture(size: tuple[int, int], color: Color) -> Pixels:
+    """A (H, W, 3) picture of one colour, of a (width, height)."""
+    picture = np.empty((size[1], size[0], 3), np.uint8)
+    cv2.rectangle(picture, (0, 0), size, color, cv2.FILLED)
+    return picture
+
+
 def size_of(picture: Pixels) -> tuple[int, int]:
     """(width, height)."""
     return picture.shape[1], picture.shape[0]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 BLACK: Color = (0, 0, 0)
 WHITE: Color = (255, 255, 255)
-LONGEST = 64
+LONGEST = 160
 """Characters of a text that are drawn; class names may be of any length."""
 
 _REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
@@ -51,6 +51,14 @@ def extent_of(text: str, scale: float, *, bold: bool = False) -> Extent:
     font = _BOLD if bold else _REGULAR
     (width, _), _ = cv2.getTextSize(printable(text), font, scale, 1)
     return Extent(width, round(22 * scale), round(7 * scale))
+
+
+def fitted(text: str, width: int, scale: float, *, bold: bool = False) -> str:
+    """The text, or as much of its beginning as a width in pixels has room for."""
+    shown = printable(text)
+    while len(shown) > 4 and extent_of(shown, scale, bold=bold).width > width:
+        shown = shown[:-4] + '...'
+    return shown
 
 
 def put_text(
@@ -109,16 +117,14 @@ def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
 def _place(
     tag: Tag, room: tuple[int, int], size: tuple[int, int], taken: np.ndarray
 ) -> tuple[int, int]:
-    """Above the box, below it, in its top, in its bottom; where the fewest others are."""
+    """Above the box, below it, in it, or farther above; the first place where the fewest are."""
     left, top, right, bottom = tag.bounds
     width, height = room
-    columns, rows = (left, right - width), (top - height, bottom, top, bottom - height)
+    near, far = (top - height, bottom, top, bottom - height), (top - 2.5 * height, top - 4 * height)
     aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
-    tries = [
-        (x, y)
-        for x, y in [*aside, *((x, y) for x in columns for y in rows)]
-        if 0 <= y <= size[1] - height
-    ] or [(left, top)]
+    columns = (left, right - width)
+    around = [(x, y) for rows in (near, far) for x in columns for y in rows]
+    tries = [(x, y) for x, y in (*aside, *around) if 0 <= y <= size[1] - height] or [(left, top)]
     placed = np.rint(tries).astype(int)
     placed[:, 0] = placed[:, 0].clip(0, max(size[0] - width, 0))
     placed[:, 1] = placed[:, 1].clip(0, max(size[1] - height, 0))
@@ -136,6 +142,9 @@ def _draw_tag(
     left, top = corner
     end = (left + room[0] - 1, top + room[1] - 1)
     fill, ink = (BLACK, WHITE) if tag.outlined else (tag.color, ink_for(tag.color))
+    foot = round(min(max(tag.bounds[0], left), end[0])), round(tag.bounds[1])
+    if not tag.beside and foot[1] > end[1] + 1:
+        cv2.line(picture, foot, (foot[0], end[1]), tag.color, 1)
     cv2.rectangle(picture, corner, end, fill, cv2.FILLED)
     if tag.outlined:
         cv2.rectangle(picture, corner, end, tag.color, 1)

@@ -42,7 +42,9 @@ def draw_wireframes(
     projection: Projection,
     predictions: Sequence[LabelledObject] = (),
 ) -> None:
-    """Draw the edges of each object's 3D box, with its tag; the front face is tinted and crossed.
+    """Draw the edges of each object's 3D box, with its tag; the front face is crossed.
+
+    That of ground truth is tinted besides.
 
     Nothing is drawn of what is behind the camera. Objects without a 3D box are left out.
 
@@ -69,10 +71,12 @@ def draw_wireframes(
             continue
         each, predicted = shown[place]
         color = class_color(each.kind)
-        tint_polygon(picture, projection.polygon(corners[place, _FRONT]), color, _FRONT_ALPHA)
+        if not predicted:
+            front = projection.polygon(corners[place, _FRONT])
+            tint_polygon(picture, front, color, _FRONT_ALPHA)
         cross = wires[mine] % len(_WIRES) >= len(EDGES)
         bounds = _within(pieces[lines // len(_WIRES) == place].reshape(-1, 2), size)
-        edge_width = line_width(each, bounds, scale) if not predicted else 1
+        edge_width = 1 if predicted else line_width(each, bounds, scale)
         for chosen, width in ((cross, 1), (~cross, edge_width)):
             strokes = parts[mine][chosen]
             draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)

@@ -4,26 +4,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..boxes import DONT_CARE
 from ..drawing.annotate import is_labelled
 from ..drawing.birds_eye import birds_eye
 from ..drawing.boxes_2d import draw_boxes_2d
-from ..drawing.objects import LABEL_CAMERA
 from ..drawing.points import draw_points
-from ..drawing.projection import Projection
 from ..drawing.wireframes import draw_wireframes
-from ..errors import LackingError
 from ..samples import Stream
+from .frame_parts import (
+    bird_points,
+    camera_image,
+    chosen_camera,
+    frame_points,
+    frame_projection,
+    of_classes,
+)
+from .panel import draw_panel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from ..drawing.pixels import Pixels
     from ..options import PictureOptions
-    from ..samples import Float32Array
     from .frame import Frame
 
 
@@ -50,64 +54,6 @@ class Mode:
         """
         camera = chosen_camera(cameras, options) if self.image else None
         return self.others if camera is None else self.others | {f'image_{camera}'}
-
-
-def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:
-    """The camera that is asked for; else camera 2, or the first there is; None without any."""
-    if options.camera is not None:
-        return options.camera
-    return LABEL_CAMERA if LABEL_CAMERA in cameras else min(cameras, default=None)
-
-
-def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
-    """The camera that the options choose, and its image, not to be drawn on.
-
-    Raises:
-        LackingError: The frame has no image of it.
-    """
-    camera = chosen_camera(frame.images, options)
-    if camera is None:
-        raise _lacking(frame, 'an image', 'image_')
-    if camera not in frame.images:
-        raise _lacking(frame, f'an image of camera {camera}', f'image_{camera}')
-    return camera, frame.images[camera]
-
-
-def frame_points(frame: Frame) -> Float32Array:
-    """The scan.
-
-    Raises:
-        LackingError: The frame has none.
-    """
-    if frame.points is None:
-        raise _lacking(frame, 'a scan', Stream.SCAN.value)
-    return frame.points
-
-
-def frame_projection(frame: Frame, camera: int) -> Projection:
-    """velo_link into the images of a camera.
-
-    Raises:
-        LackingError: The calibration is not there or not whole.
-    """
-    if frame.calibration is None:
-        raise _lacking(frame, 'a calibration', Stream.CALIBRATION.value)
-    try:
-        return Projection.of(frame.calibration, camera)
-    except ValueError as error:
-        raise LackingError(f'{_name(frame)}: {error}') from None
-
-
-def of_classes(frame: Frame, options: PictureOptions) -> Frame:
-    """The frame with the objects of the classes that are drawn; DontCare regions always are."""
-    if not options.classes:
-        return frame
-    kept = {*options.classes, DONT_CARE}
-    return replace(
-        frame,
-        objects=[each for each in frame.objects if each.kind in kept],
-        predictions=[each for each in frame.predictions if each.kind in kept],
-    )
 
 
 def draw_camera(frame: Frame, options: PictureOptions) -> Pixels:
@@ -152,27 +98,18 @@ def draw_lidar(frame: Frame, options: PictureOptions) -> Pixels:
 def draw_bev(frame: Frame, options: PictureOptions) -> Pixels:
     """The scan and the boxes from above."""
     frame = of_classes(frame, options)
-    boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
-    points = frame.points if boxes else frame_points(frame)
+    points = bird_points(frame)
     return birds_eye(points, frame.objects, frame.predictions, options.bird, options.color_map)
-
-
-def _lacking(frame: Frame, what: str, stream: str) -> LackingError:
-    """The error that a frame has not what a picture shows, with the reason where one is known."""
-    reasons = [reason for name, reason in frame.lacks.items() if name.startswith(stream)]
-    return LackingError(f'{_name(frame)} lacks {what}' + (f': {reasons[0]}' if reasons else ''))
-
-
-def _name(frame: Frame) -> str:
-    return f'{frame.source}: frame {frame.number}'
 
 
 _LABELS = frozenset({Stream.LABELS.value})
 _SCAN = frozenset({Stream.SCAN.value})
+_MOTION = frozenset({Stream.OXTS.value, Stream.POSE.value})
 
 MODES: Mapping[str, Mode] = {
     'camera': Mode(draw_camera, image=True, others=_LABELS),
     'boxes': Mode(draw_boxes, image=True, others=_LABELS),
     'lidar': Mode(draw_lidar, image=True, others=_SCAN),
     'bev': Mode(draw_bev, image=False, others=_SCAN | _LABELS),
+    'panel': Mode(draw_panel, image=True, others=_SCAN | _LABELS | _MOTION),
 }

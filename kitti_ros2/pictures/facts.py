@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The words and figures of a panel: what is known of a frame, and how many of each class it has."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import cv2
+
+from ..boxes import DONT_CARE
+from ..drawing.looks import class_color
+from ..drawing.text import extent_of, fitted, put_text
+from ..stamps import format_stamp
+from .frame_parts import chosen_camera
+
+if TYPE_CHECKING:
+    from ..drawing.strokes import Color
+    from ..options import PictureOptions
+    from .frame import Frame, Pixels
+
+_SCALE = 0.45
+_LINE = 22
+_VALUES = 100
+"""Where values begin, pixels."""
+
+_LABEL: Color = (140, 132, 126)
+_VALUE: Color = (225, 221, 218)
+_WARNING: Color = (96, 176, 245)
+_BAR_HEIGHT = 8
+
+
+def moment_of(frame: Frame) -> str | None:
+    """The frame's time to the millisecond; None where the layout tells none."""
+    return f'{format_stamp(frame.stamp_ns)[:-6]} UTC' if frame.timed else None
+
+
+def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
+    """Names and values of what is known of a frame."""
+    facts = [] if frame.timed else [('time', 'not told by the layout')]
+    camera = chosen_camera(frame.images, options)
+    if camera is not None and camera in frame.images:
+        height, width = frame.images[camera].shape[:2]
+        facts.append(('image', f'{width} x {height}, camera {camera}'))
+    if frame.points is not None:
+        facts.append(('points', f'{len(frame.points):,}'.replace(',', ' ')))
+    cared = sum(each.kind != DONT_CARE for each in frame.objects)
+    ignored = len(frame.objects) - cared
+    facts.append(('objects', f'{cared}' + (f' and {ignored} DontCare' if ignored else '')))
+    if frame.predictions:
+        facts.append(('predictions', f'{len(frame.predictions)}'))
+    return facts + _motion(frame)
+
+
+def _motion(frame: Frame) -> list[tuple[str, str]]:
+    """What the GPS/IMU unit tells, or else the pose."""
+    packet, pose = frame.packet, frame.pose
+    if packet is not None:
+        speed = math.hypot(packet.vn, packet.ve)
+        return [
+            ('speed', f'{speed:.1f} m/s, {3.6 * speed:.0f} km/h'),
+            ('latitude', f'{packet.lat:.6f} deg'),
+            ('longitude', f'{packet.lon:.6f} deg'),
+            ('altitude', f'{packet.alt:.1f} m'),
+            ('yaw', f'{math.degrees(packet.yaw):.1f} deg from east'),
+        ]
+    if pose is not None:
+        x, y, z = (round(value, 1) + 0.0 for value in pose.map_T_imu.translation.tolist())
+        return [('place', f'{x:.1f} {y:.1f} {z:.1f} m')]
+    return []
+
+
+def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
+    """Write what is known of a frame, a line each, and what it lacks."""
+    width = window.shape[1]
+    baseline = _LINE - 4
+    for name, value in facts_of(frame, options):
+        put_text(window, name, (0, baseline), _SCALE, _LABEL)
+        shown = fitted(value, width - _VALUES, _SCALE)
+        put_text(window, shown, (_VALUES, baseline), _SCALE, _VALUE)
+        baseline += _LINE
+    for name in frame.lacks:
+        if baseline > window.shape[0]:
+            break
+        text = fitted(f'not readable: {name}', width, _SCALE)
+        put_text(window, text, (0, baseline), _SCALE, _WARNING)
+        baseline += _LINE
+
+
+def draw_classes(window: Pixels, frame: Frame) -> None:
+    """Write how many objects of each class there are, with bars; predictions have an outline."""
+    counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
+    found = Counter(each.kind for each in frame.predictions)
+    most = max([*counts.values(), *found.values()], default=0)
+    kinds = sorted({*counts, *found}, key=lambda kind: (-counts[kind], -found[kind], kind))
+    height, width = window.shape[:2]
+    if not kinds:
+        put_text(window, 'no objects', (0, _LINE - 4), _SCALE, _LABEL)
+        return
+    if frame.predictions:
+        height -= _LINE
+        text = 'filled: labels; outlined: predictions'
+        put_text(window, text, (0, height + _LINE - 6), _SCALE, _LABEL)
+    names = width // 3
+    number = extent_of('0000', _SCALE).width
+    row = 2 * _LINE if frame.predictions else _LINE
+    fit = max(height // row, 1)
+    shown = kinds if len(kinds) <= fit else kinds[: fit - 1]
+    for place, kind in enumerate(shown):
+        baseline = place * row + _LINE - 4
+        put_text(window, fitted(kind, names - 8, _SCALE), (0, baseline), _SCALE, _VALUE)
+        for line, count in enumerate((counts[kind], found[kind])[: row // _LINE]):
+            bottom = baseline + line * _LINE
+            length = round((width - names - number) * count / most)
+            thickness = 1 if line else cv2.FILLED
+            corner, end = (names, bottom - _BAR_HEIGHT), (names + length, bottom)
+            if length:
+                cv2.rectangle(window, corner, end, class_color(kind), thickness)
+            put_text(window, f'{count}', (end[0] + 6, bottom), _SCALE, _VALUE)
+    if len(shown) < len(kinds):
+        text = f'and {len(kinds) - len(shown)} more classes'
+        put_text(window, text, (0, len(shown) * row + _LINE - 4), _SCALE, _LABEL)
