@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from ..playing.keyboard import HELP
 from ..playing.keys import player_keyboard
+from ..playing.session import favour_what_is_due
 from .middleware import start_ros
 from .parameters import to_parameters
 from .player import KittiPlayer
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from ..playing.ending import Ending
-
-
-# A thread that decodes may keep the interpreter for that long while a message is due.
-_SWITCH_INTERVAL_S = 0.0005
 
 
 def run_player(
@@ -46,7 +43,7 @@ def run_player(
     Raises:
         KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
     """
-    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    favour_what_is_due()
     context = start_ros(ros_args)
     with ExitStack() as stack:
         stack.callback(context.try_shutdown)

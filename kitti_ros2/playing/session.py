@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -27,6 +28,15 @@ _MARKERS = 'visualization_msgs/msg/MarkerArray'
 _LAST_WAIT_S = 2.0
 _PATIENCE_S = 1.0
 _LONG_GAP_NS = 20_000_000
+
+
+# A thread that decodes may keep the interpreter for that long while a message is due.
+_SWITCH_INTERVAL_S = 0.0005
+
+
+def favour_what_is_due() -> None:
+    """Let the threads of this process take turns often, so that none is late for another's work."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
 @dataclass
