@@ -82,7 +82,11 @@ def _refuse(settings: PlaySettings) -> None:
     meaningless = [
         ('--stamps now', settings.stamps is Stamps.NOW, "viewers follow the recording's time"),
         ('--lossless', settings.playback.lossless, 'viewers acknowledge nothing'),
-        ('a QoS file', settings.qos_overrides_path is not None, 'a WebSocket has no QoS'),
+        (
+            '--qos-profile-overrides-path',
+            settings.qos_overrides_path is not None,
+            'a WebSocket has no QoS',
+        ),
     ]
     for what, is_given, why in meaningless:
         if is_given:

@@ -109,7 +109,7 @@ def _play_for_viewers(
 ) -> int:
     from ..bridge.installed import check_installed
 
-    if port > _LAST_PORT:
+    if not 0 <= port <= _LAST_PORT:
         raise UsageError(f'{port} is no port; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:
         raise UsageError('there is nothing to play; give a KITTI folder or a bag: play SRC')
