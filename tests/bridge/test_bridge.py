@@ -10,7 +10,6 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bridge.server import ViewerServer
 from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.diagnostics import WARN
@@ -19,6 +18,11 @@ from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOpti
 from kitti_ros2.playing.source import open_program
 from kitti_ros2.samples import Layout
 from kitti_ros2.settings import make_play_settings
+
+pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
+pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
+
+from kitti_ros2.bridge.server import ViewerServer
 
 from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
 

@@ -7,6 +7,9 @@ import json
 from pathlib import Path
 
 import pytest
+
+pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
+
 from foxglove import layouts
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

@@ -12,6 +12,9 @@ from kitti_ros2.cli import main
 from kitti_ros2.cli.play import complete_port
 from kitti_ros2.samples import Layout
 
+pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
+pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
+
 from viewer import Player, Viewer  # isort: skip
 
 OXTS = '/kitti/oxts/imu'
