@@ -46,7 +46,7 @@ EXTRAS = {
         'ruff>=0.17,<0.18',
         'types-PyYAML>=6.0.12,<7',
         'types-defusedxml>=0.7.0,<0.8',
-        'websockets>=13,<18',
+        'websockets>=15,<18',
     ],
 }
 

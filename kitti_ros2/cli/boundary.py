@@ -37,7 +37,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         return _run_and_flush(words)
     except KeyboardInterrupt:
-        complain('interrupted; nothing unfinished is left behind')
+        _complain('interrupted; nothing unfinished is left behind')
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader of our output went away, as head does; Python would complain once more at exit.
@@ -46,12 +46,12 @@ def main(args: list[str] | None = None) -> int:
     except (KittiRos2Error, OSError) as error:
         if debug:
             raise
-        complain(_describe(error))
+        _complain(_describe(error))
         return EXIT_USAGE
     except Exception as error:
         if debug:
             raise
-        complain(
+        _complain(
             f'internal error, {type(error).__name__}: {error}; run again with {_DEBUG} for the'
             f' traceback, and please report it'
         )
@@ -82,8 +82,7 @@ def _describe(error: KittiRos2Error | OSError) -> str:
     return str(error)
 
 
-def complain(message: str) -> None:
-    """Say on standard error what went wrong, in a line."""
+def _complain(message: str) -> None:
     sys.stderr.write(f'kitti-ros2: {" ".join(message.split())}\n')
 
 

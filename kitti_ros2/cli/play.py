@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from ..errors import UsageError
 from ..node.installed import check_installed
 from ..settings import PLAY_OPTIONS, make_play_settings
-from .boundary import complain
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -122,10 +121,14 @@ def _play_for_viewers(
 
     keep_imports()
     keep_freed_memory()
-    failures = run_bridge(str(src), settings, port, ending, _say, complain, keyboard=keyboard)
+    failures = run_bridge(str(src), settings, port, ending, _say, _complain, keyboard=keyboard)
     return EXIT_LOSSES if failures else EXIT_OK
 
 
 def _say(text: str) -> None:
     sys.stdout.write(f'{text}\n')
     sys.stdout.flush()
+
+
+def _complain(text: str) -> None:
+    sys.stderr.write(f'{text}\n')
