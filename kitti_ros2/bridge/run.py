@@ -79,7 +79,9 @@ def run_bridge(
 
 def _refuse(settings: PlaySettings) -> None:
     """Complain about what only a node can do."""
+    delayed = settings.playback.delay_ns > 0
     meaningless = [
+        ('--delay', delayed, 'it begins when the first viewer is there'),
         ('--stamps now', settings.stamps is Stamps.NOW, "viewers follow the recording's time"),
         ('--lossless', settings.playback.lossless, 'viewers acknowledge nothing'),
         (

@@ -213,15 +213,23 @@ class ViewerServer(ServerListener):
 
     def _tell_changes(self) -> None:
         now = time.monotonic_ns()
-        if self._waits and self._asked_ns is not None and now - self._asked_ns > _SETTLED_NS:
-            self._waits = False
-            self.playback.resume()
+        self._begin_with_viewer(now)
         told = self._told
         state = self._playback_state(did_seek=False)
         if self._told != told:
             self._server.broadcast_playback_state(state)
         if self._told != told or now - self._state_ns > _STATE_EVERY_NS:
             self.tell_state()
+
+    def _begin_with_viewer(self, now: int) -> None:
+        """Resume once the first viewer has subscribed; unless somebody has pressed a button."""
+        if not self._waits:
+            return
+        if not self.playback.state().paused:
+            self._waits = False
+        elif self._asked_ns is not None and now - self._asked_ns > _SETTLED_NS:
+            self._waits = False
+            self.playback.resume()
 
     def _playback_state(self, *, did_seek: bool, request_id: str | None = None) -> PlaybackState:
         state = self.playback.state()
