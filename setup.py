@@ -29,6 +29,8 @@ REQUIREMENTS = [
 ]
 
 EXTRAS = {
+    # The server that `play --foxglove` shows a recording with.
+    'foxglove': ['foxglove-sdk>=0.30,<0.31'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
     'ros': [
         'ros-jazzy-common-interfaces>=5.3.6,<6',
@@ -37,6 +39,7 @@ EXTRAS = {
     # Films in H.264; without it they are MPEG-4 Part 2, which browsers do not show.
     'video': ['av>=12,<19'],
     'test': [
+        'foxglove-sdk>=0.30,<0.31',
         'hypothesis>=6.100,<7',
         'mcap-ros2-support>=0.5.5,<0.7',
         'mypy>=1.15,<3',
@@ -45,6 +48,7 @@ EXTRAS = {
         'ruff>=0.17,<0.18',
         'types-PyYAML>=6.0.12,<7',
         'types-defusedxml>=0.7.0,<0.8',
+        'websockets>=15,<18',
     ],
 }
 

@@ -40,8 +40,8 @@ from kitti_ros2.node.middleware import start_ros
 from kitti_ros2.node.outlets import Outlets
 from kitti_ros2.node.player import KittiPlayer
 from kitti_ros2.node.run import run_player
-from kitti_ros2.node.session import Session
 from kitti_ros2.options import Images, MessageOptions, SelectionOptions
+from kitti_ros2.playing.session import Session
 from kitti_ros2.program import RecordingProgram
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
     ready = [program.fetch(index, outlets)[0] for index in range(len(program.stamps_ns))]
     context = start_ros([])
     node = Node('bare', context=context)
-    group = Outlets(node, program, {})
+    group = Outlets(node, program, {}, lambda _: None)
     publishers = group._publishers  # noqa: SLF001 - nothing of ours but the topics
     clock = node.create_publisher(Clock, '/clock', 10)
     while not all(node.count_subscribers(topic) for topic in topics):

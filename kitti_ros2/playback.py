@@ -363,6 +363,21 @@ class Playback:
             self._move(bisect_left(self._stamps, stamp_ns), stamp_ns)
             self._wake()
 
+    def show(self, stamp_ns: int) -> None:
+        """Go to the frame of the last sample not after a time and, while paused, play it at once.
+
+        Args:
+            stamp_ns: Nanoseconds since 1970; one before the first is the first.
+        """
+        with self._condition:
+            last = max(0, bisect_right(self._stamps, stamp_ns) - 1)
+            frame = bisect_right(self._frame_starts, last) - 1
+            start, *following = [*self._frame_starts[frame : frame + 2], len(self._stamps)]
+            self._move(start, self._stamps[start])
+            if self._paused:
+                self._rush_until = following[0]
+            self._wake()
+
     def seek_offset(self, offset_ns: int) -> None:
         """Go to a time from the first stamp, in nanoseconds; see seek."""
         self.seek(self._stamps[0] + offset_ns)

@@ -156,6 +156,25 @@ def test_seek_before_the_first_is_the_first_and_after_the_last_is_refused():
         playback.seek_frame(15)
 
 
+@pytest.mark.parametrize(
+    ('seconds', 'first'), [(-9, 0), (0, 0), (0.0995, 0), (0.1, 3), (0.2015, 6), (99, 12)]
+)
+def test_show_plays_the_frame_at_a_time_at_once(seconds, first):
+    clock = FakeClock()
+    playback, events = play(clock, start_paused=True)
+    clock.at(0.5, lambda: playback.show(START + int(seconds * SECOND)))
+    clock.at(1, playback.stop)
+    assert sends(events) == [(0.5, first + i) for i in range(3)]
+    assert playback.state().paused
+
+
+def test_show_while_it_plays_goes_on_from_the_frame():
+    clock = FakeClock()
+    playback, events = play(clock)
+    clock.at(0.05, lambda: playback.show(int(STAMPS[-1])))
+    assert sends(events)[3:] == [(0.05, 12), (0.051, 13), (0.052, 14)]
+
+
 def test_a_step_is_a_frame():
     clock = FakeClock()
     playback, events = play(clock, start_paused=True)

@@ -29,9 +29,10 @@ def run(words: list[str]) -> int:
     command = typer.main.get_command(app)
     ros_args: list[str] = []
     if words[:1] == ['play']:
-        from .play import split_ros_args
+        from .play import complete_port, split_ros_args
 
         words, ros_args = split_ros_args(words)
+        words = complete_port(words)
     try:
         result = command.main(
             args=words, prog_name='kitti-ros2', standalone_mode=False, obj=ros_args
@@ -442,6 +443,13 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     config: Annotated[
         Optional[Path], typer.Option(help='A YAML file of options; the command line wins')
     ] = None,
+    foxglove: Annotated[
+        Optional[int],
+        typer.Option(
+            metavar='[PORT]',
+            help='Play for Foxglove, not for ROS: ws://127.0.0.1:PORT (8765; 0 any free one)',
+        ),
+    ] = None,
     keyboard: Annotated[
         bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
     ] = True,
@@ -449,6 +457,10 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     """Play a KITTI recording or a bag live in ROS 2, with the controls of ros2 bag play.
 
     What follows --ros-args is for ROS: parameters (-p), remappings (-r), a parameter file.
+
+    With --foxglove it is watched without ROS. It begins when the first viewer is there; the play
+    controls of the viewer pause, seek and set the speed. At the end it pauses, unless --at-end
+    says otherwise. --clock is then how often viewers are told the time [default: 20].
     """
     given = {
         'layout': layout,
@@ -473,4 +485,4 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     }
     from .play import run_play
 
-    return run_play(src, given, config, context.obj, keyboard=keyboard)
+    return run_play(src, given, config, context.obj, foxglove=foxglove, keyboard=keyboard)

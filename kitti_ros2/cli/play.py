@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
+from ..errors import UsageError
 from ..node.installed import check_installed
 from ..settings import PLAY_OPTIONS, make_play_settings
 from .ending import end_by_signal
@@ -16,7 +18,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from .ending import Ending
+
 _ROS_ARGS = '--ros-args'
+_FOXGLOVE = '--foxglove'
+_PORT = 8765
+_LAST_PORT = 65535
+_VIEWERS_CLOCK_HZ = 20.0
 
 
 def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -33,21 +41,37 @@ def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
     return ours, theirs
 
 
+def complete_port(words: Sequence[str]) -> list[str]:
+    """The words with a port in `--foxglove`: its own, the number that follows it, or the usual."""
+    completed: list[str] = []
+    waiting = False
+    for word in words:
+        if waiting and word.isdecimal():
+            completed[-1] = f'{_FOXGLOVE}={word}'
+            waiting = False
+            continue
+        waiting = word == _FOXGLOVE and '--' not in completed
+        completed.append(f'{_FOXGLOVE}={_PORT}' if waiting else word)
+    return completed
+
+
 def run_play(
     src: Path | None,
     given: Mapping[str, object],
     config: Path | None,
     ros_args: Sequence[str],
     *,
+    foxglove: int | None,
     keyboard: bool,
 ) -> int:
-    """Play a recording or a bag as a ROS 2 node.
+    """Play a recording or a bag as a ROS 2 node, or for viewers.
 
     Args:
         src: KITTI folder or bag; None where the parameter `source` says it.
         given: Parameters by name, None where the command line does not give them.
         config: YAML file with options, under the command line's.
         ros_args: For ROS.
+        foxglove: The port that viewers connect to; None plays in ROS.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
@@ -59,6 +83,8 @@ def run_play(
         from .config_file import load_config
 
         chosen = load_config(config, PLAY_OPTIONS) | chosen
+    if foxglove is not None:
+        return _play_for_viewers(src, chosen, ros_args, ending, foxglove, keyboard=keyboard)
     make_play_settings(chosen)
     if src is not None:
         chosen['source'] = str(src)
@@ -69,3 +95,40 @@ def run_play(
     keep_freed_memory()
     failures = run_player(chosen, ros_args, ending, keyboard=keyboard)
     return EXIT_LOSSES if failures else EXIT_OK
+
+
+def _play_for_viewers(
+    src: Path | None,
+    chosen: dict[str, object],
+    ros_args: Sequence[str],
+    ending: Ending,
+    port: int,
+    *,
+    keyboard: bool,
+) -> int:
+    from ..bridge.installed import check_installed
+
+    if not 0 <= port <= _LAST_PORT:
+        raise UsageError(f'{port} is no port; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
+    if src is None:
+        raise UsageError('there is nothing to play; give a KITTI folder or a bag: play SRC')
+    if ros_args:
+        raise UsageError(f'{_ROS_ARGS} does not go with {_FOXGLOVE}: no node is started')
+    # A viewer wants to look again; and it draws its clock, where ROS programs count on /clock.
+    settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
+    check_installed()
+    from ..bridge.run import run_bridge
+
+    keep_imports()
+    keep_freed_memory()
+    failures = run_bridge(str(src), settings, port, ending, _say, _complain, keyboard=keyboard)
+    return EXIT_LOSSES if failures else EXIT_OK
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f'{text}\n')
+    sys.stdout.flush()
+
+
+def _complain(text: str) -> None:
+    sys.stderr.write(f'{text}\n')

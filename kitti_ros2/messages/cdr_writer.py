@@ -69,6 +69,10 @@ class CdrWriter:
         """A bool."""
         self._data.append(value)
 
+    def byte(self, value: int) -> None:
+        """A byte, as DiagnosticStatus has it."""
+        self._data.append(value)
+
     def text(self, value: str) -> None:
         """A string."""
         encoded = value.encode()

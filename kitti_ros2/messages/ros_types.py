@@ -61,6 +61,14 @@ _DEFINITIONS = {
     'std_msgs/msg/Header': 'builtin_interfaces/Time stamp|string frame_id',
     'std_msgs/msg/String': 'string data',
     'std_msgs/msg/ColorRGBA': 'float32 r|float32 g|float32 b|float32 a',
+    'diagnostic_msgs/msg/KeyValue': 'string key|string value',
+    'diagnostic_msgs/msg/DiagnosticStatus': (
+        'byte OK=0|byte WARN=1|byte ERROR=2|byte STALE=3|byte level|string name|string message'
+        '|string hardware_id|diagnostic_msgs/KeyValue[] values'
+    ),
+    'diagnostic_msgs/msg/DiagnosticArray': (
+        'std_msgs/Header header|diagnostic_msgs/DiagnosticStatus[] status'
+    ),
     'geometry_msgs/msg/Point': 'float64 x|float64 y|float64 z',
     'geometry_msgs/msg/Vector3': 'float64 x|float64 y|float64 z',
     'geometry_msgs/msg/Quaternion': 'float64 x|float64 y|float64 z|float64 w',

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from std_srvs.srv import Trigger
 
 from ..errors import UsageError
+from ..playing.state import where
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,25 +19,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from ..playback import Playback
+    from ..playing.keys import Controlled
 
 _PACKAGE = 'rosbag2_interfaces'
-
-
-class Controlled(Protocol):
-    """What the services act on.
-
-    Attributes:
-        playback: Of what is played now.
-    """
-
-    @property
-    def playback(self) -> Playback: ...  # noqa: D102 - see above
-
-    def set_rate(self, rate: float) -> None:
-        """Take another rate; UsageError when it is out of range."""
-
-    def tell_state(self) -> None:
-        """Publish the state, which has changed."""
 
 
 def create_services(node: Node, player: Controlled) -> None:
@@ -72,12 +57,6 @@ def _plain_services(player: Controlled, types: ModuleType | None) -> Any:  # noq
         ('play_next', Trigger, handler(_play_next)),
         ('stop', Trigger, handler(_stop)),
     ]
-
-
-def where(playback: Playback) -> str:
-    """What it does and where it is, for people."""
-    state = playback.state()
-    return f'{"paused" if state.paused else "playing"}, frame {state.frame}'
 
 
 def _pause(playback: Playback) -> tuple[bool, str]:

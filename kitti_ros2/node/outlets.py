@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from .message_types import message_class
 from .qos import make_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
@@ -32,23 +33,33 @@ _OVERRIDABLE = (
     QoSPolicyKind.DURABILITY,
 )
 _COUNT_EVERY_NS = 50_000_000
+_CLOCK = struct.Struct('<4siI')
+_ENCAPSULATION = b'\x00\x01\x00\x00'
 
 
 class Outlets:
-    """The publishers of a program.
+    """The publishers of a program; the Transport of a session.
 
     Args:
         node: Who publishes.
         program: Whose topics.
         overrides: QoS by topic name.
+        tell_time: Publishes a serialised rosgraph_msgs/Clock.
 
     Attributes:
         outlets: The program's.
         complaints: By index why a topic cannot be published.
     """
 
-    def __init__(self, node: Node, program: Program, overrides: Mapping[str, QosOverride]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        program: Program,
+        overrides: Mapping[str, QosOverride],
+        tell_time: Callable[[bytes], None],
+    ) -> None:
         self._node = node
+        self._tell_time = tell_time
         self.outlets: Sequence[Outlet] = program.outlets
         self.complaints: dict[int, str] = {}
         self._publishers: dict[int, Publisher] = {}
@@ -93,7 +104,7 @@ class Outlets:
         )
         return self._wanted
 
-    def publish(self, outlet: int, data: bytes) -> None:
+    def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:  # noqa: ARG002 - see Transport
         """Publish serialised data."""
         self._publish[outlet](data)
 
@@ -108,10 +119,23 @@ class Outlets:
             return True
         if self._unacknowledged[outlet] >= window:
             if not self._acknowledged(outlet, seconds):
+                self._node.get_logger().warning(
+                    f'{self.outlets[outlet].name}: waiting for a subscriber that acknowledges'
+                    f' nothing',
+                    throttle_duration_sec=10.0,
+                )
                 return False
             self._unacknowledged[outlet] = 0
         self._unacknowledged[outlet] += 1
         return True
+
+    def tell_time(self, stamp_ns: int) -> None:
+        """Publish /clock."""
+        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+        self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
+
+    def jump(self, stamp_ns: int) -> None:
+        """Nothing: time that goes backwards tells subscribers all there is to tell."""
 
     def finish(self, seconds: float) -> bool:
         """Wait until all reliable messages have arrived; returns whether they have."""

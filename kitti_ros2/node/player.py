@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,18 +14,16 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from ..bag_program import BagProgram
-from ..bags.locate import looks_like_bag
 from ..errors import KittiRos2Error, UsageError
-from ..kitti.layouts import open_recording
 from ..options import Bound
-from ..program import RecordingProgram
+from ..playing.session import Session
+from ..playing.source import describe, open_program
+from ..playing.state import encode_state
 from ..settings import make_play_settings
 from .controls import create_services
+from .outlets import Outlets
 from .parameters import PARAMETERS, declare, given
 from .qos import load_overrides
-from .session import Session
-from .state import make_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +35,6 @@ if TYPE_CHECKING:
     from ..settings import PlaySettings
 
 NODE_NAME = 'kitti_player'
-_MOST_WORKERS = 4
 _STATE_EVERY_NS = 200_000_000
 _LIVE = ('rate', 'loop', 'step')
 _OF_SOURCE = ('source', 'layout', 'sequence')
@@ -92,7 +87,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if not source:
             raise UsageError('there is nothing to play; give a KITTI folder or a bag as source')
         settings = make_play_settings(given(self._values))
-        program = self._open(source, settings)
+        program = open_program(source, settings)
         self._clock_publisher = self.create_publisher(Clock, '/clock', 10)
         create_services(self, self)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -137,7 +132,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         with self._state_lock:
             self._state_ns = time.monotonic_ns()
             self._state_publisher.publish(
-                make_state(
+                encode_state(
                     self.get_fully_qualified_name(),
                     session.program.name,
                     session.playback.state(),
@@ -147,35 +142,19 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
 
     # Sources.
 
-    @staticmethod
-    def _open(source: str, settings: PlaySettings) -> Program:
-        path = Path(source).expanduser()
-        if not path.exists():
-            raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-        if settings.read.layout is None and looks_like_bag(path):
-            return BagProgram(path, settings.selection)
-        workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
-        recording = open_recording(path, settings.read)
-        return RecordingProgram(recording, settings.messages, settings.selection, workers)
-
     def _play(self, program: Program, settings: PlaySettings) -> None:
         path = settings.qos_overrides_path
+        overrides = {} if path is None else load_overrides(path)
         session = Session(
-            self,
             program,
             settings,
-            {} if path is None else load_overrides(path),
-            self._clock_publisher.publish,
+            lambda program: Outlets(self, program, overrides, self._clock_publisher.publish),
+            self.get_logger().error,
             self._tell_state_sometimes,
         )
         self.stop()
         self._session = session
-        frames = program.frames
-        self.get_logger().info(
-            f'{program.name}: frames {frames[0]} to {frames[-1]},'
-            f' {(program.stamps_ns[-1] - program.stamps_ns[0]) / 1e9:.1f} s,'
-            f' {len(program.outlets)} topics'
-        )
+        self.get_logger().info(describe(program))
         for note in program.notes():
             self.get_logger().warning(note)
         session.start(lambda error: self._end(session, error))
@@ -203,7 +182,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             settings = make_play_settings(given({**self._values, **changes}))
             if any(name in changes for name in _OF_SOURCE):
                 source = str(changes.get('source', self._values['source']))
-                self._opened = (self._open(source, settings), settings)
+                self._opened = (open_program(source, settings), settings)
             if changes.get('position', '') != '':
                 self._seek(str(changes['position']))
         except (KittiRos2Error, OSError) as error:

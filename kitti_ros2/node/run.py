@@ -12,29 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from .controls import where
-from .keyboard import HELP, Key, Keyboard
+from ..playing.keyboard import HELP
+from ..playing.keys import player_keyboard
+from ..playing.session import favour_what_is_due
 from .middleware import start_ros
 from .parameters import to_parameters
 from .player import KittiPlayer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from typing import Protocol
 
-    class Ending(Protocol):
-        """What the main thread waits for."""
-
-        def set(self) -> None:
-            """Let the wait end; from any thread or signal handler."""
-
-        def wait(self) -> None:
-            """Wait for it."""
-
-
-# A thread that decodes may keep the interpreter for that long while a message is due.
-_SWITCH_INTERVAL_S = 0.0005
-_RATE_STEP = 0.1
+    from ..playing.ending import Ending
 
 
 def run_player(
@@ -55,7 +43,7 @@ def run_player(
     Raises:
         KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
     """
-    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    favour_what_is_due()
     context = start_ros(ros_args)
     with ExitStack() as stack:
         stack.callback(context.try_shutdown)
@@ -70,7 +58,7 @@ def run_player(
         thread.start()
         stack.callback(_end_spin, executor, thread)
         if keyboard:
-            keys = stack.enter_context(_keyboard(node, ending.set))
+            keys = stack.enter_context(player_keyboard(node, node.get_logger().info, ending.set))
             if keys.listening:
                 sys.stderr.write(f'{HELP}\n')
         gc.freeze()
@@ -93,32 +81,3 @@ def _spin(executor: SingleThreadedExecutor, ended: Callable[[], None]) -> None:
 def _end_spin(executor: SingleThreadedExecutor, thread: threading.Thread) -> None:
     executor.shutdown()
     thread.join()
-
-
-def _keyboard(node: KittiPlayer, quit_now: Callable[[], None]) -> Keyboard:
-    def faster(sign: int) -> None:
-        rate = node.playback.state().rate
-        node.set_rate(rate * (1 + sign * _RATE_STEP))
-        node.get_logger().info(f'rate {node.playback.state().rate:.2f}')
-
-    def control(name: str) -> Callable[[], None]:
-        """Acts on what is played when the key is pressed."""
-
-        def act() -> None:
-            getattr(node.playback, name)()
-            node.tell_state()
-            node.get_logger().info(where(node.playback))
-
-        return act
-
-    return Keyboard(
-        {
-            Key.SPACE: control('toggle_paused'),
-            Key.RIGHT: control('play_next'),
-            Key.LEFT: control('play_previous'),
-            Key.UP: lambda: faster(1),
-            Key.DOWN: lambda: faster(-1),
-            Key.QUIT: quit_now,
-        },
-        on_error=lambda error: node.get_logger().warning(str(error)),
-    )

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One source while it is played: a thread that publishes what its playback says is due."""
+"""One program while it is played: a thread that publishes what its playback says is due."""
 
 from __future__ import annotations
 
-import struct
+import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from ..messages.cdr import restamp_message
 from ..messages.markers import encode_clear
@@ -16,24 +16,27 @@ from ..messages.naming import Frames
 from ..options import Stamps
 from ..playback import Idle, Jump, Playback, Send, Tick
 from ..readahead import ReadAhead
-from .outlets import Outlets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
-    from rclpy.node import Node
-
     from ..playback import Event
     from ..program import Due, Program
     from ..settings import PlaySettings
-    from .qos import QosOverride
 
-_CLOCK = struct.Struct('<4siI')
-_ENCAPSULATION = b'\x00\x01\x00\x00'
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
 _LAST_WAIT_S = 2.0
 _PATIENCE_S = 1.0
 _LONG_GAP_NS = 20_000_000
+
+
+# A thread that decodes may keep the interpreter for that long while a message is due.
+_SWITCH_INTERVAL_S = 0.0005
+
+
+def favour_what_is_due() -> None:
+    """Let the threads of this process take turns often, so that none is late for another's work."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
 @dataclass
@@ -51,15 +54,49 @@ class Counts:
     late_ns: int = 0
 
 
+class Transport(Protocol):
+    """What carries the messages of a program to its subscribers; used by one thread.
+
+    Attributes:
+        complaints: By outlet why its topic cannot be published.
+    """
+
+    @property
+    def complaints(self) -> Mapping[int, str]: ...  # noqa: D102 - see above
+
+    def look(self) -> frozenset[int]:
+        """The outlets on demand that have a subscriber now."""
+
+    def wanted(self, now_ns: int) -> frozenset[int]:
+        """The same, as of the last look, unless that is old; now_ns is steady time."""
+
+    def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
+        """Publish serialised data; stamp_ns is the time in the recording that it is of."""
+
+    def make_room(self, outlet: int, seconds: float) -> bool:
+        """Wait until an outlet has room for a message more; whether it has."""
+
+    def tell_time(self, stamp_ns: int) -> None:
+        """Tell the recording's time."""
+
+    def jump(self, stamp_ns: int) -> None:
+        """The position was moved to a time: what subscribers keep of another one is void."""
+
+    def finish(self, seconds: float) -> bool:
+        """Wait until everything has arrived; whether it has."""
+
+    def close(self) -> None:
+        """Take the topics away."""
+
+
 class Session:
     """Plays a program until it ends or is stopped.
 
     Args:
-        node: Who publishes.
         program: What is played; closed at the end.
         settings: How.
-        overrides: QoS by topic name.
-        tell_time: Publishes a serialised rosgraph_msgs/Clock.
+        connect: Creates the topics of a program.
+        complain: Told once of everything that cannot be published.
         changed: Called, from the session's thread, when the state has changed.
 
     Attributes:
@@ -73,18 +110,16 @@ class Session:
 
     def __init__(
         self,
-        node: Node,
         program: Program,
         settings: PlaySettings,
-        overrides: Mapping[str, QosOverride],
-        tell_time: Callable[[bytes], None],
+        connect: Callable[[Program], Transport],
+        complain: Callable[[str], None],
         changed: Callable[[], None],
     ) -> None:
-        self._node = node
         self.program = program
         self._settings = settings
-        self._overrides = overrides
-        self._tell_time = tell_time
+        self._connect = connect
+        self._complain_once = complain
         self._changed = changed
         self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
         self.counts = Counts()
@@ -105,9 +140,9 @@ class Session:
         Args:
             done: Called at the end, from the session's thread, with the error that caused it.
         """
-        self._outlets = Outlets(self._node, self.program, self._overrides)
+        self._transport = self._connect(self.program)
         self._done = done
-        for complaint in (*self.program.losses, *self._outlets.complaints.values()):
+        for complaint in (*self.program.losses, *self._transport.complaints.values()):
             self._complain(complaint, 0)
         self._thread.start()
 
@@ -116,7 +151,7 @@ class Session:
         self.playback.stop()
         if self._thread.ident is not None:
             self._thread.join()
-            self._outlets.close()
+            self._transport.close()
         self.program.close()
 
     def _run(self) -> None:
@@ -131,11 +166,11 @@ class Session:
         frames = len(set(self.program.frames.tolist()))
         samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
         with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
-            ahead.want(self._outlets.look())
+            ahead.want(self._transport.look())
             ahead.refill()
             for event in self.playback.events():
                 self._do(event, ahead)
-            self._outlets.finish(_LAST_WAIT_S)
+            self._transport.finish(_LAST_WAIT_S)
 
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
@@ -145,7 +180,7 @@ class Session:
         elif isinstance(event, Jump):
             self._jump(event)
         elif isinstance(event, Idle):
-            ahead.want(self._outlets.wanted(time.monotonic_ns()))
+            ahead.want(self._transport.wanted(time.monotonic_ns()))
             # Decoding takes the processors from what is due next: the longest gap is best.
             if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
                 ahead.refill()
@@ -154,7 +189,7 @@ class Session:
             self._changed()
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
-        wanted = self._outlets.wanted(time.monotonic_ns())
+        wanted = self._transport.wanted(time.monotonic_ns())
         ahead.want(wanted)
         messages, failures = ahead.take(event.position)
         for missing in failures:
@@ -168,13 +203,13 @@ class Session:
         for message in messages:
             if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
                 continue
-            sent += self._publish(message, event.due_ns)
+            sent += self._publish(message, message.stamp_ns, event.due_ns)
         self.playback.sent(sent)
         if ahead.low():
             ahead.refill()
         self._changed()
 
-    def _publish(self, message: Due, due_ns: int) -> int:
+    def _publish(self, message: Due, stamp_ns: int, due_ns: int) -> int:
         """Publish, except what says nothing new; returns how many messages that were."""
         outlet = message.outlet
         if message.key is not None:
@@ -182,7 +217,7 @@ class Session:
                 return 0
             self._keys[outlet] = message.key
         self._stale.discard(outlet)
-        if outlet in self._outlets.complaints:
+        if outlet in self._transport.complaints:
             self.counts.failures += 1
             return 0
         data = message.data
@@ -195,21 +230,16 @@ class Session:
         now = time.monotonic_ns()
         if self.on_publish is not None:
             self.on_publish(outlet, due_ns, now)
-        self._outlets.publish(outlet, data)
+        self._transport.publish(outlet, data, stamp_ns)
         self.counts.messages += 1
         self.counts.late_ns = max(self.counts.late_ns, now - due_ns)
         return 1
 
     def _wait_for_room(self, outlet: int) -> bool:
         """Wait for subscribers as long as it takes; False once it was stopped."""
-        while not self._outlets.make_room(outlet, _PATIENCE_S):
+        while not self._transport.make_room(outlet, _PATIENCE_S):
             if self.playback.stopped:
                 return False
-            name = self.program.outlets[outlet].name
-            self._node.get_logger().warning(
-                f'{name}: waiting for a subscriber that acknowledges nothing',
-                throttle_duration_sec=10.0,
-            )
         return True
 
     def _wall_time(self, due_ns: int) -> int:
@@ -224,28 +254,28 @@ class Session:
         self._keys.clear()
         self._stale = set(self._markers)
         self._frame = None
+        self._transport.jump(event.stamp_ns)
         self._tell(event.stamp_ns)
         if event.position:
             now = time.monotonic_ns()
             for message in self.program.latched_before(event.position):
-                self._publish(message, now)
+                self._publish(message, event.stamp_ns, now)
 
     def _clear_stale(self) -> None:
         """Delete markers of another time that nothing has replaced."""
         for outlet in sorted(self._stale):
             stamp_ns = self.playback.state().stamp_ns
             (data,) = encode_clear(stamp_ns, Frames().map)
-            self._outlets.publish(outlet, bytes(data))
+            self._transport.publish(outlet, bytes(data), stamp_ns)
         self._stale.clear()
 
     def _tell(self, stamp_ns: int) -> None:
         if self._settings.stamps is Stamps.ORIGINAL and self._settings.playback.clock_hz:
-            seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-            self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
+            self._transport.tell_time(stamp_ns)
 
     def _complain(self, complaint: str, messages: int) -> None:
         """Log once, count always."""
         self.counts.failures += messages
         if complaint not in self._complaints:
             self._complaints.add(complaint)
-            self._node.get_logger().error(complaint)
+            self._complain_once(complaint)

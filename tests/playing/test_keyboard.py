@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.node import keyboard
-from kitti_ros2.node.keyboard import Key, Keyboard
+from kitti_ros2.playing import keyboard
+from kitti_ros2.playing.keyboard import Key, Keyboard
 
 
 @pytest.fixture
@@ -175,7 +175,7 @@ def test_no_standard_input_is_no_terminal(monkeypatch):
 # A shell, the terminal's own session leader, and its job, which ends on q or when told to.
 SHELL = """
     import fcntl, os, signal, sys, termios, threading, time
-    from kitti_ros2.node import keyboard
+    from kitti_ros2.playing import keyboard
 
     keyboard._LOOK_AGAIN_S = 0.02
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)

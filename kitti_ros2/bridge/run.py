@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the player for viewers until it ends or is told to."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from ..errors import UsageError
+from ..options import Stamps
+from ..playing.keyboard import HELP
+from ..playing.keys import player_keyboard
+from ..playing.session import favour_what_is_due
+from ..playing.source import describe, open_program
+from .server import ViewerServer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..playing.ending import Ending
+    from ..settings import PlaySettings
+
+
+def run_bridge(
+    source: str,
+    settings: PlaySettings,
+    port: int,
+    ending: Ending,
+    say: Callable[[str], None],
+    complain: Callable[[str], None],
+    *,
+    keyboard: bool,
+) -> int:
+    """Play until the ending is set, or everything is played and nothing is to be done at the end.
+
+    Args:
+        source: KITTI folder or bag.
+        settings: How it is played.
+        port: TCP port on this machine; 0 takes a free one.
+        ending: Tells when to end.
+        say: Told what is played, where to see it, and what keys do.
+        complain: Told of what cannot be played.
+        keyboard: Whether the keys of a terminal control it.
+
+    Returns:
+        How much was lost, when all was played: messages that could not be made, and what was
+        missing from the start; 0 when it was told to end.
+
+    Raises:
+        KittiRos2Error: The source cannot be played, or the port cannot be had.
+    """
+    _refuse(settings)
+    favour_what_is_due()
+    program = open_program(source, settings)
+    with ExitStack() as stack:
+        stack.callback(program.close)
+        server = ViewerServer(program, settings, port, complain)
+        server.on_ended = ending.set
+        say(describe(program))
+        say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
+        for note in program.notes():
+            complain(note)
+        stack.callback(server.stop)
+        server.start()
+        if keyboard:
+            keys = stack.enter_context(player_keyboard(server, say, ending.set))
+            if keys.listening:
+                sys.stderr.write(f'{HELP}\n')
+        gc.freeze()
+        ending.wait()
+        if server.error is not None:
+            raise server.error
+        ended = server.ended.is_set()
+        return server.session.counts.failures + len(program.losses) if ended else 0
+
+
+def _refuse(settings: PlaySettings) -> None:
+    """Complain about what only a node can do."""
+    delayed = settings.playback.delay_ns > 0
+    meaningless = [
+        ('--delay', delayed, 'it begins when the first viewer is there'),
+        ('--stamps now', settings.stamps is Stamps.NOW, "viewers follow the recording's time"),
+        ('--lossless', settings.playback.lossless, 'viewers acknowledge nothing'),
+        (
+            '--qos-profile-overrides-path',
+            settings.qos_overrides_path is not None,
+            'a WebSocket has no QoS',
+        ),
+    ]
+    for what, is_given, why in meaningless:
+        if is_given:
+            raise UsageError(f'{what} does not go with --foxglove: {why}')

@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A session that viewers see and control: Foxglove's WebSocket server around it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from foxglove import Context, StatusLevel, start_server
+from foxglove.websocket import (
+    Capability,
+    PlaybackCommand,
+    PlaybackState,
+    PlaybackStatus,
+    ServerListener,
+)
+
+from ..errors import UsageError
+from ..options import RATES
+from ..playing.session import Session
+from ..playing.state import encode_state
+from .channels import Channels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from foxglove.websocket import (
+        ChannelView,
+        Client,
+        PlaybackControlRequest,
+        WebSocketServer,
+    )
+
+    from ..playback import Playback
+    from ..program import Program
+    from ..settings import PlaySettings
+
+HOST = '127.0.0.1'
+NAME = '/kitti_player'
+
+_BACKLOG = 256
+"""Messages that may wait for a viewer, a second of a drive with all its topics.
+
+As many pieces of news may wait as well (time, state); a viewer that takes none of those is
+disconnected, by the SDK. Together they bound what a viewer that reads nothing can cost.
+"""
+
+_SETTLED_NS = 100_000_000
+"""A viewer subscribes to its topics one after the other, much faster than this."""
+
+_STATE_EVERY_NS = 200_000_000
+
+
+class ViewerServer(ServerListener):
+    """Serves one program; time stands still until the first viewer has subscribed.
+
+    Args:
+        program: What is played; closed by stop.
+        settings: How; with start_paused it also waits for a viewer's play button.
+        port: TCP port on this machine; 0 takes a free one.
+        complain: Told once of everything that cannot be published.
+
+    Attributes:
+        session: What is played.
+        ended: Set when it has ended, or was stopped.
+        on_ended: Called then, from the session's thread.
+        error: What ended it, where that is an error.
+
+    Raises:
+        UsageError: The port cannot be had.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        settings: PlaySettings,
+        port: int,
+        complain: Callable[[str], None],
+    ) -> None:
+        self.ended = threading.Event()
+        self.on_ended: Callable[[], None] = lambda: None
+        self.error: BaseException | None = None
+        self._complain = complain
+        self._waits = not settings.playback.start_paused
+        self._asked_ns: int | None = None
+        self._asked_to_seek = False
+        self._told: tuple[Any, float] | None = None
+        self._state_ns = 0
+        self._context = Context()  # the SDK does not hold it
+        self._channels = Channels(program, self._context, self._tell_time, self._tell_jump)
+        self.session = Session(
+            program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
+        )
+        self._server = self._serve(program, port, told=settings.playback.clock_hz > 0)
+
+    def _serve(self, program: Program, port: int, *, told: bool) -> WebSocketServer:
+        first, last = program.stamps_ns[0], program.stamps_ns[-1]
+        try:
+            return start_server(
+                name=program.name,
+                host=HOST,
+                port=port,
+                capabilities=[Capability.Time] if told else [],
+                server_listener=self,
+                context=self._context,
+                playback_time_range=(int(first), int(last)),
+                message_backlog_size=_BACKLOG,
+            )
+        except RuntimeError as error:  # the SDK's one for all
+            reason = str(error).rpartition('bind port: ')[2]
+            raise UsageError(
+                f'port {port} cannot be had ({reason}); choose another one, or 0 for any that is'
+                f' free: --foxglove 0'
+            ) from None
+
+    @property
+    def url(self) -> str:
+        """What a viewer connects to."""
+        return f'ws://{HOST}:{self._server.port}'
+
+    @property
+    def web_url(self) -> str | None:
+        """A page that shows it; None when it has stopped."""
+        return self._server.app_url()
+
+    def start(self) -> None:
+        """Begin."""
+        if self._waits:
+            self.playback.pause()
+        self.session.start(self._end)
+
+    def stop(self) -> None:
+        """End it, and disconnect viewers."""
+        self.session.stop()
+        self._server.stop()
+
+    def _end(self, error: BaseException | None) -> None:
+        self._tell_changes()
+        self.error = error
+        self.ended.set()
+        self.on_ended()
+
+    # What the keys of a terminal control.
+
+    @property
+    def playback(self) -> Playback:
+        """The controls of what is played."""
+        return self.session.playback
+
+    def set_rate(self, rate: float) -> None:
+        """Take another rate.
+
+        Raises:
+            UsageError: It is out of range.
+        """
+        self.playback.change(rate=rate)
+
+    def tell_state(self) -> None:
+        """Publish the state."""
+        self._state_ns = time.monotonic_ns()
+        state = self.playback.state()
+        name, counts = self.session.program.name, self.session.counts
+        self._channels.publish_state(encode_state(NAME, name, state, counts), state.stamp_ns)
+
+    # What viewers do; called from threads of the SDK.
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
+        """Give what is latched, and note that somebody is there."""
+        self._asked_ns = time.monotonic_ns()
+        self._channels.subscribed(channel.topic)
+
+    def on_playback_control_request(self, request: PlaybackControlRequest) -> PlaybackState:
+        """Play, pause, seek and change the rate; the answer goes to all viewers.
+
+        A seek while paused shows the frame that is there. Play at the end begins anew.
+        """
+        self._waits = False
+        low, high = RATES
+        # A float32: its 0.01 is less than ours.
+        self.set_rate(min(high, max(low, round(request.playback_speed, 6))))
+        play = request.playback_command == PlaybackCommand.Play
+        target = request.seek_time
+        state = self.playback.state()
+        if target is None and play and state.paused and state.finished:
+            target = 0
+        if not play:
+            self.playback.pause()
+        if target is not None:
+            self._seek(target, show=not play)
+        if play:
+            self.playback.resume()
+        return self._playback_state(did_seek=target is not None, request_id=request.request_id)
+
+    def _seek(self, stamp_ns: int, *, show: bool) -> None:
+        self._asked_to_seek = True
+        if show:
+            self.playback.show(stamp_ns)
+        else:
+            self.playback.seek(min(stamp_ns, int(self.session.program.stamps_ns[-1])))
+
+    # What viewers are told; called from the session's thread.
+
+    def _tell_time(self, stamp_ns: int) -> None:
+        self._server.broadcast_time(stamp_ns)
+
+    def _tell_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
+        # The answer to a request has said so.
+        if not self._asked_to_seek:
+            self._server.broadcast_playback_state(self._playback_state(did_seek=True))
+        self._asked_to_seek = False
+
+    def _tell_changes(self) -> None:
+        now = time.monotonic_ns()
+        self._begin_with_viewer(now)
+        told = self._told
+        state = self._playback_state(did_seek=False)
+        if self._told != told:
+            self._server.broadcast_playback_state(state)
+        if self._told != told or now - self._state_ns > _STATE_EVERY_NS:
+            self.tell_state()
+
+    def _begin_with_viewer(self, now: int) -> None:
+        """Resume once the first viewer has subscribed; unless somebody has pressed a button."""
+        if not self._waits:
+            return
+        if not self.playback.state().paused:
+            self._waits = False
+        elif self._asked_ns is not None and now - self._asked_ns > _SETTLED_NS:
+            self._waits = False
+            self.playback.resume()
+
+    def _playback_state(self, *, did_seek: bool, request_id: str | None = None) -> PlaybackState:
+        state = self.playback.state()
+        status = PlaybackStatus.Playing
+        if state.paused:
+            status = PlaybackStatus.Ended if state.finished else PlaybackStatus.Paused
+        self._told = (status, state.rate)
+        return PlaybackState(
+            status=status,
+            current_time=state.stamp_ns,
+            playback_speed=state.rate,
+            did_seek=did_seek,
+            request_id=request_id,
+        )
+
+    def _complain_to_all(self, complaint: str) -> None:
+        self._complain(complaint)
+        self._server.publish_status(complaint, StatusLevel.Warning)

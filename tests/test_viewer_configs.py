@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""config/foxglove.json and config/kitti.rviz name topics that there are, of the right types."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from rosbags.interfaces import Nodetype
+
+from kitti_ros2.messages.diagnostics import DIAGNOSTICS
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.messages.topics import make_table
+from kitti_ros2.options import Images, MessageOptions
+from kitti_ros2.samples import CAMERA_NAMES
+
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+STATE = '/kitti_player/state'
+
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+MARKERS = 'visualization_msgs/msg/MarkerArray'
+PATH = 'nav_msgs/msg/Path'
+
+RVIZ_SHOWS = {'PointCloud2': CLOUD, 'MarkerArray': MARKERS, 'Path': PATH, 'Image': IMAGE}
+
+
+@pytest.fixture(scope='module')
+def types():
+    """By topic its type, with all cameras and kinds of images."""
+    rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
+    return {row.name: row.msgtype for row in rows} | {STATE: DIAGNOSTICS}
+
+
+@pytest.fixture(scope='module')
+def layout():
+    return json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))
+
+
+@pytest.fixture(scope='module')
+def rviz():
+    return yaml.safe_load((CONFIG / 'kitti.rviz').read_text(encoding='utf-8'))
+
+
+def panels(layout, kind):
+    found = [each for name, each in layout['configById'].items() if name.split('!')[0] == kind]
+    assert found, kind
+    return found
+
+
+def leaves(node):
+    """The panels of a tree of splits."""
+    if isinstance(node, str):
+        return [node]
+    assert set(node) == {'direction', 'first', 'second', 'splitPercentage'}
+    assert node['direction'] in {'row', 'column'}
+    assert 0 < node['splitPercentage'] < 100
+    return leaves(node['first']) + leaves(node['second'])
+
+
+def field_type(types, path):
+    """What a message path such as /topic.field[0].field leads to."""
+    topic, *fields = path.split('.')
+    description = (Nodetype.NAME, types[topic])
+    for field in fields:
+        assert description[0] is Nodetype.NAME
+        members = dict(TYPESTORE.fielddefs[description[1]][1])
+        name, index, _ = field.partition('[')
+        description = members[name]
+        if index:
+            assert description[0] is Nodetype.SEQUENCE
+            description = description[1][0]
+    return description
+
+
+def test_the_layout_is_as_foxglove_exports_it(layout):
+    """Each panel that is configured has one place, and each place its panel."""
+    assert set(layout) == {
+        'configById', 'globalVariables', 'layout', 'playbackConfig', 'userNodes'
+    }  # fmt: skip
+    assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
+
+
+def test_the_scene_has_points_by_intensity_markers_and_the_path(layout, types):
+    (scene,) = panels(layout, '3D')
+    shown = {types[topic]: each for topic, each in scene['topics'].items() if each['visible']}
+    assert set(shown) == {CLOUD, MARKERS, PATH}
+    assert shown[CLOUD]['colorField'] == 'intensity'
+
+
+def test_both_cameras_have_overlays_in_their_own_frames(layout, types):
+    """A viewer projects by the left 3x3 of P: right for cameras whose fourth column is zero."""
+    cameras = panels(layout, 'Image')
+    assert len(cameras) == 2
+    for camera in cameras:
+        image, info = (camera['imageMode'][f'{name}Topic'] for name in ('image', 'calibration'))
+        assert (types[image], types[info]) == (COMPRESSED, 'sensor_msgs/msg/CameraInfo')
+        assert image.startswith(info.removesuffix('camera_info'))
+        assert 'left' in image
+        visible = {types[topic] for topic, each in camera['topics'].items() if each['visible']}
+        assert visible == {MARKERS}
+        assert all(topic in types for topic in camera['topics'])
+
+
+def test_map_plots_and_state(layout, types):
+    (chart,) = panels(layout, 'map')
+    topics = {chart['followTopic'], *chart['topicColors'], *chart['topicConfig']}
+    assert {types[topic] for topic in topics} == {'sensor_msgs/msg/NavSatFix'}
+    for plot in panels(layout, 'Plot'):
+        for path in plot['paths']:
+            assert path['enabled']
+            assert types[path['value'].split('.')[0]] == 'sensor_msgs/msg/Imu'
+            assert field_type(types, path['value']) == (Nodetype.BASE, ('float64', 0))
+    (summary,) = panels(layout, 'DiagnosticSummary')
+    assert types[summary['topicToRender']] == DIAGNOSTICS
+    (table,) = panels(layout, 'Table')
+    assert field_type(types, table['topicPath'])[0] is Nodetype.SEQUENCE
+
+
+def test_rviz_shows_what_there_is(rviz, types):
+    displays = rviz['Visualization Manager']['Displays']
+    kinds = {display['Class'].split('/')[1] for display in displays}
+    assert kinds == {'Grid', 'TF', *RVIZ_SHOWS}
+    for display in displays:
+        assert display['Enabled']
+        kind = display['Class'].split('/')[1]
+        if kind in RVIZ_SHOWS:
+            assert types[display['Topic']['Value']] == RVIZ_SHOWS[kind]
+    cloud = next(each for each in displays if each['Class'].endswith('PointCloud2'))
+    assert cloud['Channel Name'] == 'intensity'
+
+
+def test_rviz_asks_for_what_is_latched(rviz):
+    """A path that is sent once comes to whom asks for transient local, and to nobody else."""
+    asked = {
+        display['Topic']['Value']: display['Topic']['Durability Policy']
+        for display in rviz['Visualization Manager']['Displays']
+        if 'Topic' in display
+    }
+    rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
+    latched = {row.name for row in rows if row.latched}
+    for topic, durability in asked.items():
+        assert durability == ('Transient Local' if topic in latched else 'Volatile')
