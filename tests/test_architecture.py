@@ -49,6 +49,7 @@ ROOMS = {
     'labels': GROUND - {'labels'},
     'options': GROUND,
     'ordered_map': frozenset(),
+    'quantities': frozenset(),
     'kitti': GROUND | {'options'},
     'drawing': GROUND | {'options'},
     'messages': GROUND | {'options', 'drawing'},
@@ -66,7 +67,7 @@ ROOMS = {
     'readahead': BELOW_JOBS | {'program'},
     'synthetic': GROUND | {'options', 'kitti'},
     'node': BELOW_JOBS | {'settings', 'synthetic'} | JOBS,
-    'pictures': BELOW_JOBS | {'synthetic'} | JOBS,
+    'pictures': BELOW_JOBS | {'synthetic', 'quantities'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)
 ROOMS['__main__'] = frozenset({'cli'})

@@ -62,6 +62,7 @@ class TopicSurvey:
         log_ns: Log times in the order of reading, nanoseconds.
         header_ns: Header stamps of the same messages; empty where the type has no header.
         frames: Header frames, with how often each comes.
+        size_bytes: Of its messages as CDR.
         looks: A few decoded messages, evenly spread by doubling distances.
         failure: Why a look could not be decoded, empty where all could.
     """
@@ -71,6 +72,7 @@ class TopicSurvey:
     log_ns: list[int] = field(default_factory=list)
     header_ns: list[int] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    size_bytes: int = 0
     looks: list[Any] = field(default_factory=list)
     failure: str = ''
 
@@ -133,6 +135,7 @@ def survey_bag(messages: BagMessages) -> Survey:
     for message in messages:
         topic = topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
+        topic.size_bytes += len(message.data)
         if topic.name == CALIBRATION and topic.msgtype == STRING:
             text = _decoded(topic, messages, message)
             if text is not None:
