@@ -55,15 +55,19 @@ class BagFrames:
     Images are rectified where their camera_info tells a distortion, so that what is projected into
     them lies right.
 
+    Args:
+        path: The bag.
+        survey: What a pass over it found, where there was one already.
+
     Raises:
         BadBagError: It cannot be read.
         LackingError: It has neither point clouds nor images.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, survey: Survey | None = None) -> None:
         self.name = path.name
         self._path = path
-        survey = look([path])
+        survey = survey or look([path])
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
