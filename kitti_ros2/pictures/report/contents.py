@@ -37,6 +37,11 @@ class Finding:
     where: str
     text: str
 
+    @property
+    def is_loss(self) -> bool:
+        """Whether data is lost or damaged."""
+        return self.severity is Severity.LOSS
+
 
 class Clock(Enum):
     """What the stamps of a recording are worth."""
@@ -131,4 +136,4 @@ class Report:
     @property
     def sound(self) -> bool:
         """Whether nothing of the data is lost or damaged."""
-        return not any(finding.severity is Severity.LOSS for finding in self.findings)
+        return not any(finding.is_loss for finding in self.findings)

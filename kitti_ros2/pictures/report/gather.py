@@ -46,7 +46,7 @@ _PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not 
 class _Frames(NamedTuple):
     """What the frames of a source tell."""
 
-    count: int | None = None
+    frames: int | None = None
     route: Route | None = None
     classes: ClassStatistics | None = None
     projections: Sequence[Picture] = ()
@@ -153,7 +153,8 @@ def _pictured(recording: KittiRecording, source: FrameSource) -> list[int]:
     found = [
         recording.streams[stream].numbers for stream in _PICTURED if stream in recording.streams
     ]
-    return np.unique(np.concatenate(found)).tolist() if found else []
+    numbers = np.concatenate([np.zeros(0, np.int64), *found])
+    return [int(number) for number in np.unique(numbers)]
 
 
 def _look_through(
@@ -232,7 +233,7 @@ def _report(
     return Report(
         overview=overview,
         clock=clock,
-        frames=seen.count,
+        frames=seen.frames,
         streams=streams,
         findings=_in_order([*lost, *findings, *notes]),
         route=seen.route,

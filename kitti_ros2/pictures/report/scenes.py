@@ -12,8 +12,9 @@ import cv2
 from .contents import Picture, Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from ..frame import Frame, FrameSource, Pixels
+    from collections.abc import Sequence
+
+    from ..frame import FrameSource, Pixels
 
 from .statistics import spread
 
@@ -28,17 +29,28 @@ def encode_picture(pixels: Pixels, width: int, alt: str, caption: str) -> Pictur
     return Picture(data.tobytes(), pixels.shape[1], pixels.shape[0], alt, caption)
 
 
-def draw_scenes(source: FrameSource, pictured: Sequence[int], most: int, seen, step) -> tuple[Scene, ...]:
+def draw_scenes(
+    source: FrameSource, pictured: Sequence[int], most: int, seen, step
+) -> tuple[Scene, ...]:
     scenes = []
     for place in spread(len(pictured), most):
         frame = source.frame(pictured[place])
         seen(frame)
         counts = Counter(each.kind for each in frame.objects)
         pictures = tuple(
-            encode_picture(image, 1242, f'Camera {index} of frame {frame.number}', f'Camera {source.cameras[index]}')
+            encode_picture(
+                image,
+                1242,
+                f'Camera {index} of frame {frame.number}',
+                f'Camera {source.cameras[index]}',
+            )
             for index, image in list(frame.images.items())[:1]
         )
-        scenes.append(Scene(frame.number, frame.stamp_ns, tuple(f'{n} {k}' for k, n in counts.items()), pictures))
+        scenes.append(
+            Scene(
+                frame.number, frame.stamp_ns, tuple(f'{n} {k}' for k, n in counts.items()), pictures
+            )
+        )
         step()
     return tuple(scenes)
 

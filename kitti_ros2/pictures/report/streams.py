@@ -51,9 +51,7 @@ def recording_streams(
         if clock is not clock.NOMINAL:
             findings += _uneven(stream.value, timing)
             findings += _shifted(stream, recording)
-        paths = dict.fromkeys(
-            recording.path(stream, number) for number in index.numbers.tolist()
-        )
+        paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
         sizes = {path: size for path in paths if (size := _size(path)) is not None}
         facts = _Facts(stream, recording, findings)
         told.append(
@@ -87,7 +85,8 @@ def bag_streams(
     told = []
     for topic in topics:
         seen = survey.topics.get(topic.name)
-        used, facts = stamps.get(topic.name, np.zeros(0, np.int64)), ()
+        used = stamps.get(topic.name, np.zeros(0, np.int64))
+        facts: tuple[str, ...] = ()
         if seen is not None and seen.msgtype == topic.msgtype and seen.count:
             used, reason = seen.stamps()
             facts = _delay(seen, used)
@@ -169,9 +168,7 @@ def _size(path: Path) -> int | None:
 class _Facts:
     """What the files of a stream tell without being read whole."""
 
-    def __init__(
-        self, stream: Stream, recording: KittiRecording, findings: list[Finding]
-    ) -> None:
+    def __init__(self, stream: Stream, recording: KittiRecording, findings: list[Finding]) -> None:
         self._stream = stream
         self._varying = recording.layout is Layout.OBJECT  # frames of several days
         self._findings = findings
@@ -200,7 +197,8 @@ class _Facts:
             for size in ordered[1:]:
                 self._lose([_other_size(path, size, ordered[0]) for path in by_size[size]], 'image')
         return tuple(
-            f'{width} × {height}' + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
+            f'{width} \N{MULTIPLICATION SIGN} {height}'
+            + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
             for width, height in ordered[:_DIAGNOSED_MOST]
         )
 

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plots of streams and of labels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .markup import Markup, element, join, number
+from .svg import WIDTH, box, figure, line, plain, text, ticks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ...geometry import Float64Array
+    from .statistics import Timing
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
+_INTERVAL_HEIGHT = 150
+_HISTOGRAM_HEIGHT = 130
+_COLUMNS = 172
+_STRIP_BINS = 200
+_MOST_BANDS = 200
+
+
+def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
+    """When a stream has samples between two times: a bar, with its gaps cut out and marked.
+
+    It has no words of its own, for the row it stands in has them.
+    """
+    span = max(end_ns - start_ns, 1)
+    period = timing.period_ns or 0
+    drawn = [
+        box(x0, 3, max(x1 - x0, 0.5), 6, 'bar')
+        for x0, x1 in _spans(timing, start_ns, span, period if timing.regular else 0)
+    ]
+    for gap in timing.gaps[:_MOST_BANDS]:
+        x0 = 100 * (gap.at_ns - start_ns) / span
+        drawn.append(box(x0, 0, max(100 * gap.length_ns / span, 0.5), 12, 'gap'))
+    return element(
+        'svg',
+        *drawn,
+        viewBox='0 0 100 12',
+        preserveAspectRatio='none',
+        class_='strip',
+        aria_hidden='true',
+        focusable='false',
+    )
+
+
+def _spans(timing: Timing, start_ns: int, span: int, period: int) -> list[tuple[float, float]]:
+    """Where samples are, 0..100: runs of a regular stream, the samples themselves of others."""
+    places = 100 * (timing.stamps_ns - start_ns) / span
+    if period:
+        ends = [gap.at_ns for gap in timing.gaps]
+        cuts = np.searchsorted(timing.stamps_ns, ends, 'right')
+        return [(float(run[0]), float(run[-1])) for run in np.split(places, cuts) if len(run)]
+    bins = np.unique(np.round(places * _STRIP_BINS / 100)) * 100 / _STRIP_BINS
+    return [(float(place), float(place)) for place in bins]
+
+
+def interval_plot(key: str, name: str, timing: Timing) -> Markup:
+    """Distance to the next sample over time, milliseconds over seconds; gaps are marked."""
+    intervals = timing.intervals_ns / 1e6
+    times = (timing.stamps_ns[:-1] - timing.stamps_ns[0]) / 1e9
+    period = (timing.period_ns or 0) / 1e6
+    top = _ceiling(intervals, period)
+    span = float(times[-1]) or 1.0
+    height = _INTERVAL_HEIGHT
+    frame = _Frame(span, top, height)
+    drawn = [
+        frame.axes('s', 'ms'),
+        line(_LEFT, frame.y(period), WIDTH - _RIGHT, frame.y(period), 'median'),
+        _dots(frame, times, np.minimum(intervals, top)),
+        *[
+            element(
+                'path',
+                d=f'M{number(frame.x((gap.at_ns - int(timing.stamps_ns[0])) / 1e9))} {_TOP - 8}'
+                'l5 9h-10z',
+                class_='gap',
+            )
+            for gap in timing.gaps[:_MOST_BANDS]
+        ],
+    ]
+    return figure(
+        key,
+        f'Intervals of {name}',
+        f'{len(intervals)} distances between neighbouring samples over {span:.1f} seconds. The'
+        f' median is {period:.2f} ms, the shortest {intervals.min():.2f} ms, the longest'
+        f' {intervals.max():.2f} ms; {len(timing.gaps)} gaps are marked by triangles.',
+        (WIDTH, height),
+        *drawn,
+    )
+
+
+def _ceiling(intervals: Float64Array, period: float) -> float:
+    """The top of the plot: usual distances fill it, what is longer is cut."""
+    return float(max(np.percentile(intervals, 98) * 1.15, period * 1.25, 1e-3))
+
+
+class _Frame:
+    """The axes of a plot: from 0 to a span and from 0 to a top, with its place in the SVG."""
+
+    def __init__(self, span: float, top: float, height: int) -> None:
+        self._span, self._top = span, top
+        self._floor = height - _BOTTOM
+
+    def x(self, value: float) -> float:
+        """Place of a value across."""
+        return _LEFT + (WIDTH - _LEFT - _RIGHT) * value / self._span
+
+    def y(self, value: float) -> float:
+        """Place of a value up."""
+        return self._floor - (self._floor - _TOP) * value / self._top
+
+    def axes(self, across: str, up: str) -> Markup:
+        """Lines and numbers of both axes, with their units."""
+        drawn = []
+        for value in ticks(0, self._top, 4):
+            drawn.append(line(_LEFT, self.y(value), WIDTH - _RIGHT, self.y(value), 'grid-line'))
+            drawn.append(text(_LEFT - 6, self.y(value) + 4, plain(value), 'end'))
+        drawn += [
+            text(self.x(value), self._floor + 16, plain(value), 'middle')
+            for value in ticks(0, self._span, 6)
+        ]
+        drawn.append(text(2, _TOP - 3, up, class_='unit'))
+        drawn.append(text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'))
+        return join(drawn)
+
+
+def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
+    """Each value a dot; of very many, the range of each column."""
+    if len(values) <= 4 * _COLUMNS:
+        marks = (
+            f'M{number(frame.x(float(x)))} {number(frame.y(float(y)))}h0'
+            for x, y in zip(times, values, strict=True)
+        )
+        return element('path', d=''.join(marks), class_='dots')
+    edges = np.searchsorted(times, np.linspace(0, float(times[-1]), _COLUMNS + 1)[1:-1])
+    bars = []
+    for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
+        if len(ys):
+            x, low, high = frame.x(float(xs.mean())), frame.y(ys.min()), frame.y(ys.max())
+            bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
+    return element('path', d=''.join(bars), class_='ranges')
+
+
+def histogram_plot(
+    key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
+) -> Markup:
+    """Bars over bins; the last bin is open to the right."""
+    width = edges[1] - edges[0]
+    labels = [plain(edge) for edge in edges] + [f'{plain(edges[-1] + width)}+']
+    most = max(*counts, 1)
+    height = _HISTOGRAM_HEIGHT
+    frame = _Frame(width * len(counts), most * 1.08, height)
+    drawn = []
+    for value in ticks(0, most, 3):
+        if value == int(value):
+            drawn.append(line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'))
+            drawn.append(text(_LEFT - 6, frame.y(value) + 4, f'{int(value):,}', 'end'))
+    for place, count in enumerate(counts):
+        x0, x1 = frame.x(width * place), frame.x(width * (place + 1))
+        if count:
+            drawn.append(
+                box(x0 + 1, frame.y(count), x1 - x0 - 2, frame.y(0) - frame.y(count), 'bar')
+            )
+    drawn += [
+        text(frame.x(width * place), height - _BOTTOM + 16, labels[place], 'middle')
+        for place in range(0, len(labels), 2)
+    ]
+    drawn.append(line(_LEFT, frame.y(0), WIDTH - _RIGHT, frame.y(0), 'axis'))
+    drawn.append(text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'))
+    told = ', '.join(
+        f'{count} from {low} to {high}'
+        for count, low, high in zip(counts, labels[:-1], labels[1:], strict=True)
+        if count
+    )
+    return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)
+
+
+def shares_bar(shares: Sequence[int]) -> Markup:
+    """Counts as parts of a bar; the cells beside it have the numbers."""
+    total = max(sum(shares), 1)
+    drawn, x = [], 0.0
+    for place, share in enumerate(shares):
+        width = 100 * share / total
+        if share:
+            drawn.append(box(x, 0, width, 10, f'share{place}'))
+        x += width
+    return element(
+        'svg',
+        *drawn,
+        viewBox='0 0 100 10',
+        preserveAspectRatio='none',
+        class_='shares',
+        aria_hidden='true',
+        focusable='false',
+    )
