@@ -149,7 +149,7 @@ def _clock(recording: KittiRecording) -> Clock:
 def _pictured(recording: KittiRecording, source: FrameSource) -> list[int]:
     """The frames that have something to see."""
     if not recording.common_numbers:
-        return source.numbers.tolist()
+        return [int(number) for number in source.numbers]
     found = [
         recording.streams[stream].numbers for stream in _PICTURED if stream in recording.streams
     ]

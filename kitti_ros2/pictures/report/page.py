@@ -157,7 +157,7 @@ def _findings(findings: Sequence[Finding]) -> Markup:
     notes = [each for each in findings if each.severity is Severity.NOTE]
     if serious:
         losses = sum(each.severity is Severity.LOSS for each in serious)
-        parts = [format_count(losses, 'loss').replace('losss', 'losses')] if losses else []
+        parts = [f'{losses} loss{"" if losses == 1 else "es"}'] if losses else []
         if len(serious) > losses:
             parts.append(format_count(len(serious) - losses, 'warning'))
         top = join(
@@ -179,9 +179,8 @@ def _findings(findings: Sequence[Finding]) -> Markup:
     listed = element('ul', [_finding(each) for each in notes], class_='findings')
     if not serious and len(notes) <= 3:
         return join([top, listed])
-    return join(
-        [top, element('details', element('summary', format_count(len(notes), 'note')), listed)]
-    )
+    folded = element('summary', format_count(len(notes), 'note'))
+    return join([top, element('details', folded, listed)])
 
 
 def _finding(finding: Finding) -> Markup:

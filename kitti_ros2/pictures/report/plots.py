@@ -62,25 +62,22 @@ def _spans(timing: Timing, start_ns: int, span: int, period: int) -> list[tuple[
 
 
 def interval_plot(key: str, name: str, timing: Timing) -> Markup:
-    """Distance to the next sample over time, milliseconds over seconds; gaps are marked."""
+    """Distance to the next sample over time, milliseconds over seconds; gaps are marked.
+
+    The axis shows the usual distances large; what is outside is drawn at its edge.
+    """
     intervals = timing.intervals_ns / 1e6
     times = (timing.stamps_ns[:-1] - timing.stamps_ns[0]) / 1e9
     period = (timing.period_ns or 0) / 1e6
-    top = _ceiling(intervals, period)
+    reach = max(float(np.percentile(np.abs(intervals - period), 97)) * 1.25, period * 0.02, 1e-3)
     span = float(times[-1]) or 1.0
-    height = _INTERVAL_HEIGHT
-    frame = _Frame(span, top, height)
+    frame = _Frame((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
     drawn = [
         frame.axes('s', 'ms'),
         line(_LEFT, frame.y(period), WIDTH - _RIGHT, frame.y(period), 'median'),
-        _dots(frame, times, np.minimum(intervals, top)),
+        _dots(frame, times, np.clip(intervals, *frame.vertical)),
         *[
-            element(
-                'path',
-                d=f'M{number(frame.x((gap.at_ns - int(timing.stamps_ns[0])) / 1e9))} {_TOP - 8}'
-                'l5 9h-10z',
-                class_='gap',
-            )
+            _gap_mark(frame, (gap.at_ns - int(timing.stamps_ns[0])) / 1e9)
             for gap in timing.gaps[:_MOST_BANDS]
         ],
     ]
@@ -89,44 +86,61 @@ def interval_plot(key: str, name: str, timing: Timing) -> Markup:
         f'Intervals of {name}',
         f'{len(intervals)} distances between neighbouring samples over {span:.1f} seconds. The'
         f' median is {period:.2f} ms, the shortest {intervals.min():.2f} ms, the longest'
-        f' {intervals.max():.2f} ms; {len(timing.gaps)} gaps are marked by triangles.',
-        (WIDTH, height),
+        f' {intervals.max():.2f} ms; {len(timing.gaps)} gaps are marked.',
+        (WIDTH, _INTERVAL_HEIGHT),
         *drawn,
     )
 
 
-def _ceiling(intervals: Float64Array, period: float) -> float:
-    """The top of the plot: usual distances fill it, what is longer is cut."""
-    return float(max(np.percentile(intervals, 98) * 1.15, period * 1.25, 1e-3))
+def _gap_mark(frame: _Frame, at_s: float) -> Markup:
+    """A triangle at the upper edge and a line down from it."""
+    x = frame.x(at_s)
+    return join(
+        [
+            line(x, _TOP - 2, x, _INTERVAL_HEIGHT - _BOTTOM, 'gap-line'),
+            element('path', d=f'M{number(x)} {_TOP}l-5-9h10z', class_='gap'),
+        ]
+    )
 
 
 class _Frame:
-    """The axes of a plot: from 0 to a span and from 0 to a top, with its place in the SVG."""
+    """The axes of a plot: what it shows across and up, and where that is in the SVG."""
 
-    def __init__(self, span: float, top: float, height: int) -> None:
-        self._span, self._top = span, top
+    def __init__(
+        self, across: tuple[float, float], vertical: tuple[float, float], height: int
+    ) -> None:
+        self._across, self.vertical = across, vertical
         self._floor = height - _BOTTOM
 
     def x(self, value: float) -> float:
         """Place of a value across."""
-        return _LEFT + (WIDTH - _LEFT - _RIGHT) * value / self._span
+        low, high = self._across
+        return _LEFT + (WIDTH - _LEFT - _RIGHT) * (value - low) / (high - low)
 
     def y(self, value: float) -> float:
         """Place of a value up."""
-        return self._floor - (self._floor - _TOP) * value / self._top
+        low, high = self.vertical
+        return self._floor - (self._floor - _TOP) * (value - low) / (high - low)
 
     def axes(self, across: str, up: str) -> Markup:
         """Lines and numbers of both axes, with their units."""
-        drawn = []
-        for value in ticks(0, self._top, 4):
-            drawn.append(line(_LEFT, self.y(value), WIDTH - _RIGHT, self.y(value), 'grid-line'))
-            drawn.append(text(_LEFT - 6, self.y(value) + 4, plain(value), 'end'))
+        drawn = [
+            join(
+                [
+                    line(_LEFT, self.y(value), WIDTH - _RIGHT, self.y(value), 'grid-line'),
+                    text(_LEFT - 6, self.y(value) + 4, plain(value), 'end'),
+                ]
+            )
+            for value in ticks(*self.vertical, 4)
+        ]
         drawn += [
             text(self.x(value), self._floor + 16, plain(value), 'middle')
-            for value in ticks(0, self._span, 6)
+            for value in ticks(*self._across, 6)
         ]
-        drawn.append(text(2, _TOP - 3, up, class_='unit'))
-        drawn.append(text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'))
+        drawn += [
+            text(4, 11, up, class_='unit'),
+            text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
+        ]
         return join(drawn)
 
 
@@ -155,7 +169,7 @@ def histogram_plot(
     labels = [plain(edge) for edge in edges] + [f'{plain(edges[-1] + width)}+']
     most = max(*counts, 1)
     height = _HISTOGRAM_HEIGHT
-    frame = _Frame(width * len(counts), most * 1.08, height)
+    frame = _Frame((0, width * len(counts)), (0, most * 1.08), height)
     drawn = []
     for value in ticks(0, most, 3):
         if value == int(value):

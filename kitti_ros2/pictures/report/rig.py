@@ -28,6 +28,7 @@ _FOOT = 26
 _AXIS = 26.0
 _LEAST_M = 0.5
 _APART = 15.0
+_LABELLED = 60.0
 _NAMES = ('x', 'y', 'z')
 
 
@@ -90,11 +91,12 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
     view = _View(mounts, axes)
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
-    drawn = [
-        _link(spots[order[mount.parent]], spots[place], mount.distance_m)
-        for place, mount in enumerate(mounts)
-        if mount.parent
-    ]
+    drawn: list[Markup] = []
+    said: list[Float64Array] = []
+    for place, mount in enumerate(mounts):
+        if mount.parent:
+            ends = spots[order[mount.parent]], spots[place]
+            drawn += _link(*ends, mount.distance_m, said)
     drawn += [
         _axes(spot, mount.root_T_frame.rotation[list(axes)])
         for spot, mount in zip(spots, mounts, strict=True)
@@ -140,13 +142,19 @@ class _View:
         return placed
 
 
-def _link(start: Float64Array, end: Float64Array, distance_m: float) -> Markup:
+def _link(
+    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array]
+) -> list[Markup]:
+    """A line, with its length where it is long enough and no other length stands there."""
     (x1, y1), (x2, y2) = start.tolist(), end.tolist()
     drawn = [line(x1, y1, x2, y2, 'link')]
-    if np.hypot(x2 - x1, y2 - y1) > 70:
-        x, y = (x1 + x2) / 2, (y1 + y2) / 2
+    middle = (start + end) / 2
+    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in said)
+    if np.linalg.norm(end - start) > _LABELLED and not crowded:
+        said.append(middle)
+        x, y = middle.tolist()
         drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
-    return join(drawn)
+    return drawn
 
 
 def _axes(spot: Float64Array, directions: Float64Array) -> Markup:

@@ -77,7 +77,7 @@ class _View:
         for value in _multiples((y0 - self.height) / self.scale, y0 / self.scale, step):
             y = y0 - value * self.scale
             drawn.append(line(0, y, WIDTH, y, 'grid-line'))
-            if 12 < y < self.height - 20:
+            if 28 < y < self.height - 20:
                 drawn.append(text(4, y - 4, plain(value)))
         drawn += [
             text(WIDTH - 6, self.height - 5, 'x m', 'end', 'unit'),

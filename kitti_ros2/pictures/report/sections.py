@@ -190,7 +190,7 @@ def _rig(mounts: Sequence[Mount]) -> list[Child]:
 
 
 def _mount_table(mounts: Sequence[Mount]) -> Markup:
-    columns = [('', NUMBER), ('Frame', TEXT), ('On', TEXT), ('Distance m', NUMBER)]
+    columns = [('No.', NUMBER), ('Frame', TEXT), ('On', TEXT), ('Distance m', NUMBER)]
     columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
     columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
     rows = [
@@ -204,11 +204,7 @@ def _mount_table(mounts: Sequence[Mount]) -> Markup:
         ]
         for place, mount in enumerate(mounts)
     ]
-    return table(
-        'Frames: each on its parent, in its parent\N{RIGHT SINGLE QUOTATION MARK}s axes',
-        columns,
-        rows,
-    )
+    return table('Where each frame is in the axes of the one that it is on', columns, rows)
 
 
 def _camera_table(cameras: Sequence[CameraGlance]) -> Markup:

@@ -93,7 +93,7 @@ figcaption { color: var(--muted); font-size: 14px; margin-top: 6px; overflow-wra
 figcaption b { color: var(--text); font-weight: 600; }
 figure img { display: block; width: 100%; height: auto; border-radius: 8px;
   background: var(--inset); }
-.single { max-width: 620px; margin-top: 16px; }
+.single { max-width: 500px; margin-top: 16px; }
 svg.plot { display: block; width: 100%; height: auto; max-width: 620px; background: var(--inset);
   border-radius: 10px; }
 svg text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif;
@@ -102,6 +102,7 @@ svg .unit { font-size: 11.5px; } svg .label, svg .distance { fill: var(--text); 
 svg .distance { paint-order: stroke; stroke: var(--inset); stroke-width: 4px; }
 .grid-line { stroke: var(--grid); stroke-width: 1; } .axis { stroke: var(--muted); }
 .median { stroke: var(--muted); stroke-dasharray: 4 4; }
+.gap-line { stroke: var(--loss); stroke-width: 1; stroke-dasharray: 2 3; }
 .bar { fill: var(--accent); } .gap { fill: var(--loss); }
 .dots { stroke: var(--accent); stroke-width: 3.4; stroke-linecap: round; fill: none; }
 .ranges { stroke: var(--accent); stroke-width: 1.4; stroke-linecap: round; fill: none; }
@@ -110,7 +111,8 @@ svg .distance { paint-order: stroke; stroke: var(--inset); stroke-width: 4px; }
 .start { fill: var(--card); stroke: var(--text); stroke-width: 2.2; } .end { fill: var(--text); }
 .scale { fill: none; stroke: var(--text); stroke-width: 1.6; }
 .link { stroke: var(--muted); stroke-width: 1.2; stroke-dasharray: 3 3; }
-path.axis-x { stroke: var(--x); } path.axis-y { stroke: var(--y); } path.axis-z { stroke: var(--z); }
+path.axis-x { stroke: var(--x); } path.axis-y { stroke: var(--y); }
+path.axis-z { stroke: var(--z); }
 path[class^=axis] { stroke-width: 2.4; stroke-linecap: round; fill: none; }
 text.axis-x { fill: var(--x); } text.axis-y { fill: var(--y); } text.axis-z { fill: var(--z); }
 svg text[class^=axis] { font-weight: 600; }
