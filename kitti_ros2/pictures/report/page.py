@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ... import __version__
@@ -16,7 +17,7 @@ from .streams_section import streams_section
 from .style import STYLE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from pathlib import Path
 
     from .contents import Finding, Report
 
@@ -41,7 +42,7 @@ def make_page(report: Report) -> Markup:
     """The report as one HTML document."""
     overview = report.overview
     sections = [
-        ('findings', 'Findings', _findings(report.findings)),
+        ('findings', 'Findings', _findings(report)),
         ('frames', 'Frames', scenes_section(report)),
         ('streams', 'Streams', streams_section(report)),
         ('route', 'Route', route_section(report)),
@@ -152,7 +153,8 @@ def metres(length: float) -> str:
     return f'{length:.1f} m' if length < 1000 else f'{length / 1000:.2f} km'
 
 
-def _findings(findings: Sequence[Finding]) -> Markup:
+def _findings(report: Report) -> Markup:
+    findings = [_shortened(each, report.overview.path) for each in report.findings]
     serious = [each for each in findings if each.severity is not Severity.NOTE]
     notes = [each for each in findings if each.severity is Severity.NOTE]
     if serious:
@@ -181,6 +183,11 @@ def _findings(findings: Sequence[Finding]) -> Markup:
         return join([top, listed])
     folded = element('summary', format_count(len(notes), 'note'))
     return join([top, element('details', folded, listed)])
+
+
+def _shortened(finding: Finding, path: Path) -> Finding:
+    """Without the folder that the whole report is of: the footer names it."""
+    return replace(finding, text=finding.text.replace(f'{path.absolute()}/', ''))
 
 
 def _finding(finding: Finding) -> Markup:

@@ -138,7 +138,7 @@ class _Frame:
             for value in ticks(*self._across, 6)
         ]
         drawn += [
-            text(4, 11, up, class_='unit'),
+            text(_LEFT + 4, 11, up, class_='unit'),
             text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
         ]
         return join(drawn)

@@ -190,14 +190,15 @@ def _rig(mounts: Sequence[Mount]) -> list[Child]:
 
 
 def _mount_table(mounts: Sequence[Mount]) -> Markup:
-    columns = [('No.', NUMBER), ('Frame', TEXT), ('On', TEXT), ('Distance m', NUMBER)]
+    order = {mount.name: str(place + 1) for place, mount in enumerate(mounts)}
+    columns = [('No.', NUMBER), ('Frame', TEXT), ('On no.', NUMBER), ('Distance m', NUMBER)]
     columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
     columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
     rows = [
         [
             str(place + 1),
             mount.name,
-            mount.parent,
+            order.get(mount.parent, ''),
             f'{mount.distance_m:.3f}' if mount.parent else '',
             *([f'{value + 0.0:.3f}' for value in mount.xyz_m] or [''] * 3),
             *([f'{value + 0.0:.2f}' for value in mount.rpy_deg] or [''] * 3),

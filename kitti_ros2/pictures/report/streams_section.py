@@ -6,14 +6,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ...quantities import format_bytes
+from ...quantities import format_bytes, format_count
 from .contents import Clock
 from .markup import Markup, element, join
 from .plots import interval_plot, strip
 from .tables import LONG, NUMBER, TEXT, captioned, table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from .contents import Report, StreamFacts
     from .markup import Child
@@ -41,53 +41,68 @@ def streams_section(report: Report) -> Markup | None:
 
 def _table(report: Report) -> Markup:
     of_bag = report.overview.compression is not None
-    noun = 'Topic' if of_bag else 'Stream'
-    columns = [
-        (noun, TEXT),
-        ('Messages' if of_bag else 'Samples', NUMBER),
-        ('Rate Hz', NUMBER),
-        ('Jitter ms', NUMBER),
-        ('Gaps', NUMBER),
-        ('Longest gap s', NUMBER),
-        *([] if of_bag else [('Files', NUMBER)]),
-        ('Size', NUMBER),
-        ('Type' if of_bag else 'Frames', TEXT),
-        ('Content', LONG),
+    timed = report.clock is not Clock.NOMINAL
+    columns: list[tuple[tuple[str, str], Callable[[StreamFacts], Child]]] = [
+        (('Topic' if of_bag else 'Stream', TEXT), lambda each: each.name),
+        (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
     ]
-    nominal = report.clock is Clock.NOMINAL
-    rows = [_row(each, nominal=nominal, files=not of_bag) for each in report.streams]
-    count = sum(len(each.timing) for each in report.streams)
-    total = ['All', f'{count:,}', '', '', '', '', *([] if of_bag else [''])]
-    total += [format_bytes(report.overview.size_bytes), '', '']
-    caption = (
-        'Topics. Jitter: 95 of 100 intervals differ from the median by no more. Sizes of messages'
-        ' before compression; the last line has the size of the bag.'
-        if of_bag
-        else 'Streams. Jitter: 95 of 100 intervals differ from the median by no more. Streams may'
-        ' share files.'
-    )
-    return table(caption, columns, rows, total)
+    if timed:
+        columns += [
+            (('Rate Hz', NUMBER), lambda each: _told(each.timing.rate_hz, 1)),
+            (('Jitter ms', NUMBER), _jitter),
+            (('Gaps', NUMBER), _gap_count),
+            (('Longest s', NUMBER), lambda each: _told(_longest_gap_ns(each), 1e9)),
+        ]
+    if not of_bag:
+        columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
+    columns.append((('Size', NUMBER), _size))
+    columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
+    if any(each.facts for each in report.streams):
+        columns.append((('Content', LONG), _facts))
+    rows = [[cell(each) for _, cell in columns] for each in report.streams]
+    totals = {
+        columns[0][0]: 'All',
+        columns[1][0]: f'{sum(len(each.timing) for each in report.streams):,}',
+        ('Size', NUMBER): format_bytes(report.overview.size_bytes),
+    }
+    total = [totals.get(heading, '') for heading, _ in columns]
+    return table(_caption(of_bag=of_bag, timed=timed), [each for each, _ in columns], rows, total)
 
 
-def _row(stream: StreamFacts, *, nominal: bool, files: bool) -> list[Child]:
-    timing = stream.timing
-    longest = max((gap.length_ns for gap in timing.gaps), default=None)
-    return [
-        stream.name,
-        f'{len(timing):,}',
-        '' if nominal else _told(timing.rate_hz, 1, 2),
-        '' if nominal else _told(timing.jitter_ns, 1e6, 2),
-        str(len(timing.gaps)) if timing.regular and not nominal else '',
-        '' if nominal else _told(longest, 1e9, 2),
-        *([f'{stream.files:,}' if stream.files is not None else ''] if files else []),
-        '' if stream.size_bytes is None else format_bytes(stream.size_bytes),
-        element('span', stream.detail, class_='faint'),
-        element('span', '; '.join(stream.facts), class_='faint'),
-    ]
+def _caption(*, of_bag: bool, timed: bool) -> str:
+    jitter = ' Jitter: 95 of 100 intervals differ from the median by no more.' if timed else ''
+    if of_bag:
+        return f'Topics.{jitter} Sizes are of messages uncompressed, in the last line of the bag.'
+    return f'Streams.{jitter} Some share files.'
 
 
-def _told(value: float | None, unit: float, digits: int) -> str:
-    return '' if value is None else f'{value / unit:.{digits}f}'
+def _jitter(stream: StreamFacts) -> str:
+    return _told(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
+
+
+def _gap_count(stream: StreamFacts) -> str:
+    return f'{len(stream.timing.gaps):,}' if stream.timing.regular else ''
+
+
+def _longest_gap_ns(stream: StreamFacts) -> int | None:
+    return max((gap.length_ns for gap in stream.timing.gaps), default=None)
+
+
+def _size(stream: StreamFacts) -> str:
+    return '' if stream.size_bytes is None else format_bytes(stream.size_bytes)
+
+
+def _detail(stream: StreamFacts) -> Markup:
+    """Its frames, or the message type without its package, as info has them."""
+    return element('span', stream.detail.rsplit('/', 1)[-1], class_='faint')
+
+
+def _facts(stream: StreamFacts) -> Markup:
+    return element('span', '; '.join(stream.facts), class_='faint')
+
+
+def _told(value: float | None, unit: float) -> str:
+    return '' if value is None else f'{value / unit:.2f}'
 
 
 def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Markup:
@@ -96,9 +111,7 @@ def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Mar
     rows = [
         element(
             'li',
-            element(
-                'span', each.name, ' ', element('span', _gap_words(each.timing), class_='faint')
-            ),
+            element('span', each.name, _gap_words(each.timing)),
             strip(each.timing, start_ns, end_ns),
         )
         for each in streams
@@ -119,8 +132,10 @@ def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Mar
     )
 
 
-def _gap_words(timing: Timing) -> str:
-    return f'({len(timing.gaps)} gap{"" if len(timing.gaps) == 1 else "s"})' if timing.gaps else ''
+def _gap_words(timing: Timing) -> Markup | None:
+    if not timing.gaps:
+        return None
+    return element('span', f' {format_count(len(timing.gaps), "gap")}', class_='faint')
 
 
 def _intervals(streams: Sequence[StreamFacts]) -> Markup | None:
