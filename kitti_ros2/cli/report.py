@@ -8,7 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from ..pictures.report import gather, make_page, publish_page
+from ..pictures.report import check_output, gather, make_page, write_page
 from ..quantities import format_bytes, format_count
 from ..settings import make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -40,10 +40,10 @@ def run_report(
     keep_freed_memory()
     started = time.monotonic()
     options = make_settings(given).read
-    with publish_page(out, overwrite=overwrite) as write:
-        with part_progress('looking', show=not quiet) as progress:
-            report = gather(src, options, progress)
-        size = write(make_page(report))
+    check_output(out, overwrite=overwrite)
+    with part_progress('looking', show=not quiet) as progress:
+        report = gather(src, options, progress)
+    size = write_page(out, make_page(report), overwrite=overwrite)
     for finding in report.findings:
         if finding.is_loss:
             sys.stderr.write(f'{finding.where + ": " if finding.where else ""}{finding.text}\n')

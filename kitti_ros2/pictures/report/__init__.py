@@ -4,6 +4,6 @@
 
 from .gather import gather
 from .page import make_page
-from .publish import publish_page
+from .publish import check_output, write_page
 
-__all__ = ['gather', 'make_page', 'publish_page']
+__all__ = ['check_output', 'gather', 'make_page', 'write_page']

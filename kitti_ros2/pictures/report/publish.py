@@ -4,41 +4,50 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ...bags.staging import Staging, keep_all, reported
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 _BEGINNING = b'<!doctype html'
 
 
-@contextmanager
-def publish_page(out: Path, *, overwrite: bool) -> Iterator[Callable[[str], int]]:
-    """A function that writes the page and returns its bytes; it is renamed to out at the end.
+def check_output(out: Path, *, overwrite: bool) -> None:
+    """Find out before the work whether a page can be written; nothing is left behind.
+
+    Raises:
+        OutputExistsError: There is something that may not be replaced.
+        OutputError: It cannot be written.
+    """
+    _stage(out, overwrite=overwrite).discard()
+
+
+def write_page(out: Path, page: str, *, overwrite: bool) -> int:
+    """Write a page beside its place and rename it there; returns its bytes.
 
     Args:
         out: The file to make, with its folders.
+        page: Its text.
         overwrite: Whether a page that is there may be replaced; nothing else ever is.
 
     Raises:
         OutputExistsError: There is something that may not be replaced.
         OutputError: It cannot be written; nothing is left behind.
     """
-    staging = Staging(out, _keep_all_but_pages if overwrite else keep_all)
-
-    def write(page: str) -> int:
-        with reported(out):
-            return staging.content.write_bytes(page.encode())
-
+    staging = _stage(out, overwrite=overwrite)
     try:
-        yield write
+        with reported(out):
+            size = staging.content.write_bytes(page.encode())
         staging.publish()
     finally:
         staging.discard()
+    return size
+
+
+def _stage(out: Path, *, overwrite: bool) -> Staging:
+    return Staging(out, _keep_all_but_pages if overwrite else keep_all)
 
 
 def _keep_all_but_pages(path: Path) -> str | None:

@@ -39,7 +39,11 @@ def scenes_section(report: Report) -> Markup | None:
     return join(
         [
             element('p', words, class_='lead'),
-            *[_scene(each, timed=report.clock is Clock.UTC) for each in report.scenes],
+            element(
+                'div',
+                [_scene(each, timed=report.clock is Clock.UTC) for each in report.scenes],
+                class_='grid scenes',
+            ),
         ]
     )
 
@@ -52,7 +56,7 @@ def _scene(scene: Scene, *, timed: bool) -> Markup:
         element('h3', f'Frame {scene.number}{when}'),
         element('p', ' \N{MIDDLE DOT} '.join(scene.words), class_='lead') if scene.words else None,
         [pictured(each) for each in first],
-        element('div', [pictured(each) for each in rest], class_='grid pair') if rest else None,
+        element('div', [pictured(each) for each in rest], class_='rest') if rest else None,
         class_='scene',
     )
 

@@ -125,9 +125,11 @@ svg text.badge { fill: var(--card); font-size: 10.5px; font-weight: 650; }
 .shares { width: 120px; height: 12px; border-radius: 3px; vertical-align: -1px; }
 .share0 { fill: var(--share0); } .share1 { fill: var(--share1); } .share2 { fill: var(--share2); }
 .share3 { fill: var(--share3); }
-.scene { border-top: 1px solid var(--line); margin-top: 22px; padding-top: 4px; }
-.scene:first-of-type { border-top: 0; margin-top: 4px; }
-.scene h3 { margin-top: 14px; }
+.scenes { grid-template-columns: repeat(auto-fill, minmax(min(100%, 440px), 1fr)); gap: 30px; }
+.scene h3 { margin-top: 0; }
+.scene > figure { margin-top: 10px; }
+.rest { display: grid; grid-template-columns: 1.9fr 1fr; gap: 12px; margin-top: 12px;
+  align-items: start; }
 footer { color: var(--muted); font-size: 14px; padding: 8px 0 48px; overflow-wrap: anywhere; }
 @media (max-width: 640px) {
   .column { padding: 0 14px; }
