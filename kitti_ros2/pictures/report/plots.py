@@ -164,32 +164,38 @@ def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
 def histogram_plot(
     key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
 ) -> Markup:
-    """Bars over bins; the last bin is open to the right."""
+    """Bars over bins of one width; the last bin has all from its edge on."""
     width = edges[1] - edges[0]
-    labels = [plain(edge) for edge in edges] + [f'{plain(edges[-1] + width)}+']
     most = max(*counts, 1)
     height = _HISTOGRAM_HEIGHT
-    frame = _Frame((0, width * len(counts)), (0, most * 1.08), height)
-    drawn = []
-    for value in ticks(0, most, 3):
-        if value == int(value):
-            drawn.append(line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'))
-            drawn.append(text(_LEFT - 6, frame.y(value) + 4, f'{int(value):,}', 'end'))
-    for place, count in enumerate(counts):
-        x0, x1 = frame.x(width * place), frame.x(width * (place + 1))
-        if count:
-            drawn.append(
-                box(x0 + 1, frame.y(count), x1 - x0 - 2, frame.y(0) - frame.y(count), 'bar')
-            )
-    drawn += [
-        text(frame.x(width * place), height - _BOTTOM + 16, labels[place], 'middle')
-        for place in range(0, len(labels), 2)
+    frame = _Frame((edges[0], edges[-1] + width), (0, most * 1.08), height)
+    drawn = [
+        join(
+            [
+                line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'),
+                text(_LEFT - 6, frame.y(value) + 4, f'{int(value):,}', 'end'),
+            ]
+        )
+        for value in ticks(0, most, 3)
+        if value == int(value)
     ]
-    drawn.append(line(_LEFT, frame.y(0), WIDTH - _RIGHT, frame.y(0), 'axis'))
-    drawn.append(text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'))
+    across = frame.x(edges[1]) - frame.x(edges[0])
+    drawn += [
+        box(frame.x(edge) + 1, frame.y(count), across - 2, frame.y(0) - frame.y(count), 'bar')
+        for edge, count in zip(edges, counts, strict=True)
+        if count
+    ]
+    low = height - _BOTTOM + 16
+    drawn += [text(frame.x(edge), low, plain(edge), 'middle') for edge in edges[:-1:2]]
+    drawn += [
+        text(frame.x(edges[-1]) + across / 2, low, f'{plain(edges[-1])}+', 'middle'),
+        line(_LEFT, frame.y(0), WIDTH - _RIGHT, frame.y(0), 'axis'),
+        text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
+    ]
+    ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']
     told = ', '.join(
-        f'{count} from {low} to {high}'
-        for count, low, high in zip(counts, labels[:-1], labels[1:], strict=True)
+        f'{count} from {plain(edge)} {end}'
+        for edge, end, count in zip(edges, ends, counts, strict=True)
         if count
     )
     return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)

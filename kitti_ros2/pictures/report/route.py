@@ -72,7 +72,7 @@ class _View:
         for value in _multiples(-x0 / self.scale, (WIDTH - x0) / self.scale, step):
             x = x0 + value * self.scale
             drawn.append(line(x, 0, x, self.height, 'grid-line'))
-            if 40 < x < WIDTH - 20:
+            if 40 < x < WIDTH - 44:
                 drawn.append(text(x, self.height - 5, plain(value), 'middle'))
         for value in _multiples((y0 - self.height) / self.scale, y0 / self.scale, step):
             y = y0 - value * self.scale

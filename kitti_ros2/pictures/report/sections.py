@@ -195,21 +195,24 @@ def _rig(mounts: Sequence[Mount]) -> list[Child]:
 
 def _mount_table(mounts: Sequence[Mount]) -> Markup:
     order = {mount.name: str(place + 1) for place, mount in enumerate(mounts)}
-    columns = [('No.', NUMBER), ('Frame', TEXT), ('On no.', NUMBER), ('Distance m', NUMBER)]
+    columns = [('Frame', TEXT), ('On', NUMBER), ('Distance m', NUMBER)]
     columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
     columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
     rows = [
         [
-            str(place + 1),
-            mount.name,
-            order.get(mount.parent, ''),
+            join([_numbered(order[mount.name]), mount.name]),
+            _numbered(order[mount.parent]) if mount.parent else '',
             f'{mount.distance_m:.3f}' if mount.parent else '',
             *([f'{value + 0.0:.3f}' for value in mount.xyz_m] or [''] * 3),
             *([f'{value + 0.0:.2f}' for value in mount.rpy_deg] or [''] * 3),
         ]
-        for place, mount in enumerate(mounts)
+        for mount in mounts
     ]
     return table('Where each frame is in the axes of the one that it is on', columns, rows)
+
+
+def _numbered(number: str) -> Markup:
+    return element('span', number, class_='number')
 
 
 def _camera_table(cameras: Sequence[CameraGlance]) -> Markup:

@@ -73,6 +73,7 @@ summary { cursor: pointer; color: var(--accent); padding: 4px 0; }
 .scroll { overflow-x: auto; margin-top: 16px; border-radius: 8px; }
 table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
 caption { text-align: left; color: var(--muted); font-size: 14px; padding: 0 0 8px; }
+caption span { display: inline-block; position: sticky; left: 0; max-width: calc(100vw - 64px); }
 th, td { padding: 8px 12px; border-top: 1px solid var(--line); text-align: left;
   vertical-align: top; white-space: nowrap; }
 thead th { border-top: 0; color: var(--muted); font-weight: 560; font-size: 13px;
@@ -118,6 +119,9 @@ text.axis-x { fill: var(--x); } text.axis-y { fill: var(--y); } text.axis-z { fi
 svg text[class^=axis] { font-weight: 600; }
 circle.badge { fill: var(--text); stroke: var(--inset); stroke-width: 1.5; }
 svg text.badge { fill: var(--card); font-size: 10.5px; font-weight: 650; }
+.number { display: inline-block; min-width: 20px; margin-right: 8px; padding: 0 5px;
+  border-radius: 10px; background: var(--text); color: var(--card); font-size: 12px;
+  font-weight: 650; line-height: 20px; text-align: center; }
 .coverage { list-style: none; margin: 14px 0 0; padding: 0; }
 .coverage li { display: grid; grid-template-columns: minmax(0, 300px) 1fr; gap: 4px 18px;
   align-items: center; padding: 5px 0; font-size: 14.5px; overflow-wrap: anywhere; }

@@ -44,7 +44,7 @@ def table(
     )
     body = element('tbody', [_row(cells, kinds) for cells in rows])
     foot = None if total is None else element('tfoot', _row(total, kinds))
-    whole = element('table', element('caption', caption), head, body, foot)
+    whole = element('table', element('caption', element('span', caption)), head, body, foot)
     return element('div', whole, class_='scroll', role='region', aria_label=caption, tabindex='0')
 
 
