@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-VOID = {'br', 'img', 'link', 'meta'}
+VOID = {'br', 'img', 'link', 'meta', 'wbr'}
 RUNS = {'script', 'iframe', 'object', 'embed', 'base', 'form'}
 OUTSIDE = re.compile(r'(?:[a-z+]+:)?//|url\(|@import', re.IGNORECASE)
 
@@ -22,7 +22,7 @@ class Page(HTMLParser):
 
     Attributes:
         faults: What is wrong, a line each.
-        text: What a reader reads, by element: (tag, words).
+        text: The words of each element, those of its children aside: (tag, words).
         tags: How often each element comes.
     """
 
@@ -32,6 +32,7 @@ class Page(HTMLParser):
         self.text: list[tuple[str, str]] = []
         self.tags: Counter[str] = Counter()
         self._open: list[str] = []
+        self._told: list[list[str]] = []
         self._ids: Counter[str] = Counter()
         self._references: list[str] = []
         self.feed(source)
@@ -46,7 +47,7 @@ class Page(HTMLParser):
         return cls(path.read_text(encoding='utf-8'))
 
     def words(self, tag: str) -> list[str]:
-        """The words that stand in elements of a kind."""
+        """The words that stand in elements of a kind, as they read."""
         return [words for name, words in self.text if name == tag]
 
     def handle_starttag(self, tag, attrs):
@@ -55,6 +56,7 @@ class Page(HTMLParser):
             self.faults.append(f'<{tag}> does something')
         if tag not in VOID:
             self._open.append(tag)
+            self._told.append([])
         values = dict(attrs)
         if tag == 'img' and not values.get('alt'):
             self.faults.append('an image without words')
@@ -79,9 +81,13 @@ class Page(HTMLParser):
     def handle_endtag(self, tag):
         if not self._open or self._open.pop() != tag:
             self.faults.append(f'</{tag}> closes nothing')
+            return
+        words = ''.join(self._told.pop())
+        if words.strip():
+            self.text.append((tag, words))
 
     def handle_data(self, data):
         if self._open[-1:] == ['style'] and OUTSIDE.search(data):
             self.faults.append('the style loads something')
-        if data.strip() and self._open:
-            self.text.append((self._open[-1], data))
+        if self._open:
+            self._told[-1].append(data)

@@ -12,7 +12,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...inspection import Overview
-    from .statistics import ClassStatistics, Route, Timing
+    from .statistics import ClassStatistics, Route
+    from .timing import Timing
+
+
+_ONE_CLOCK_NS = 60_000_000_000
+"""No message takes longer from its stamp to the log; a simulation's clock begins at 0."""
 
 
 class Severity(Enum):
@@ -62,6 +67,8 @@ class StreamFacts:
         files: How many files hold it; None in a bag.
         size_bytes: Of its samples; None where it is not known.
         facts: What else is worth telling, such as image sizes; a few words each.
+        delay_ns: How long after its own stamp a message was logged, median; None where timing is of
+            log times, or of a folder.
     """
 
     name: str
@@ -70,6 +77,13 @@ class StreamFacts:
     files: int | None = None
     size_bytes: int | None = None
     facts: tuple[str, ...] = ()
+    delay_ns: int | None = None
+
+    @property
+    def clock_offset_ns(self) -> int:
+        """What its stamps lack to the clock of the log: 0, unless they are of another clock."""
+        delay_ns = self.delay_ns or 0
+        return delay_ns if abs(delay_ns) > _ONE_CLOCK_NS else 0
 
 
 @dataclass(frozen=True)

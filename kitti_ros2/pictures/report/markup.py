@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_VOID = frozenset({'br', 'img', 'link', 'meta'})
+_VOID = frozenset({'br', 'img', 'link', 'meta', 'wbr'})
+_BREAKS = re.compile(r'(?<=[/_.-])(?=\w)')
 
 
 class Markup(str):
@@ -43,6 +45,12 @@ def element(tag: str, *children: Child, **attributes: Attribute) -> Markup:
 def join(children: Iterable[Child]) -> Markup:
     """Several one after the other."""
     return Markup(''.join(_child(child) for child in children))
+
+
+def breakable(name: str) -> Markup:
+    """A name that a narrow column may break after a slash, an underscore, a dot or a dash."""
+    first, *rest = _BREAKS.split(name)
+    return join([first, *([element('wbr'), part] for part in rest)])
 
 
 def _child(child: Child) -> str:

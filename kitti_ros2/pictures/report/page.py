@@ -11,7 +11,7 @@ from ... import __version__
 from ...quantities import format_bytes, format_count, format_duration
 from ...stamps import format_stamp
 from .contents import Clock, Severity
-from .markup import Markup, element, join
+from .markup import Markup, breakable, element, join
 from .sections import calibration_section, objects_section, route_section, scenes_section
 from .streams_section import streams_section
 from .style import STYLE
@@ -35,6 +35,11 @@ _KINDS = {
     'object': 'KITTI object detection set',
     'odometry': 'KITTI odometry sequence',
     'tracking': 'KITTI tracking sequence',
+    'mcap': 'MCAP bag',
+    'ros1': 'ROS 1 bag',
+    'sqlite3': 'SQLite bag of rosbag2',
+    'rosbag2 mcap': 'rosbag2 bag, MCAP',
+    'rosbag2 sqlite3': 'rosbag2 bag, SQLite',
 }
 
 
@@ -92,7 +97,7 @@ def _summary(report: Report) -> Markup:
     return join(
         [
             element('p', kind, class_='eyebrow'),
-            element('h1', overview.name),
+            element('h1', breakable(overview.name)),
             element('p', _sentence(report), class_='summary'),
             element(
                 'dl',

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...geometry import Float64Array
-    from .statistics import Timing
+    from .timing import Timing
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
 _INTERVAL_HEIGHT = 150

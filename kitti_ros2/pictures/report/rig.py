@@ -26,9 +26,10 @@ MOST_FRAMES = 16
 _MARGIN = 44.0
 _FOOT = 26
 _AXIS = 26.0
-_LEAST_M = 0.5
+_LEAST_M = 0.2
 _APART = 15.0
 _LABELLED = 60.0
+_SPARSE = 9
 _NAMES = ('x', 'y', 'z')
 
 
@@ -96,7 +97,7 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
     for place, mount in enumerate(mounts):
         if mount.parent:
             ends = spots[order[mount.parent]], spots[place]
-            drawn += _link(*ends, mount.distance_m, said)
+            drawn += _link(*ends, mount.distance_m, said if len(mounts) <= _SPARSE else None)
     drawn += [
         _axes(spot, mount.root_T_frame.rotation[list(axes)])
         for spot, mount in zip(spots, mounts, strict=True)
@@ -143,11 +144,20 @@ class _View:
 
 
 def _link(
-    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array]
+    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array] | None
 ) -> list[Markup]:
-    """A line, with its length where it is long enough and no other length stands there."""
+    """A line, with its length where it is long enough and no other length stands there.
+
+    Args:
+        start: (2,) units.
+        end: (2,) units.
+        distance_m: Between the two frames.
+        said: Where lengths stand already; None for a line alone.
+    """
     (x1, y1), (x2, y2) = start.tolist(), end.tolist()
     drawn = [line(x1, y1, x2, y2, 'link')]
+    if said is None:
+        return drawn
     middle = (start + end) / 2
     crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in said)
     if np.linalg.norm(end - start) > _LABELLED and not crowded:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...stamps import format_stamp
 from .contents import Clock
-from .markup import Markup, element, join
+from .markup import Markup, breakable, element, join
 from .plots import histogram_plot, shares_bar
 from .rig import MOST_FRAMES, mounts_of, rig_plot
 from .route import route_plot
@@ -132,7 +132,7 @@ def _class_table(classes: ClassStatistics) -> Markup:
     columns += [('Occlusion', TEXT)] * told + [('Truncated', NUMBER)] * cut
     rows = [
         [
-            each.kind,
+            breakable(each.kind),
             f'{each.count:,}',
             f'{each.frames:,}',
             f'{each.count / max(classes.frames, 1):.2f}',
@@ -189,8 +189,14 @@ def _rig(mounts: Sequence[Mount]) -> list[Child]:
             captioned(rig_plot('rig-side', drawn, side=True), 'From the left side'),
             class_='grid pair',
         ),
-        _mount_table(mounts),
+        _folded(_mount_table(mounts), f'All {len(mounts)} frames')
+        if left
+        else _mount_table(mounts),
     ]
+
+
+def _folded(body: Markup, summary: str) -> Markup:
+    return element('details', element('summary', summary), body)
 
 
 def _mount_table(mounts: Sequence[Mount]) -> Markup:
@@ -200,7 +206,7 @@ def _mount_table(mounts: Sequence[Mount]) -> Markup:
     columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
     rows = [
         [
-            join([_numbered(order[mount.name]), mount.name]),
+            join([_numbered(order[mount.name]), breakable(mount.name)]),
             _numbered(order[mount.parent]) if mount.parent else '',
             f'{mount.distance_m:.3f}' if mount.parent else '',
             *([f'{value + 0.0:.3f}' for value in mount.xyz_m] or [''] * 3),
@@ -220,7 +226,7 @@ def _camera_table(cameras: Sequence[CameraGlance]) -> Markup:
     columns += [(name, NUMBER) for name in ('fx', 'fy', 'cx', 'cy', 'Field of view', 'Baseline m')]
     rows = [
         [
-            each.name.removesuffix('/camera_info'),
+            breakable(each.name.removesuffix('/camera_info')),
             f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image',
             *(f'{value:.2f}' for value in (each.fx, each.fy, each.cx, each.cy)),
             _field_of_view(each),

@@ -16,7 +16,7 @@ from ...kitti.store import STORE
 from ...quantities import format_count
 from ...samples import Layout, Stream, format_numbers
 from .contents import Finding, Severity, StreamFacts
-from .statistics import pairing_of, timing_of
+from .timing import pairing_of, timing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ...kitti.recording import KittiRecording
     from ...samples import Int64Array
     from .contents import Clock
-    from .statistics import Timing
+    from .timing import Timing
 
 _MS = 1e6
 _BIN = '.bin'
@@ -86,10 +86,10 @@ def bag_streams(
     for topic in topics:
         seen = survey.topics.get(topic.name)
         used = stamps.get(topic.name, np.zeros(0, np.int64))
-        facts: tuple[str, ...] = ()
+        delay_ns = None
         if seen is not None and seen.msgtype == topic.msgtype and seen.count:
             used, reason = seen.stamps()
-            facts = _delay(seen, used)
+            delay_ns = _delay(seen, used)
             if reason is not None:
                 findings.append(Finding(Severity.WARNING, topic.name, reason))
             if seen.failure:
@@ -100,7 +100,9 @@ def bag_streams(
         elif timing.gaps:
             findings.append(_gaps(topic.name, timing))
         size = None if seen is None else seen.size_bytes
-        told.append(StreamFacts(topic.name, topic.msgtype, timing, None, size, facts))
+        told.append(
+            StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
+        )
     return told
 
 
@@ -108,12 +110,12 @@ def _undecoded(topic: TopicSurvey) -> str:
     return f'messages that do not decode as {topic.msgtype}: {topic.failure}'
 
 
-def _delay(topic: TopicSurvey, used: Int64Array) -> tuple[str, ...]:
-    """How long after its own stamp a message was logged."""
+def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
+    """How long after its own stamp a message was logged, median, where stamps are used."""
     log = np.array(topic.log_ns, dtype=np.int64)
-    if len(topic.header_ns) != len(log) or np.array_equal(used, log):
-        return ()
-    return (f'logged {float(np.median(log - used)) / _MS:.1f} ms after its stamp',)
+    if len(topic.header_ns) != len(log) or not np.array_equal(used, topic.header_ns):
+        return None
+    return int(np.median(log - used))
 
 
 def _uneven(name: str, timing: Timing) -> list[Finding]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...quantities import format_bytes, format_count
 from .contents import Clock
-from .markup import Markup, element, join
+from .markup import Markup, breakable, element, join
 from .plots import interval_plot, strip
 from .tables import LONG, NUMBER, TEXT, captioned, table
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from .contents import Report, StreamFacts
     from .markup import Child
-    from .statistics import Timing
+    from .timing import Timing
 
 _MOST_PLOTS = 9
 _FEWEST_SAMPLES = 3
@@ -43,7 +43,7 @@ def _table(report: Report) -> Markup:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], Child]]] = [
-        (('Topic' if of_bag else 'Stream', TEXT), lambda each: each.name),
+        (('Topic' if of_bag else 'Stream', TEXT), lambda each: breakable(each.name)),
         (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
     ]
     if timed:
@@ -53,11 +53,13 @@ def _table(report: Report) -> Markup:
             (('Gaps', NUMBER), _gap_count),
             (('Longest s', NUMBER), lambda each: _told(_longest_gap_ns(each), 1e9)),
         ]
+    if any(each.delay_ns is not None for each in report.streams):
+        columns.append((('Delay ms', NUMBER), _delay))
     if not of_bag:
         columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
     columns.append((('Size', NUMBER), _size))
     columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
-    if any(each.facts for each in report.streams):
+    if any(_facts(each) for each in report.streams):
         columns.append((('Content', LONG), _facts))
     rows = [[cell(each) for _, cell in columns] for each in report.streams]
     totals = {
@@ -72,7 +74,10 @@ def _table(report: Report) -> Markup:
 def _caption(*, of_bag: bool, timed: bool) -> str:
     jitter = ' Jitter: 95 of 100 intervals differ from the median by no more.' if timed else ''
     if of_bag:
-        return f'Topics.{jitter} Sizes are of messages uncompressed, in the last line of the bag.'
+        return (
+            f'Topics.{jitter} Delay: from the stamp in a message to its log time, median. Sizes are'
+            ' of messages uncompressed, in the last line of the bag.'
+        )
     return f'Streams.{jitter} Some share files.'
 
 
@@ -97,8 +102,15 @@ def _detail(stream: StreamFacts) -> Markup:
     return element('span', stream.detail.rsplit('/', 1)[-1], class_='faint')
 
 
-def _facts(stream: StreamFacts) -> Markup:
-    return element('span', '; '.join(stream.facts), class_='faint')
+def _delay(stream: StreamFacts) -> str:
+    return '' if stream.clock_offset_ns else _told(stream.delay_ns, 1e6)
+
+
+def _facts(stream: StreamFacts) -> Markup | None:
+    told = list(stream.facts)
+    if stream.clock_offset_ns:
+        told.append(f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log')
+    return element('span', '; '.join(told), class_='faint') if told else None
 
 
 def _told(value: float | None, unit: float) -> str:
@@ -106,27 +118,26 @@ def _told(value: float | None, unit: float) -> str:
 
 
 def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Markup:
-    start_ns = min([start_ns, *(int(s.timing.stamps_ns[0]) for s in streams if len(s.timing))])
-    end_ns = max([end_ns, *(int(s.timing.stamps_ns[-1]) for s in streams if len(s.timing))])
+    present = [each for each in streams if len(each.timing)]
+    spans = [each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns for each in present]
+    start_ns = min([start_ns, *(int(span[0]) for span in spans)])
+    end_ns = max([end_ns, *(int(span[1]) for span in spans)])
     rows = [
         element(
             'li',
-            element('span', each.name, _gap_words(each.timing)),
-            strip(each.timing, start_ns, end_ns),
+            element('span', breakable(each.name), _gap_words(each.timing)),
+            strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
         )
-        for each in streams
-        if len(each.timing)
+        for each in present
     ]
-    seconds = (end_ns - start_ns) / 1e9
+    words = (
+        f'From the first sample of the recording to the last, {(end_ns - start_ns) / 1e9:.1f} s;'
+        f' gaps are marked by higher bars.'
+    )
     return join(
         [
             element('h3', 'When there are samples'),
-            element(
-                'p',
-                f'From the first sample of the recording to the last, {seconds:.1f} s; gaps are'
-                ' marked by higher bars.',
-                class_='lead',
-            ),
+            element('p', words, class_='lead'),
             element('ul', rows, class_='coverage'),
         ]
     )
@@ -170,4 +181,6 @@ def _interval_figure(place: int, group: Sequence[StreamFacts]) -> Markup:
     names = ', '.join(each.name for each in group)
     timing = group[0].timing
     drawn = interval_plot(f'interval-{place}', names, timing)
-    return captioned(drawn, element('b', names), f' median {(timing.period_ns or 0) / 1e6:.2f} ms')
+    return captioned(
+        drawn, element('b', breakable(names)), f' median {(timing.period_ns or 0) / 1e6:.2f} ms'
+    )

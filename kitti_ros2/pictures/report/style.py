@@ -142,6 +142,8 @@ footer { color: var(--muted); font-size: 14px; padding: 8px 0 48px; overflow-wra
   dl.figures { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
   dl.figures div { padding: 10px 12px; } dl.figures dd { font-size: 19px; }
   .coverage li { grid-template-columns: minmax(0, 1fr); }
+  th:first-child, td:first-child { white-space: normal; overflow-wrap: anywhere;
+    min-width: 30vw; max-width: 42vw; }
 }
 @media print {
   :root { color-scheme: light; --ground: #fff; }
