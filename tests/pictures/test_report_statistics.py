@@ -17,11 +17,10 @@ from kitti_ros2.geometry import Transform
 from kitti_ros2.pictures.report.statistics import (
     ClassTally,
     histogram,
-    pairing_of,
     route_of,
     spread,
-    timing_of,
 )
+from kitti_ros2.pictures.report.timing import pairing_of, timing_of
 from kitti_ros2.samples import StreamIndex
 
 PERIOD = 100_000_000

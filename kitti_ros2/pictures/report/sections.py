@@ -189,17 +189,11 @@ def _rig(mounts: Sequence[Mount]) -> list[Child]:
             captioned(rig_plot('rig-side', drawn, side=True), 'From the left side'),
             class_='grid pair',
         ),
-        _folded(_mount_table(mounts), f'All {len(mounts)} frames')
-        if left
-        else _mount_table(mounts),
+        _mount_table(mounts, folded=left > 0),
     ]
 
 
-def _folded(body: Markup, summary: str) -> Markup:
-    return element('details', element('summary', summary), body)
-
-
-def _mount_table(mounts: Sequence[Mount]) -> Markup:
+def _mount_table(mounts: Sequence[Mount], *, folded: bool) -> Markup:
     order = {mount.name: str(place + 1) for place, mount in enumerate(mounts)}
     columns = [('Frame', TEXT), ('On', NUMBER), ('Distance m', NUMBER)]
     columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
@@ -214,7 +208,10 @@ def _mount_table(mounts: Sequence[Mount]) -> Markup:
         ]
         for mount in mounts
     ]
-    return table('Where each frame is in the axes of the one that it is on', columns, rows)
+    whole = table('Where each frame is in the axes of the one that it is on', columns, rows)
+    if not folded:
+        return whole
+    return element('details', element('summary', f'All {len(mounts)} frames'), whole)
 
 
 def _numbered(number: str) -> Markup:

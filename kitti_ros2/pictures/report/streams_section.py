@@ -181,6 +181,5 @@ def _interval_figure(place: int, group: Sequence[StreamFacts]) -> Markup:
     names = ', '.join(each.name for each in group)
     timing = group[0].timing
     drawn = interval_plot(f'interval-{place}', names, timing)
-    return captioned(
-        drawn, element('b', breakable(names)), f' median {(timing.period_ns or 0) / 1e6:.2f} ms'
-    )
+    median = f' median {(timing.period_ns or 0) / 1e6:.2f} ms'
+    return captioned(drawn, element('b', breakable(names)), median)
