@@ -72,7 +72,7 @@ class BagFrames:
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
         self._plan, self._rigging = _rigged(plan, survey, notes)
-        self._track = _track(path, survey, notes)
+        self._track = ego_track(path, survey, notes)
         self._body_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self.stamps_ns = frames.stamps_ns
@@ -162,7 +162,7 @@ class BagFrames:
         return None if pose is None else Pose(pose @ self._body_t_imu)
 
 
-class _Track(NamedTuple):
+class EgoTrack(NamedTuple):
     """Poses, and the frame whose poses they are."""
 
     track: PoseTrack
@@ -185,7 +185,7 @@ def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging
     return plan, Rigging(plan, survey)
 
 
-def _track(path: Path, survey: Survey, notes: list[str]) -> _Track | None:
+def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """The poses that odometry would be made of, if any."""
     try:
         plan = guess_plan(survey, Layout.ODOMETRY, path).plan
@@ -197,7 +197,7 @@ def _track(path: Path, survey: Survey, notes: list[str]) -> _Track | None:
     if track is None or plan.pose is None:
         return None
     notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return _Track(track, plan.pose.body)
+    return EgoTrack(track, plan.pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[_Place | None]:

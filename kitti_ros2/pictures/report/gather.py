@@ -17,7 +17,7 @@ from ...inspection import inspect_bag, inspect_recording
 from ...kitti.layouts import open_recording
 from ...kitti.recording import NOMINAL_PERIOD_NS
 from ...samples import Layout, Stream, format_numbers
-from ..bag_frames import BagFrames
+from ..bag_frames import BagFrames, ego_track
 from ..recording_frames import RecordingFrames
 from .contents import Clock, Finding, Report, Severity, StreamFacts
 from .scenes import draw_projections, draw_scenes
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ...geometry import Float64Array
+    from ...importer.survey import Survey
     from ...inspection import Overview
     from ...kitti.recording import KittiRecording
     from ...options import ReadOptions
@@ -127,11 +128,22 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
         source = BagFrames(path, survey)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
-        seen = _Frames()
+        seen = _Frames(route=_route_alone(path, survey))
     else:
         findings += [Finding(Severity.NOTE, '', note) for note in source.notes]
         seen = _look_through(source, source.numbers.tolist(), findings, steps)
     return _report(overview, Clock.UTC, streams, findings, seen)
+
+
+def _route_alone(path: Path, survey: Survey) -> Route | None:
+    """The poses of a bag that has nothing else to make frames of."""
+    found = ego_track(path, survey, [])
+    if found is None:
+        return None
+    stamps_ns = found.track.stamps_ns
+    poses = found.track.at(stamps_ns)
+    places = [pose.translation for pose in poses if pose is not None]
+    return route_of(stamps_ns.tolist(), places) if len(places) == len(stamps_ns) else None
 
 
 def _clock(recording: KittiRecording) -> Clock:

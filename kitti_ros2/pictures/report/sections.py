@@ -76,7 +76,7 @@ def route_section(report: Report) -> Markup | None:
     )
     jumps = f' {route.jumps} jumps are not counted.' if route.jumps else ''
     drawn = route_plot('route-plot', route.positions[:, :2], words)
-    caption = 'Seen from above in the map frame, the same scale both ways.'
+    caption = 'Seen from above, the same scale both ways.'
     return join(
         [
             element('p', words + jumps, class_='lead'),
