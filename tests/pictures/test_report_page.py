@@ -15,8 +15,12 @@ from html_page import Page
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.header import make_header, make_vector3
+from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
 from kitti_ros2.options import BagOptions, MessageOptions, ReadOptions, SelectionOptions
 from kitti_ros2.pictures.report import gather, make_page
 from kitti_ros2.pictures.report.contents import Clock, Severity
@@ -29,6 +33,7 @@ from kitti_ros2.samples import Layout
 from builders import SMALL, png_bytes  # isort: skip
 
 ANY = ReadOptions()
+TWIST = 'geometry_msgs/msg/TwistStamped'
 
 
 def page_of(path) -> Page:
@@ -244,3 +249,73 @@ def test_the_rig_is_put_together_along_its_links(recordings):
     forward = camera.rotation[:, 2]
     np.testing.assert_allclose(forward, [1, 0, 0], atol=0.05)
     assert mounts_of(()) == []
+
+
+def write_bag(path, topics):
+    """A bag of TwistStamped and String: topic to (log time, stamp) pairs; no stamp, a String."""
+    with open_bag(path, BagOptions(), TYPESTORE) as bag:
+        for topic, pairs in topics.items():
+            kind = 'std_msgs/msg/String' if pairs[0][1] is None else TWIST
+            channel = bag.add_channel(Channel(topic, kind))
+            for log_ns, stamp_ns in pairs:
+                message = String('x') if stamp_ns is None else twist(stamp_ns)
+                bag.write(channel, log_ns, serialize(message))
+
+
+def twist(stamp_ns):
+    zero = make_vector3((0, 0, 0))
+    return TwistStamped(make_header(stamp_ns, 'base_link'), Twist(zero, zero))
+
+
+def test_delays_other_clocks_and_useless_stamps(tmp_path):
+    log = [foreign.START_NS + 100_000_000 * n for n in range(20)]
+    write_bag(
+        tmp_path / 'b.mcap',
+        {
+            '/late': [(ns, ns - 7_000_000) for ns in log],
+            '/simulated': [(ns, ns - foreign.START_NS + 1) for ns in log],
+            '/zero': [(ns, 0) for ns in log],
+            '/words': [(ns, None) for ns in log],
+        },
+    )
+    report = gather(tmp_path / 'b.mcap', ANY)
+    streams = {each.name: each for each in report.streams}
+    assert streams['/late'].delay_ns == 7_000_000
+    assert streams['/late'].clock_offset_ns == 0
+    assert streams['/simulated'].clock_offset_ns == foreign.START_NS - 1
+    assert streams['/zero'].delay_ns is None
+    assert streams['/words'].delay_ns is None
+    warned = {each.where: each.text for each in report.findings}
+    assert 'header stamps are 0' in warned['/zero']
+    assert report.frames is None
+    assert any('no frames to show' in each.text for each in report.findings)
+    page = Page(make_page(report))
+    assert page.faults == []
+    assert any('stamps of another clock' in words for words in page.words('span'))
+    assert any('recording to the last, 1.9 s' in words for words in page.words('p'))
+
+
+def test_hostile_topics_are_words(tmp_path):
+    topic = f'/{HOSTILE}'
+    write_bag(tmp_path / 'b.mcap', {topic: [(foreign.START_NS + n, None) for n in range(5)]})
+    page = page_of(tmp_path / 'b.mcap')
+    assert page.faults == []
+    assert topic in page.words('th')
+
+
+def test_a_bag_without_messages_is_a_page(tmp_path):
+    write_bag(tmp_path / 'b.mcap', {})
+    page = page_of(tmp_path / 'b.mcap')
+    assert page.faults == []
+    assert 'There is nothing in it.' in page.words('p')
+
+
+def test_bad_labels_are_losses_told_once(recordings, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    for number in (1, 3):
+        (next(root.rglob('label_2')) / f'{number:06d}.txt').write_text('Car nonsense\n')
+    losses = [each for each in gather(root, ANY).findings if each.is_loss]
+    assert [each.where for each in losses] == ['labels']
+    assert '000001.txt:1: 2 columns' in losses[0].text
+    assert losses[0].text.endswith('and more, frames 1, 3')
