@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import select
 import shutil
 import subprocess
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+PATIENCE_S = 60
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 
 
@@ -80,7 +82,11 @@ class Chromium:
     def __exit__(self, *_: object) -> None:
         self._out.close()
         self._process.terminate()
-        self._process.wait(timeout=20)
+        try:
+            self._process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         self._in.close()
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
@@ -98,6 +104,8 @@ class Chromium:
 
     def _receive(self) -> dict[str, Any]:
         while b'\0' not in self._rest:
+            ready, _, _ = select.select([self._in], [], [], PATIENCE_S)
+            assert ready, f'the browser says nothing for {PATIENCE_S} s'
             piece = self._in.read(1 << 20)
             assert piece, 'the browser has ended'
             self._rest += piece

@@ -85,7 +85,7 @@ th:first-child, td:first-child { padding-left: 0; position: sticky; left: 0;
 th:last-child, td:last-child { padding-right: 0; }
 .num { text-align: right; font-variant-numeric: tabular-nums; }
 .faint { color: var(--muted); }
-.wide { white-space: normal; min-width: 22ch; }
+.wide { white-space: normal; min-width: 32ch; }
 .grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 310px), 1fr));
   gap: 24px 28px; margin-top: 16px; }
 .pair { grid-template-columns: repeat(auto-fill, minmax(min(100%, 420px), 1fr)); }
@@ -98,9 +98,9 @@ figure img { display: block; width: 100%; height: auto; border-radius: 8px;
 svg.plot { display: block; width: 100%; height: auto; max-width: 620px; background: var(--inset);
   border-radius: 10px; }
 svg text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif;
-  fill: var(--muted); font-variant-numeric: tabular-nums; }
+  fill: var(--muted); font-variant-numeric: tabular-nums;
+  paint-order: stroke; stroke: var(--inset); stroke-width: 3px; stroke-linejoin: round; }
 svg .unit { font-size: 11.5px; } svg .label, svg .distance { fill: var(--text); font-weight: 600; }
-svg .distance { paint-order: stroke; stroke: var(--inset); stroke-width: 4px; }
 .grid-line { stroke: var(--grid); stroke-width: 1; } .axis { stroke: var(--muted); }
 .median { stroke: var(--muted); stroke-dasharray: 4 4; }
 .gap-line { stroke: var(--loss); stroke-width: 1; stroke-dasharray: 2 3; }
@@ -118,7 +118,7 @@ path[class^=axis] { stroke-width: 2.4; stroke-linecap: round; fill: none; }
 text.axis-x { fill: var(--x); } text.axis-y { fill: var(--y); } text.axis-z { fill: var(--z); }
 svg text[class^=axis] { font-weight: 600; }
 circle.badge { fill: var(--text); stroke: var(--inset); stroke-width: 1.5; }
-svg text.badge { fill: var(--card); font-size: 10.5px; font-weight: 650; }
+svg text.badge { fill: var(--card); stroke: none; font-size: 10.5px; font-weight: 650; }
 .number { display: inline-block; min-width: 20px; margin-right: 8px; padding: 0 5px;
   border-radius: 10px; background: var(--text); color: var(--card); font-size: 12px;
   font-weight: 650; line-height: 20px; text-align: center; }
@@ -143,7 +143,7 @@ footer { color: var(--muted); font-size: 14px; padding: 8px 0 48px; overflow-wra
   dl.figures div { padding: 10px 12px; } dl.figures dd { font-size: 19px; }
   .coverage li { grid-template-columns: minmax(0, 1fr); }
   th:first-child, td:first-child { white-space: normal; overflow-wrap: anywhere;
-    min-width: 30vw; max-width: 42vw; }
+    min-width: 38vw; max-width: 46vw; }
 }
 @media print {
   :root { color-scheme: light; --ground: #fff; }
