@@ -8,6 +8,7 @@ import re
 import shutil
 from html.parser import HTMLParser
 
+import cv2
 import foreign
 import numpy as np
 import pytest
@@ -51,6 +52,12 @@ def test_every_layout_becomes_a_sound_page(recording_path):
     for stream in report.streams:
         assert stream.name in page.words('th')
     assert report.frames == len(report.scenes) == SMALL.frames
+    assert len(report.projections) == len(open_recording(recording_path).cameras)
+    for scene in report.scenes:
+        for picture in (scene.camera, scene.points, scene.above):
+            pixels = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
+            assert pixels.shape == (picture.height, picture.width, 3)
+            assert f'frame {scene.number}' in picture.alt
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
@@ -153,6 +160,9 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
         each.severity is Severity.WARNING and each.where.startswith('calibration')
         for each in report.findings
     )
+    assert [scene.points for scene in report.scenes] == [None] * SMALL.frames
+    assert all(scene.above for scene in report.scenes)
+    assert report.projections == ()
     assert Page(make_page(report)).faults == []
 
 

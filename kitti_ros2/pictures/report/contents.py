@@ -112,13 +112,17 @@ class Scene:
         number: Frame number.
         stamp_ns: Nanoseconds since 1970.
         words: What is in it, a few words each.
-        pictures: The largest first.
+        camera: The image of a camera, with the boxes of its objects.
+        points: The scan over the same image.
+        above: Scan and boxes from above.
     """
 
     number: int
     stamp_ns: int
     words: tuple[str, ...]
-    pictures: tuple[Picture, ...]
+    camera: Picture | None
+    points: Picture | None
+    above: Picture | None
 
 
 @dataclass(frozen=True, eq=False)

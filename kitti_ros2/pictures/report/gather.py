@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .contents import Picture, Scene
     from .statistics import ClassStatistics, Route
 
-SCENES = 6
+SCENES = 5
 """Frames shown, spread over the recording."""
 
 _TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})

@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from ...boxes import DONT_CARE
-from ...errors import KittiRos2Error
+from ...errors import LackingError
+from ...options import PictureOptions
 from ...quantities import format_count
 from ...samples import Stream
+from ..modes import MODES, chosen_camera
 from .contents import Picture, Scene
-from .stand_in import draw
 from .statistics import spread
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 
 _QUALITY = 80
 _CAMERA_WIDTH = 1100
-_PAIR_WIDTH = 800
-_PREFERRED = (2, 0, 3, 1, 4)
+_POINTS_WIDTH = 900
+_ABOVE_WIDTH = 560
 _MOST_CAMERAS = 4
 
 
@@ -46,17 +47,18 @@ def draw_scenes(
         seen: Called with each frame.
         step: Called after each.
     """
-    camera = next((index for index in _PREFERRED if index in source.cameras), None)
-    wanted = {Stream.SCAN.value, Stream.LABELS.value}
-    if camera is not None:
-        wanted.add(f'image_{camera}')
+    options = PictureOptions()
+    camera = chosen_camera(source.cameras, options)
+    wanted = frozenset[str]().union(
+        *(MODES[name].streams(source.cameras, options) for name in ('boxes', 'lidar', 'bev'))
+    )
     scenes = []
     for place in spread(len(pictured), most):
-        frame = source.frame(pictured[place], frozenset(wanted))
+        frame = source.frame(pictured[place], wanted)
         seen(frame)
-        pictures = tuple(_pictures(frame, source, camera))
-        if pictures:
-            scenes.append(Scene(frame.number, frame.stamp_ns, tuple(_words(frame)), pictures))
+        scene = _scene(frame, source, camera)
+        if scene.camera or scene.points or scene.above:
+            scenes.append(scene)
         step()
     return tuple(scenes)
 
@@ -74,33 +76,52 @@ def draw_projections(
     return tuple(picture for picture in found if picture is not None)
 
 
-def _pictures(frame: Frame, source: FrameSource, camera: int | None) -> Iterator[Picture]:
-    """What can be drawn of a frame, the camera's image first."""
-    what = f'frame {frame.number}'
-    if camera is not None and camera in frame.images:
-        name = source.cameras[camera]
-        pixels = draw('boxes', frame, camera)
-        alt = f'Image of camera {name}, {what}, with {_labels(frame)}'
-        yield encode_picture(pixels, _CAMERA_WIDTH, alt, f'Camera {name}')
-        picture = _projection(frame, camera, name)
-        if picture is not None:
-            yield picture
-    if frame.points is not None and len(frame.points):
-        alt = f'Points of the scanner from above, {what}, with {_labels(frame)}'
-        yield encode_picture(draw('bev', frame, camera), _PAIR_WIDTH, alt, 'From above')
+def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
+    """What can be drawn of a frame."""
+    image = points = None
+    if camera is not None:
+        image = _image(frame, camera, source.cameras[camera])
+        points = _projection(frame, camera, source.cameras[camera])
+    return Scene(
+        frame.number, frame.stamp_ns, tuple(_words(frame)), image, points, _from_above(frame)
+    )
+
+
+def _image(frame: Frame, camera: int, name: str) -> Picture | None:
+    """The image with its boxes: the 2D ones, where there is no calibration for the others."""
+    pixels = _drawn('boxes', frame, camera)
+    if pixels is None:
+        pixels = _drawn('camera', frame, camera)
+    if pixels is None:
+        return None
+    alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
+    return encode_picture(pixels, _CAMERA_WIDTH, alt, f'Camera {name}')
+
+
+def _from_above(frame: Frame) -> Picture | None:
+    pixels = _drawn('bev', frame, None)
+    if pixels is None:
+        return None
+    alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
+    return encode_picture(pixels, _ABOVE_WIDTH, alt, 'From above, by height')
 
 
 def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
     """Points over an image, None where they cannot be brought there."""
-    if frame.points is None or frame.calibration is None or camera not in frame.images:
-        return None
-    try:
-        pixels = draw('lidar', frame, camera)
-    except (KittiRos2Error, ValueError):
+    pixels = _drawn('lidar', frame, camera)
+    if pixels is None:
         return None
     alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
-    caption = f'Points in camera {name}, coloured by depth'
-    return encode_picture(pixels, _PAIR_WIDTH, alt, caption)
+    caption = f'Points in camera {name}, by depth'
+    return encode_picture(pixels, _POINTS_WIDTH, alt, caption)
+
+
+def _drawn(mode: str, frame: Frame, camera: int | None) -> Pixels | None:
+    """A picture in one of the modes, None of a frame that has not what it takes."""
+    try:
+        return MODES[mode].draw(frame, PictureOptions(camera=camera))
+    except LackingError:
+        return None
 
 
 def _words(frame: Frame) -> Iterator[str]:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...drawing.palette import color_of
+from ...options import MarkerColors
 from ...stamps import format_stamp
 from .contents import Clock
 from .markup import Markup, breakable, element, join
@@ -39,25 +41,20 @@ def scenes_section(report: Report) -> Markup | None:
     return join(
         [
             element('p', words, class_='lead'),
-            element(
-                'div',
-                [_scene(each, timed=report.clock is Clock.UTC) for each in report.scenes],
-                class_='grid scenes',
-            ),
+            *[_scene(each, timed=report.clock is Clock.UTC) for each in report.scenes],
         ]
     )
 
 
 def _scene(scene: Scene, *, timed: bool) -> Markup:
     when = f', {format_stamp(scene.stamp_ns)[11:-6]} UTC' if timed else ''
-    first, rest = scene.pictures[:1], scene.pictures[1:]
+    shots = (('camera', scene.camera), ('points', scene.points), ('above', scene.above))
+    pictures = [pictured(picture, place) for place, picture in shots if picture is not None]
     return element(
         'article',
         element('h3', f'Frame {scene.number}{when}'),
         element('p', ' \N{MIDDLE DOT} '.join(scene.words), class_='lead') if scene.words else None,
-        [pictured(each) for each in first],
-        element('div', [pictured(each) for each in rest], class_='rest') if rest else None,
-        class_='scene',
+        element('div', pictures, class_='shots'),
     )
 
 
@@ -132,7 +129,7 @@ def _class_table(classes: ClassStatistics) -> Markup:
     columns += [('Occlusion', TEXT)] * told + [('Truncated', NUMBER)] * cut
     rows = [
         [
-            breakable(each.kind),
+            join([_swatch(each.kind), breakable(each.kind)]),
             f'{each.count:,}',
             f'{each.frames:,}',
             f'{each.count / max(classes.frames, 1):.2f}',
@@ -144,6 +141,13 @@ def _class_table(classes: ClassStatistics) -> Markup:
         for each in found
     ]
     return table('Labelled objects by class', columns, rows)
+
+
+def _swatch(kind: str) -> Markup:
+    """The colour that a class has in the pictures."""
+    red, green, blue = (round(255 * value) for value in color_of(kind, 0, MarkerColors.CLASS))
+    patch = element('rect', width=12, height=12, rx=3, fill=f'#{red:02x}{green:02x}{blue:02x}')
+    return element('svg', patch, viewBox='0 0 12 12', class_='swatch', aria_hidden='true')
 
 
 def _told(count: int | None) -> str:

@@ -129,11 +129,14 @@ svg text.badge { fill: var(--card); stroke: none; font-size: 10.5px; font-weight
 .shares { width: 120px; height: 12px; border-radius: 3px; vertical-align: -1px; }
 .share0 { fill: var(--share0); } .share1 { fill: var(--share1); } .share2 { fill: var(--share2); }
 .share3 { fill: var(--share3); }
-.scenes { grid-template-columns: repeat(auto-fill, minmax(min(100%, 440px), 1fr)); gap: 30px; }
-.scene h3 { margin-top: 0; }
-.scene > figure { margin-top: 10px; }
-.rest { display: grid; grid-template-columns: 1.9fr 1fr; gap: 12px; margin-top: 12px;
-  align-items: start; }
+article { border-top: 1px solid var(--line); margin-top: 24px; padding-top: 18px; }
+article h3 { margin-top: 0; }
+.shots { display: grid; gap: 12px 16px; margin-top: 12px; align-items: start;
+  grid-template: "camera above" "points above" / minmax(0, 2.6fr) minmax(0, 1fr); }
+.shots:not(:has(.above)) { grid-template: "camera" "points" / minmax(0, 820px); }
+.shots:not(:has(.camera, .points)) { grid-template: "above" / minmax(0, 420px); }
+.camera { grid-area: camera; } .points { grid-area: points; } .above { grid-area: above; }
+.swatch { width: 12px; height: 12px; margin-right: 8px; vertical-align: -1px; }
 footer { color: var(--muted); font-size: 14px; padding: 8px 0 48px; overflow-wrap: anywhere; }
 @media (max-width: 640px) {
   .column { padding: 0 14px; }
@@ -144,6 +147,10 @@ footer { color: var(--muted); font-size: 14px; padding: 8px 0 48px; overflow-wra
   .coverage li { grid-template-columns: minmax(0, 1fr); }
   th:first-child, td:first-child { white-space: normal; overflow-wrap: anywhere;
     min-width: 38vw; max-width: 46vw; }
+}
+@media (max-width: 640px) {
+  .shots { grid-template: "camera" "points" "above" / minmax(0, 1fr); }
+  .above { max-width: 250px; }
 }
 @media print {
   :root { color-scheme: light; --ground: #fff; }

@@ -57,12 +57,12 @@ def _row(cells: Sequence[Child], kinds: Sequence[str]) -> Markup:
     return element('tr', first, *rest)
 
 
-def captioned(drawn: Markup, *caption: Child) -> Markup:
+def captioned(drawn: Markup, *caption: Child, class_: str | None = None) -> Markup:
     """A figure with words below it."""
-    return element('figure', drawn, element('figcaption', *caption))
+    return element('figure', drawn, element('figcaption', *caption), class_=class_)
 
 
-def pictured(picture: Picture) -> Markup:
+def pictured(picture: Picture, class_: str | None = None) -> Markup:
     """An image that is part of the page."""
     data = b64encode(picture.data).decode('ascii')
     image = element(
@@ -74,4 +74,4 @@ def pictured(picture: Picture) -> Markup:
         loading='lazy',
         decoding='async',
     )
-    return captioned(image, picture.caption)
+    return captioned(image, picture.caption, class_=class_)
