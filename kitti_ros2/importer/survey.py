@@ -62,9 +62,9 @@ class TopicSurvey:
         log_ns: Log times in the order of reading, nanoseconds.
         header_ns: Header stamps of the same messages; empty where the type has no header.
         frames: Header frames, with how often each comes.
-        size_bytes: Of its messages as CDR.
         looks: A few decoded messages, evenly spread by doubling distances.
         failure: Why a look could not be decoded, empty where all could.
+        size_bytes: Of its messages as CDR.
     """
 
     name: str
@@ -72,9 +72,9 @@ class TopicSurvey:
     log_ns: list[int] = field(default_factory=list)
     header_ns: list[int] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
-    size_bytes: int = 0
     looks: list[Any] = field(default_factory=list)
     failure: str = ''
+    size_bytes: int = 0
 
     @property
     def count(self) -> int:
