@@ -37,8 +37,9 @@ EXTRAS = {
         'ros-jazzy-rclpy[fastrtps]>=7.1.6,<8',
     ],
     # Films in H.264; without it they are MPEG-4 Part 2, which browsers do not show.
-    'video': ['av>=12,<19'],
+    'video': ['av>=14,<19'],
     'test': [
+        'av>=14,<19',
         'foxglove-sdk>=0.30,<0.31',
         'hypothesis>=6.100,<7',
         'mcap-ros2-support>=0.5.5,<0.7',

@@ -49,6 +49,7 @@ ROOMS = {
     'labels': GROUND - {'labels'},
     'options': GROUND,
     'ordered_map': frozenset(),
+    'quantities': frozenset(),
     'kitti': GROUND | {'options'},
     'drawing': GROUND | {'options'},
     'messages': GROUND | {'options', 'drawing'},
@@ -68,7 +69,7 @@ ROOMS = {
     'playing': BELOW_JOBS | {'settings'} | JOBS,
     'node': BELOW_JOBS | {'settings', 'synthetic', 'playing'} | JOBS,
     'bridge': BELOW_JOBS | {'settings', 'playing'} | JOBS,
-    'pictures': BELOW_JOBS | {'synthetic'} | JOBS,
+    'pictures': BELOW_JOBS | {'synthetic', 'quantities'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)
 ROOMS['__main__'] = frozenset({'cli'})

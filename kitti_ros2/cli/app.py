@@ -363,6 +363,29 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     return run_view(src, out, given, quiet=quiet)
 
 
+@app.command('report')
+def report(
+    src: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
+    out: Annotated[Path, typer.Option('--out', '-o', help='The page to make.')] = Path(
+        'report.html'
+    ),
+    layout: LayoutOption = None,
+    sequence: SequenceOption = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace an existing page.')
+    ] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Write a page that tells a KITTI folder or a bag: one HTML file, nothing else needed.
+
+    Findings, frames in pictures, streams with gaps and jitter, route, objects, calibration.
+    """
+    from .report import run_report
+
+    given = {'layout': layout, 'sequence': sequence}
+    return run_report(src, out, given, overwrite=overwrite, quiet=quiet)
+
+
 @app.command('demo')
 def demo(
     out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(

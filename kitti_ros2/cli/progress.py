@@ -68,3 +68,17 @@ def count_progress(title: str, total: int, *, show: bool) -> Iterator[Callable[[
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def part_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], None]]:
+    """A function to call with how many are done, and of how many as far as is known."""
+    if not show or not sys.stderr.isatty():
+        yield lambda _done, _total: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -64,6 +64,7 @@ class TopicSurvey:
         frames: Header frames, with how often each comes.
         looks: A few decoded messages, evenly spread by doubling distances.
         failure: Why a look could not be decoded, empty where all could.
+        size_bytes: Of its messages as CDR.
     """
 
     name: str
@@ -73,6 +74,7 @@ class TopicSurvey:
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     looks: list[Any] = field(default_factory=list)
     failure: str = ''
+    size_bytes: int = 0
 
     @property
     def count(self) -> int:
@@ -133,6 +135,7 @@ def survey_bag(messages: BagMessages) -> Survey:
     for message in messages:
         topic = topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
+        topic.size_bytes += len(message.data)
         if topic.name == CALIBRATION and topic.msgtype == STRING:
             text = _decoded(topic, messages, message)
             if text is not None:

@@ -19,13 +19,20 @@ if TYPE_CHECKING:
 _SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
-_TRAILING_BYTES = 64
+TRAILING_BYTES = 64
+"""Where the end of a PNG is looked for."""
+
 _GREY = 0
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
 
 
-def parse_image(data: bytes, path: Path | str) -> Image:
+def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image:
     """An image from a PNG file's bytes.
+
+    Args:
+        data: The whole file; its ends of 64 bytes are enough to check it.
+        path: The file, for errors.
+        size: Bytes of the file, where data is only its ends.
 
     Raises:
         BadFileError: The file is empty, no PNG, cut short, or of 16 bits a channel and not grey.
@@ -42,8 +49,11 @@ def parse_image(data: bytes, path: Path | str) -> Image:
         expected = 'an image of 8 bits a channel, or of 16 bits grey'
         raise BadFileError(path, f'{depth} bits a channel', expected)
     # Some programs put a few bytes behind the end, which decoders ignore.
-    if data.rfind(_END, -_TRAILING_BYTES) < 0:
+    if data.rfind(_END, -TRAILING_BYTES) < 0:
         raise BadFileError(
-            path, f'the PNG is cut after {len(data)} bytes', 'an image with its end', remedy=remedy
+            path,
+            f'the PNG is cut after {len(data) if size is None else size} bytes',
+            'an image with its end',
+            remedy=remedy,
         )
     return Image(data, width, height, _CHANNELS[colour])

@@ -99,6 +99,26 @@ class LocalStore:
             os.close(file)
         return pieces[0] if len(pieces) == 2 else b''.join(pieces)
 
+    def read_ends(self, path: Path, length: int) -> tuple[bytes, int]:
+        """The first and the last bytes of a file, so many each, and its size.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
+        with path.open('rb', buffering=0) as file:
+            size = os.fstat(file.fileno()).st_size
+            head = file.read(length)
+            file.seek(max(size - length, len(head)))
+            return head + file.read(), size
+
+    def size(self, path: Path) -> int:
+        """How many bytes a file has.
+
+        Raises:
+            OSError: There is no such file.
+        """
+        return path.stat().st_size
+
     def read_text(self, path: Path) -> str:
         """The whole content of a text file, line ends untouched.
 

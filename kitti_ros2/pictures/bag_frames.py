@@ -59,22 +59,26 @@ class BagFrames:
     Images are rectified where their camera_info tells a distortion, so that what is projected into
     them lies right.
 
+    Args:
+        path: The bag.
+        survey: What a pass over it found, where there was one already.
+
     Raises:
         BadBagError: It cannot be read.
         LackingError: It has neither point clouds nor images.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, survey: Survey | None = None) -> None:
         self.name = path.name
         self._path = path
-        survey = look([path])
+        survey = survey or look([path])
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
         self._plan, self._rigging = _rigged(plan, survey, notes)
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
-        self._track = _track(path, survey, notes)
+        self._track = ego_track(path, survey, notes)
         self._body_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self.stamps_ns = frames.stamps_ns
@@ -168,7 +172,7 @@ class BagFrames:
         return None if pose is None else Pose(pose @ self._body_t_imu)
 
 
-class _Track(NamedTuple):
+class EgoTrack(NamedTuple):
     """Poses, and the frame whose poses they are."""
 
     track: PoseTrack
@@ -191,7 +195,7 @@ def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging
     return plan, Rigging(plan, survey)
 
 
-def _track(path: Path, survey: Survey, notes: list[str]) -> _Track | None:
+def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """The poses that odometry would be made of, if any."""
     try:
         plan = guess_plan(survey, Layout.ODOMETRY, path).plan
@@ -203,7 +207,7 @@ def _track(path: Path, survey: Survey, notes: list[str]) -> _Track | None:
     if track is None or plan.pose is None:
         return None
     notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return _Track(track, plan.pose.body)
+    return EgoTrack(track, plan.pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[_Place | None]:

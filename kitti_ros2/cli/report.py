@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 report."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from ..pictures.report import check_output, gather, make_page, write_page
+from ..quantities import format_bytes, format_count
+from ..settings import make_settings
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_freed_memory, keep_imports
+from .progress import part_progress
+from .text import format_path
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+def run_report(
+    src: Path, out: Path, given: Mapping[str, object], *, overwrite: bool, quiet: bool
+) -> int:
+    """Write the report of a KITTI folder or a bag.
+
+    Args:
+        src: The folder or the bag.
+        out: The page.
+        given: The options layout and sequence.
+        overwrite: Whether an existing page may be replaced.
+        quiet: Print only what is lost.
+
+    Returns:
+        The exit code: 1 where something is missing or damaged.
+    """
+    keep_imports()
+    keep_freed_memory()
+    started = time.monotonic()
+    options = make_settings(given).read
+    check_output(out, overwrite=overwrite)
+    with part_progress('looking', show=not quiet) as progress:
+        report = gather(src, options, progress)
+    size = write_page(out, make_page(report), overwrite=overwrite)
+    for finding in report.findings:
+        if finding.is_loss:
+            sys.stderr.write(f'{finding.where + ": " if finding.where else ""}{finding.text}\n')
+    if not quiet:
+        sys.stdout.write(
+            f'{format_path(out)}: {format_count(len(report.findings), "finding")},'
+            f' {format_bytes(size)}; took {time.monotonic() - started:.1f} s\n'
+        )
+    if report.sound:
+        return EXIT_OK
+    sys.stderr.write(f'kitti-ros2: data is missing or damaged, as told; exit code {EXIT_LOSSES}\n')
+    return EXIT_LOSSES

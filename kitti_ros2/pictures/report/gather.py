@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Look at a recording or a bag from all sides, once, and keep what a report tells."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...bags.locate import looks_like_bag
+from ...bags.reader import bag_stamps
+from ...errors import KittiRos2Error, UsageError
+from ...importer.planned import look
+from ...inspection import inspect_bag, inspect_recording
+from ...kitti.layouts import open_recording
+from ...kitti.recording import NOMINAL_PERIOD_NS
+from ...samples import Layout, Stream, format_numbers
+from ..bag_frames import BagFrames, ego_track
+from ..recording_frames import RecordingFrames
+from .contents import Clock, Finding, Report, Severity, StreamFacts
+from .scenes import draw_projections, draw_scenes
+from .statistics import ClassTally, route_of
+from .streams import bag_streams, recording_streams
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from ...geometry import Float64Array
+    from ...importer.survey import Survey
+    from ...inspection import Overview
+    from ...kitti.recording import KittiRecording
+    from ...options import ReadOptions
+    from ..frame import Frame, FrameSource
+    from .contents import Picture, Scene
+    from .statistics import ClassStatistics, Route
+
+SCENES = 5
+"""Frames shown, spread over the recording."""
+
+_TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})
+_PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not None))
+
+
+class _Frames(NamedTuple):
+    """What the frames of a source tell."""
+
+    frames: int | None = None
+    route: Route | None = None
+    classes: ClassStatistics | None = None
+    projections: Sequence[Picture] = ()
+    scenes: Sequence[Scene] = ()
+
+
+def gather(
+    path: Path,
+    options: ReadOptions,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Report:
+    """Everything that a report of a KITTI folder or a bag tells.
+
+    Args:
+        path: The folder or the bag.
+        options: How a folder is read.
+        progress: Called with the steps done and their number, which grows as more is known.
+
+    Raises:
+        UsageError: There is no such path.
+        KittiRos2Error: It is nothing that can be read.
+    """
+    if not path.exists():
+        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
+    if options.layout is None and looks_like_bag(path):
+        return _gather_bag(path, _Steps(progress))
+    return _gather_recording(open_recording(path, options), path, _Steps(progress))
+
+
+class _Steps:
+    """Counts what is done."""
+
+    def __init__(self, progress: Callable[[int, int], None]) -> None:
+        self._progress = progress
+        self._done = 0
+        self._total = 0
+
+    def expect(self, count: int) -> None:
+        """So many more are to come."""
+        self._total += count
+
+    def step(self) -> None:
+        """One is done."""
+        self._done += 1
+        self._progress(self._done, max(self._total, self._done))
+
+
+def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
+    overview = inspect_recording(recording, path)
+    clock = _clock(recording)
+    findings: list[Finding] = []
+    steps.expect(len(recording.streams))
+    streams = recording_streams(recording, clock, findings, steps.step)
+    try:
+        source = RecordingFrames(recording)
+    except KittiRos2Error as error:
+        findings.append(Finding(Severity.NOTE, '', str(error)))
+        seen = _Frames()
+    else:
+        seen = _look_through(source, _pictured(recording, source), findings, steps)
+    return _report(overview, clock, streams, findings, seen)
+
+
+def _gather_bag(path: Path, steps: _Steps) -> Report:
+    overview = inspect_bag(path)
+    findings: list[Finding] = []
+    if not overview.series:
+        return _report(overview, Clock.UTC, [], findings, _Frames())
+    steps.expect(2)
+    survey = look([path])
+    steps.step()
+    streams = bag_streams(overview.series, bag_stamps(path), survey, findings)
+    steps.step()
+    for parent, child in survey.changing:
+        text = f'the static transform {parent} -> {child} is told anew and differently'
+        findings.append(Finding(Severity.WARNING, '/tf_static', text))
+    try:
+        source = BagFrames(path, survey)
+    except KittiRos2Error as error:
+        findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
+        seen = _Frames(route=_route_alone(path, survey))
+    else:
+        findings += [Finding(Severity.NOTE, '', note) for note in source.notes]
+        seen = _look_through(source, source.numbers.tolist(), findings, steps)
+    return _report(overview, Clock.UTC, streams, findings, seen)
+
+
+def _route_alone(path: Path, survey: Survey) -> Route | None:
+    """The poses of a bag that has nothing else to make frames of."""
+    found = ego_track(path, survey, [])
+    if found is None:
+        return None
+    stamps_ns = found.track.stamps_ns
+    poses = found.track.at(stamps_ns)
+    places = [pose.translation for pose in poses if pose is not None]
+    return route_of(stamps_ns.tolist(), places) if len(places) == len(stamps_ns) else None
+
+
+def _clock(recording: KittiRecording) -> Clock:
+    """What the stamps are worth: the readers fill in 10 Hz where a layout tells none."""
+    epoch_ns = recording.options.epoch_ns
+    made_up = all(
+        np.array_equal(index.stamps_ns, epoch_ns + index.numbers * NOMINAL_PERIOD_NS)
+        for index in recording.streams.values()
+    )
+    if made_up:
+        return Clock.NOMINAL
+    return Clock.UTC if recording.layout is Layout.RAW else Clock.RELATIVE
+
+
+def _pictured(recording: KittiRecording, source: FrameSource) -> list[int]:
+    """The frames that have something to see."""
+    if not recording.common_numbers:
+        return [int(number) for number in source.numbers]
+    found = [
+        recording.streams[stream].numbers for stream in _PICTURED if stream in recording.streams
+    ]
+    numbers = np.concatenate([np.zeros(0, np.int64), *found])
+    return [int(number) for number in np.unique(numbers)]
+
+
+def _look_through(
+    source: FrameSource, pictured: Sequence[int], findings: list[Finding], steps: _Steps
+) -> _Frames:
+    """Labels and poses of every frame, pictures of a few."""
+    steps.expect(len(source.numbers) + SCENES + 1)
+    lacks = _Lacks()
+    tally = ClassTally()
+    stamps: list[int] = []
+    positions: list[Float64Array] = []
+    for number in source.numbers.tolist():
+        frame = source.frame(number, _TEXT)
+        lacks.add(frame)
+        tally.add(frame.objects)
+        if frame.pose is not None:
+            stamps.append(frame.stamp_ns)
+            positions.append(frame.pose.map_T_imu.translation)
+        steps.step()
+    scenes = draw_scenes(source, pictured, SCENES, lacks.add, steps.step)
+    projections = draw_projections(source, pictured, lacks.add)
+    steps.step()
+    findings += lacks.findings()
+    classes = tally.statistics()
+    return _Frames(
+        len(source.numbers),
+        route_of(stamps, positions),
+        classes if classes.classes or classes.dont_care else None,
+        projections,
+        scenes,
+    )
+
+
+class _Lacks:
+    """What frames lack, by what it is: the first reason, and the frames."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, dict[int, str]] = defaultdict(dict)
+
+    def add(self, frame: Frame) -> None:
+        """Take what a frame lacks."""
+        for what, reason in frame.lacks.items():
+            # Each row of labels has a name of its own; the stream is what they have in common.
+            part = what if what.startswith('calibration') else what.split()[0]
+            self._frames[part].setdefault(frame.number, reason)
+
+    def findings(self) -> list[Finding]:
+        """One of each."""
+        found = []
+        for what, reasons in self._frames.items():
+            severity = Severity.WARNING if what.startswith('calibration') else Severity.LOSS
+            if len(set(reasons.values())) == 1:
+                text = next(iter(reasons.values()))
+            else:
+                text = f'{next(iter(reasons.values()))}; and more, frames {_numbers(reasons)}'
+            found.append(Finding(severity, what, text))
+        return found
+
+
+def _numbers(frames: Iterable[int]) -> str:
+    return format_numbers(sorted(frames))
+
+
+def _report(
+    overview: Overview,
+    clock: Clock,
+    streams: Sequence[StreamFacts],
+    findings: list[Finding],
+    seen: _Frames,
+) -> Report:
+    lost = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
+    notes = [
+        Finding(Severity.NOTE if overview.complete else Severity.LOSS, '', note)
+        for note in overview.notes
+    ]
+    return Report(
+        overview=overview,
+        clock=clock,
+        frames=seen.frames,
+        streams=streams,
+        findings=_in_order([*lost, *findings, *notes]),
+        route=seen.route,
+        classes=seen.classes,
+        projections=seen.projections,
+        scenes=seen.scenes,
+    )
+
+
+def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Worst first; what is told of several streams in the same words once, a word never twice."""
+    where: dict[tuple[Severity, str], dict[str, None]] = {}
+    said: set[str] = set()
+    ranks = list(Severity)
+    for finding in sorted(findings, key=lambda each: ranks.index(each.severity)):
+        if not finding.where and finding.text in said:
+            continue
+        said.add(finding.text)
+        named = where.setdefault((finding.severity, finding.text), {})
+        if finding.where:
+            named.setdefault(finding.where)
+    return tuple(
+        Finding(severity, ', '.join(names), text) for (severity, text), names in where.items()
+    )

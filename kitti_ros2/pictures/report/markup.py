@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""HTML and SVG as values: what is not markup already is escaped, so no name becomes a tag."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_VOID = frozenset({'br', 'img', 'link', 'meta', 'wbr'})
+_BREAKS = re.compile(r'(?<=[/_.-])(?=\w)')
+
+
+class Markup(str):
+    """Text that is HTML; element makes it, and nothing else should."""
+
+    __slots__ = ()
+
+
+Child: TypeAlias = 'str | float | Markup | Iterable[Child] | None'
+"""What an element may hold: text, numbers, other elements, several of them; None for nothing."""
+
+Attribute: TypeAlias = 'str | float | bool | None'
+
+
+def element(tag: str, *children: Child, **attributes: Attribute) -> Markup:
+    """One element.
+
+    Args:
+        tag: Its name.
+        children: What is in it; text that is no Markup is escaped.
+        attributes: Its attributes, escaped; class_ is class, aria_label is aria-label. True is an
+            attribute without a value, None and False are none at all.
+    """
+    written = ''.join(_attribute(name, value) for name, value in attributes.items())
+    if tag in _VOID:
+        return Markup(f'<{tag}{written}>')
+    return Markup(f'<{tag}{written}>{join(children)}</{tag}>')
+
+
+def join(children: Iterable[Child]) -> Markup:
+    """Several one after the other."""
+    return Markup(''.join(_child(child) for child in children))
+
+
+def breakable(name: str) -> Markup:
+    """A name that a narrow column may break after a slash, an underscore, a dot or a dash."""
+    first, *rest = _BREAKS.split(name)
+    return join([first, *([element('wbr'), part] for part in rest)])
+
+
+def _child(child: Child) -> str:
+    if child is None:
+        return ''
+    if isinstance(child, Markup):
+        return child
+    if isinstance(child, (str, int, float)):
+        return escape(_printable(str(child)))
+    return join(child)
+
+
+def _attribute(name: str, value: Attribute) -> str:
+    if value is None or value is False:
+        return ''
+    name = name.rstrip('_').replace('_', '-')
+    return f' {name}' if value is True else f' {name}="{escape(_printable(str(value)))}"'
+
+
+def _printable(text: str) -> str:
+    """The text without what HTML cannot hold: control characters and lone surrogates."""
+    if text.isprintable():
+        return text
+    kept = (c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text)
+    return ''.join(kept)
+
+
+def number(value: float) -> str:
+    """A coordinate of an SVG: two decimals at most, and no negative zero."""
+    text = f'{value:.2f}'.rstrip('0').rstrip('.')
+    return '0' if text == '-0' else text

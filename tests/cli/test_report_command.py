@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 report as a user meets it: exit codes, what is written, what is said."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+from html_page import Page
+
+from kitti_ros2.cli import main
+from kitti_ros2.samples import Layout
+
+
+def one_line(text: str) -> str:
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith('kitti-ros2: ')
+    return lines[0]
+
+
+def test_a_page_is_made(recording_path, tmp_path, capsys):
+    out = tmp_path / 'new' / 'report.html'
+    assert main(['report', str(recording_path), '-o', str(out)]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith(f'{out}: ')
+    assert not said.err
+    assert Page.of(out).faults == []
+    assert [path.name for path in out.parent.iterdir()] == ['report.html']
+
+
+def test_the_page_is_called_report_html(recordings, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['report', str(recordings[Layout.RAW]), '-q']) == 0
+    assert capsys.readouterr() == ('', '')
+    assert (tmp_path / 'report.html').is_file()
+
+
+def test_losses_are_said_and_exit_code_1(drive, tmp_path, capsys):
+    (drive / 'velodyne_points' / 'data' / '0000000001.bin').unlink()
+    out = tmp_path / 'r.html'
+    assert main(['report', str(drive), '-o', str(out), '-q']) == 1
+    said = capsys.readouterr().err
+    assert 'no file for frames 1' in said
+    assert 'exit code 1' in said
+    assert 'Lost or damaged.' in Page.of(out).words('strong')
+
+
+def test_a_damaged_bag_is_a_page_and_exit_code_1(recordings, tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(bag), '-q']) == 0
+    whole = bag.read_bytes()
+    bag.write_bytes(whole[: len(whole) * 2 // 3])
+    assert main(['report', str(bag), '-o', str(tmp_path / 'r.html'), '-q']) == 1
+    assert 'cut off or damaged' in capsys.readouterr().err
+    page = Page.of(tmp_path / 'r.html')
+    assert page.faults == []
+    assert 'Lost or damaged.' in page.words('strong')
+
+
+def test_pages_are_replaced_on_demand_and_nothing_else_ever(recordings, tmp_path, capsys):
+    out = tmp_path / 'r.html'
+    words = ['report', str(recordings[Layout.OBJECT]), '-o', str(out), '-q']
+    assert main(words) == 0
+    first = out.stat().st_ino
+    assert main(words) == 2
+    assert 'exists already; choose another name, or pass --overwrite' in one_line(
+        capsys.readouterr().err
+    )
+    assert main([*words, '--overwrite']) == 0
+    assert out.stat().st_ino != first
+    out.write_text('my notes')
+    assert main([*words, '--overwrite']) == 2
+    assert 'it is no HTML page' in one_line(capsys.readouterr().err)
+    assert out.read_text() == 'my notes'
+    assert [path.name for path in tmp_path.iterdir()] == ['r.html']
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['report'], "Missing argument 'src'"),
+        (['report', '{tmp}/absent'], 'no such file or folder'),
+        (['report', '{tmp}'], 'the folder is empty'),
+        (['report', '{raw}', '--layout', 'nuscenes'], 'raw or object or odometry'),
+        (['report', '{raw}', '--sequence', '77'], "no single sequence '77'"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(
+    recordings, tmp_path, capsys, monkeypatch, words, said
+):
+    monkeypatch.chdir(tmp_path)
+    places = {'tmp': tmp_path, 'raw': recordings[Layout.RAW]}
+    assert main([word.format(**places) for word in words]) == 2
+    assert said in one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(recordings, tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, 'write_bytes', full)
+    assert main(['report', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'r.html')]) == 2
+    assert 'the disk is full' in one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_fits_80_columns(capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+    assert main(['report', '--help']) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
