@@ -91,6 +91,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     _check(out, settings, single=single)
     refine = _keep if settings.predictions is None else Predictions(settings.predictions).add_to
     source = open_frames(src, settings.read)
+    _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
     series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
     tally = _Tally()
@@ -113,6 +114,15 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
 
 def _keep(frame: Frame) -> Frame:
     return frame
+
+
+def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
+    """Refuse a camera that has no images at all; one that lacks a few is named frame by frame."""
+    camera = settings.pictures.camera
+    if camera is None or camera in source.cameras or not MODES[settings.mode].image:
+        return
+    known = ', '.join(map(str, sorted(source.cameras))) or 'no camera'
+    raise UsageError(f'{source.name} has no camera {camera}; it has {known}')
 
 
 def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> list[int]:

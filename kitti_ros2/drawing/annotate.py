@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from ..samples import Calibration
     from .objects import LabelledObject
-    from .strokes import Pixels
+    from .pixels import Pixels
 
 
 def annotate(

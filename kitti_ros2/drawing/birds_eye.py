@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..options import BirdOptions
     from ..samples import Float32Array
     from .objects import LabelledObject
-    from .strokes import Pixels
+    from .pixels import Pixels
 
 BACKGROUND = (24, 20, 18)
 _RING_COLOR = (84, 76, 70)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ..boxes import Cuboid
     from ..geometry import Float64Array
     from .objects import LabelledObject
+    from .pixels import Pixels
     from .projection import Projection
-    from .strokes import Pixels
 
 TEXT_SCALE = 0.37
 _SHADE = 0.6

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from ..geometry import Float64Array
     from .objects import LabelledObject
-    from .strokes import Bounds, Color, Pixels
+    from .pixels import Pixels
+    from .strokes import Bounds, Color
 
 _KITTI_AREA = 1242 * 375
 _SMALL = 40.0

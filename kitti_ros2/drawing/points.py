@@ -17,8 +17,8 @@ from .strokes import check_picture, size_of
 
 if TYPE_CHECKING:
     from ..samples import Float32Array
+    from .pixels import Pixels
     from .projection import Projection
-    from .strokes import Pixels
 
 _BAR_SIZE = (150, 7)
 

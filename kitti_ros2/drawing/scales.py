@@ -17,7 +17,7 @@ from .text import WHITE, extent_of, put_text
 
 if TYPE_CHECKING:
     from ..samples import Float32Array
-    from .strokes import Pixels
+    from .pixels import Pixels
 
 EMPTY = 0
 """The shade of a pixel without a value."""

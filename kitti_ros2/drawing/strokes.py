@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from ..geometry import Float64Array
+    from .pixels import Pixels
 
-Pixels: TypeAlias = npt.NDArray[np.uint8]
 Color: TypeAlias = tuple[int, int, int]
 """Blue, green, red, 0..255."""
 

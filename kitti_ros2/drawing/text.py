@@ -20,7 +20,8 @@ from .strokes import size_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .strokes import Bounds, Color, Pixels
+    from .pixels import Pixels
+    from .strokes import Bounds, Color
 
 BLACK: Color = (0, 0, 0)
 WHITE: Color = (255, 255, 255)

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from ..geometry import Float64Array
     from .objects import LabelledObject
+    from .pixels import Pixels
     from .projection import Projection
-    from .strokes import Pixels
 
 _FRONT = np.array([0, 1, 5, 4])
 _WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])

@@ -17,9 +17,10 @@ from ..stamps import format_stamp
 from .frame_parts import chosen_camera
 
 if TYPE_CHECKING:
+    from ..drawing.pixels import Pixels
     from ..drawing.strokes import Color
     from ..options import PictureOptions
-    from .frame import Frame, Pixels
+    from .frame import Frame
 
 _SCALE = 0.45
 _LINE = 22

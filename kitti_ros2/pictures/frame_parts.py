@@ -17,9 +17,10 @@ from ..samples import Stream
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+    from ..drawing.pixels import Pixels
     from ..options import PictureOptions
     from ..samples import Float32Array
-    from .frame import Frame, Pixels
+    from .frame import Frame
 
 
 def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:

@@ -38,10 +38,11 @@ from .frame_parts import (
 )
 
 if TYPE_CHECKING:
+    from ..drawing.pixels import Pixels
     from ..drawing.projection import Projection
     from ..drawing.strokes import Color
     from ..options import BirdOptions, PictureOptions
-    from .frame import Frame, Pixels
+    from .frame import Frame
 
 SIZE = (1920, 1080)
 """(width, height) of the page, pixels."""

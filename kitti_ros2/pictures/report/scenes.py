@@ -15,14 +15,16 @@ from ...errors import LackingError
 from ...options import PictureOptions
 from ...quantities import format_count
 from ...samples import Stream
-from ..modes import MODES, chosen_camera
+from ..frame_parts import chosen_camera
+from ..modes import MODES
 from .contents import Picture, Scene
 from .statistics import spread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from ..frame import Frame, FrameSource, Pixels
+    from ...drawing.pixels import Pixels
+    from ..frame import Frame, FrameSource
 
 _QUALITY = 80
 _CAMERA_WIDTH = 1100
