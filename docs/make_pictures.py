@@ -1,0 +1,105 @@
+#!/usr/bin/env python3
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the README's pictures from the synthetic recording.
+
+    python docs/make_pictures.py docs
+
+The page of a frame, the report in a browser, and Rerun in a browser: what is not installed
+(Chromium, the extra rerun) is passed over with a word.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from kitti_ros2.cli import main as kitti_ros2
+from kitti_ros2.samples import Layout
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'tests'))
+from chromium import Chromium, find_chromium
+
+FRAMES = 60
+FRAME = 12
+WIDTH = 1280
+QUALITY = 85
+COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
+RERUN_WIDTH, RERUN_HEIGHT = 1280, 800
+RERUN_LOADS_S = 40
+
+
+def save(picture: np.ndarray, path: Path) -> None:
+    """A JPEG as wide as a README."""
+    height = round(picture.shape[0] * WIDTH / picture.shape[1])
+    small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    print(f'{path}: {path.stat().st_size // 1000} kB')
+
+
+def panel(drive: Path, folder: Path) -> np.ndarray:
+    """The page of a frame."""
+    out = folder / 'panel.png'
+    if kitti_ros2(['view', str(drive), '-o', str(out), '--frame', str(FRAME), '-q']):
+        raise SystemExit('view failed')
+    return cv2.imread(str(out))
+
+
+def report(drive: Path, folder: Path, program: str) -> np.ndarray:
+    """The top of the report, in a browser."""
+    out = folder / 'report.html'
+    if kitti_ros2(['report', str(drive), '-o', str(out), '-q']):
+        raise SystemExit('report failed')
+    with Chromium(program, folder / 'profile') as browser:
+        browser.open(out, WIDTH, 860)
+        browser.screenshot(folder / 'report.png')
+    return cv2.imread(str(folder / 'report.png'))[:860]
+
+
+def rerun(drive: Path, folder: Path, program: str) -> np.ndarray | None:
+    """Rerun's own page, which needs WebGL; None where the extra is not installed."""
+    words = [sys.executable, '-c', COMMAND, 'view', str(drive), '--rerun', '--web']
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+        page = server.stdout.readline().strip()
+        if not page.startswith('http'):
+            return None
+        out = folder / 'rerun.png'
+        time.sleep(5)
+        browser = [
+            program, '--headless=new', '--no-sandbox', '--hide-scrollbars',
+            '--enable-unsafe-swiftshader', '--use-angle=swiftshader',
+            f'--user-data-dir={folder / "profile_of_rerun"}',
+            f'--window-size={RERUN_WIDTH},{RERUN_HEIGHT}',
+            f'--virtual-time-budget={RERUN_LOADS_S * 1000}', f'--screenshot={out}', page,
+        ]  # fmt: skip
+        subprocess.run(browser, check=True, capture_output=True, timeout=300)
+        server.terminate()
+    return cv2.imread(str(out))
+
+
+def main() -> None:
+    """Make what can be made."""
+    target = Path(sys.argv[1])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        drive = write_synthetic(folder / 'kitti', Layout.RAW, SyntheticOptions(frames=FRAMES))
+        save(panel(drive, folder), target / 'panel.jpg')
+        program = find_chromium()
+        if program is None:
+            raise SystemExit('no Chromium: report.jpg and rerun.jpg are left as they are')
+        save(report(drive, folder, program), target / 'report.jpg')
+        picture = rerun(drive, folder, program)
+        if picture is None:
+            raise SystemExit('the extra rerun is not installed: rerun.jpg is left as it is')
+        save(picture, target / 'rerun.jpg')
+
+
+if __name__ == '__main__':
+    main()
