@@ -19,6 +19,7 @@ from .style import STYLE
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ...inspection import Overview
     from .contents import Finding, Report
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -61,7 +62,7 @@ def make_page(report: Report) -> Markup:
         element('meta', name='viewport', content='width=device-width, initial-scale=1'),
         element('meta', http_equiv='Content-Security-Policy', content=_POLICY),
         element('meta', name='generator', content=f'kitti_ros2 {__version__}'),
-        element('title', f'{overview.name}: report'),
+        element('title', f'{_name(overview)}: report'),
         element('link', rel='icon', href='data:,'),
         element('style', Markup(STYLE)),
     )
@@ -97,7 +98,7 @@ def _summary(report: Report) -> Markup:
     return join(
         [
             element('p', kind, class_='eyebrow'),
-            element('h1', breakable(overview.name)),
+            element('h1', breakable(_name(overview))),
             element('p', _sentence(report), class_='summary'),
             element(
                 'dl',
@@ -109,6 +110,11 @@ def _summary(report: Report) -> Markup:
             ),
         ]
     )
+
+
+def _name(overview: Overview) -> str:
+    """Of a bag its own, which a directory with several files has, too."""
+    return overview.name if overview.compression is None else overview.path.absolute().name
 
 
 def _sentence(report: Report) -> str:

@@ -97,8 +97,8 @@ def bag_streams(
         timing = timing_of(used)
         if seen is not None and seen.header_ns:
             findings += _uneven(topic.name, timing)
-        elif timing.gaps:
-            findings.append(_gaps(topic.name, timing))
+        elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
+            findings.append(_gaps(topic.name, timing))  # else it was meant to come now and then
         size = None if seen is None else seen.size_bytes
         told.append(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)

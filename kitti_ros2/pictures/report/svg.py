@@ -8,9 +8,8 @@ legible on a phone.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from .markup import element, number
 
@@ -73,10 +72,10 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     """At most so many round values (1, 2 or 5 times a power of ten apart) from low to high."""
     span = max(high - low, 1e-9)
     rough = span / most
-    power = 10.0 ** np.floor(np.log10(rough))
+    power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
-    first = np.ceil(low / step - 1e-9)
-    return [float(step * (first + i)) for i in range(int((high - first * step) / step + 1e-9) + 1)]
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [step * place for place in range(first, last + 1)]
 
 
 def plain(value: float) -> str:
@@ -86,8 +85,8 @@ def plain(value: float) -> str:
 
 def round_length(length: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is no longer."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001))
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001)
 
 
 def scale_bar(scale: float, height: float) -> Markup:
