@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 view --rerun."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..bag_program import BagProgram
+from ..bags.locate import looks_like_bag
+from ..bags.staging import Staging, output_error
+from ..errors import UsageError
+from ..kitti.layouts import open_recording
+from ..program import RecordingProgram
+from ..rerun_view.installed import check_installed
+from ..settings import make_settings
+from .ending import end_by_signal
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .memory import keep_imports
+from .progress import conversion_progress
+from .text import format_bytes, format_count, format_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from rerun import RecordingStream
+
+    from ..program import Program
+    from ..rerun_view.show import Report
+
+_MOST_WORKERS = 4
+_SHOWN_LOSSES = 20
+_RRD_MAGIC = b'RRF'
+_RESERVE_BYTES = 1 << 20
+
+
+def run_rerun(  # noqa: PLR0913 - each is an option of the command
+    src: Path,
+    *,
+    layout: str | None = None,
+    sequence: str | None = None,
+    start: str | None = None,
+    end: str | None = None,
+    topics: Sequence[str] = (),
+    web: bool = False,
+    save: Path | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Show a KITTI folder or a bag in Rerun: in its window, on a page for browsers, or in a file.
+
+    Args:
+        src: KITTI folder or bag.
+        layout, sequence: Of a KITTI folder, None to guess.
+        start, end: First and last moment, as in to-bag.
+        topics: Only these; * matches.
+        web: Serve a page on this machine until Ctrl-C.
+        save: Write this .rrd file.
+        overwrite: Whether an existing .rrd file may be replaced.
+        quiet: Say only what went wrong.
+
+    Returns:
+        The exit code: 1 where something could not be shown.
+
+    Raises:
+        UsageError: Rerun is not installed, its viewer does not start, or options exclude each other.
+        OutputExistsError: The file is there already.
+        OutputError: It cannot be written.
+    """
+    if web and save is not None:
+        raise UsageError('--web and --save exclude each other; open the saved file with rerun')
+    check_installed()
+    given = {
+        'layout': layout,
+        'sequence': sequence,
+        'start': start,
+        'end': end,
+        'topics': tuple(topics) or None,
+    }
+    # Rerun's own log repeats on several lines what is told here in one.
+    os.environ.setdefault('RUST_LOG', 'off')
+    with closing(_open(src, given)) as program:
+        keep_imports()
+        if save is not None:
+            report = _save(program, save, overwrite=overwrite, quiet=quiet)
+        else:
+            report = _view(program, web=web, quiet=quiet)
+    _tell_losses(report.losses)
+    return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def _open(src: Path, given: Mapping[str, object]) -> Program:
+    if not src.exists():
+        raise UsageError(f'{src}: no such file or folder; give a KITTI folder or a bag')
+    settings = make_settings({name: value for name, value in given.items() if value is not None})
+    if settings.read.layout is None and looks_like_bag(src):
+        return BagProgram(src, settings.selection)
+    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+    recording = open_recording(src, settings.read)
+    return RecordingProgram(recording, settings.messages, settings.selection, workers)
+
+
+def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Report:
+    from ..rerun_view.show import make_recording
+
+    place = Staging(path, _keep_all_but_rrd if overwrite else _keep_all)
+    try:
+        stream = make_recording(program)
+        with _written(path, place.content.parent):
+            stream.save(place.content)
+            report = _stream(program, stream, quiet=quiet)
+            stream.flush()
+            stream.disconnect()
+        size_bytes = place.content.stat().st_size
+        place.publish()
+    except BaseException:
+        place.discard()
+        raise
+    if not quiet:
+        _summarize(report, f'{format_path(path)}: {format_bytes(size_bytes)}, ')
+    return report
+
+
+@contextmanager
+def _written(path: Path, folder: Path) -> Iterator[None]:
+    """Turn the end of Rerun's file writer, which does not say why, into OutputError."""
+    try:
+        yield
+    except RuntimeError as error:
+        disk = os.statvfs(folder)
+        full = disk.f_bavail * disk.f_frsize < _RESERVE_BYTES
+        number = errno.ENOSPC if full else errno.EIO
+        reason = os.strerror(number) if full else str(error)
+        raise output_error(path, OSError(number, reason)) from error
+
+
+def _keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
+    return 'choose another name, or pass --overwrite'
+
+
+def _keep_all_but_rrd(path: Path) -> str | None:
+    if path.is_file():
+        with path.open('rb') as file:
+            head = file.read(len(_RRD_MAGIC))
+        if path.suffix == '.rrd' and head in {b'', _RRD_MAGIC}:
+            return None
+    return 'it is no .rrd file, so --overwrite does not touch it; choose another name'
+
+
+def _view(program: Program, *, web: bool, quiet: bool) -> Report:
+    from ..rerun_view.show import make_recording
+    from ..rerun_view.viewer import Viewer
+
+    with Viewer(web=web) as viewer:
+        if viewer.page:
+            sys.stdout.write(f'{viewer.page}\n')
+            sys.stdout.flush()
+        stream = make_recording(program)
+        stream.connect_grpc(viewer.url)
+        report = _stream(program, stream, quiet=quiet)
+        viewer.deliver(stream)
+        if not quiet:
+            _summarize(report, '')
+        if web:
+            if not quiet:
+                sys.stdout.write('Open the page above in a browser; Ctrl-C ends it.\n')
+            sys.stdout.flush()
+            viewer.wait(end_by_signal())
+        stream.disconnect()
+    return report
+
+
+def _stream(program: Program, stream: RecordingStream, *, quiet: bool) -> Report:
+    from ..rerun_view.show import show
+
+    frames = len(set(program.frames.tolist()))
+    with conversion_progress(len(program.stamps_ns), frames, show=not quiet) as progress:
+        return show(program, stream, progress)
+
+
+def _summarize(report: Report, where: str) -> None:
+    for note in report.notes:
+        sys.stdout.write(f'note: {note}\n')
+    sys.stdout.write(
+        f'{where}{format_count(report.messages, "message")},'
+        f' {format_count(report.frames, "frame")}\n'
+    )
+
+
+def _tell_losses(losses: Mapping[str, int]) -> None:
+    """Name on standard error what is missing."""
+    if not losses:
+        return
+    for text, count in list(losses.items())[:_SHOWN_LOSSES]:
+        sys.stderr.write(f'skipped ({count}): {" ".join(text.split())}\n')
+    rest = list(losses.values())[_SHOWN_LOSSES:]
+    if rest:
+        sys.stderr.write(f'skipped {sum(rest)} more, for {len(rest)} more reasons\n')
+    sys.stderr.write(
+        f'kitti-ros2: {sum(losses.values())} skipped in all, as named above; exit code 1\n'
+    )

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The loop: a program's messages, in their order of time, to a Rerun recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+
+from ..encoder import one_line
+from ..readahead import ReadAhead
+from .archetypes import TABLE
+from .blueprint import make_blueprint
+from .entry import FRAME, TIME, Context
+from .survey import make_survey
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from ..program import Due, Program
+    from .entry import Entry
+
+APPLICATION = 'kitti_ros2'
+
+_AHEAD = 32
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was shown.
+
+    Attributes:
+        messages: How many.
+        frames: How many frames they belong to.
+        losses: What could not be shown: a line each, and how many messages it is about.
+        notes: What is worth a word.
+    """
+
+    messages: int
+    frames: int
+    losses: Mapping[str, int]
+    notes: tuple[str, ...]
+
+
+def make_recording(program: Program) -> rr.RecordingStream:
+    """A recording without a sink; its only timelines are `time` and `frame`."""
+    stream = rr.RecordingStream(APPLICATION)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    stream.send_recording_name(program.name)
+    return stream
+
+
+def show(
+    program: Program, stream: rr.RecordingStream, progress: Callable[[int, int], None]
+) -> Report:
+    """Show all messages of a program.
+
+    Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
+    message. What a latched topic says first holds from the start, whenever it was recorded.
+
+    Args:
+        program: Not closed.
+        stream: Has a sink.
+        progress: Called with the samples done and the bytes shown.
+
+    Raises:
+        RuntimeError: The sink takes no more; what is shown so far is lost.
+    """
+    # Without it what the SDK cannot take becomes a warning on standard error, and is lost.
+    rr.set_strict_mode(True)
+    survey = make_survey(program)
+    stream.send_blueprint(make_blueprint(survey))
+    notes: dict[str, None] = {}
+    shown = _Shown(program, stream, Context(survey, lambda text: notes.setdefault(text)))
+    every = frozenset(range(len(program.outlets)))
+    with ReadAhead(program, _AHEAD, polite=False) as ahead:
+        ahead.want(every)
+        for due in program.latched_before(0):
+            shown.take(due, *shown.begin)
+        for position, frame in enumerate(program.frames.tolist()):
+            ahead.refill()
+            messages, missing = ahead.take(position)
+            for each in missing:
+                shown.losses[each.text] += each.messages
+            for due in messages:
+                shown.take(due, due.stamp_ns, frame)
+            progress(position + 1, shown.size_bytes)
+    return Report(
+        shown.messages,
+        len(np.unique(program.frames)),
+        {**dict.fromkeys(program.losses, 1), **shown.losses},
+        (*_unshown(program), *program.notes(), *notes),
+    )
+
+
+def _unshown(program: Program) -> list[str]:
+    """The topics of types that the table lacks."""
+    return [
+        f'{outlet.name}: {outlet.msgtype} is not shown'
+        for outlet in program.outlets
+        if outlet.msgtype not in TABLE
+    ]
+
+
+class _Shown:
+    """What was logged so far."""
+
+    def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
+        self._program = program
+        self._stream = stream
+        self._showers = {
+            index: TABLE[outlet.msgtype](outlet.name, context)
+            for index, outlet in enumerate(program.outlets)
+            if outlet.msgtype in TABLE
+        }
+        self._frames: dict[str, str] = {}
+        self.begin = (int(program.stamps_ns[0]), int(program.frames[0]))
+        self.messages = 0
+        self.size_bytes = 0
+        self.losses: Counter[str] = Counter()
+
+    def take(self, due: Due, stamp_ns: int, frame: int) -> None:
+        """Log a message; one that cannot be decoded is counted."""
+        shower = self._showers.get(due.outlet)
+        if shower is None:
+            return
+        outlet = self._program.outlets[due.outlet]
+        try:
+            message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
+            entries = list(shower(message))
+        except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
+            self.losses[f'{outlet.name}: {one_line(error)}'] += 1
+            return
+        self.messages += 1
+        self.size_bytes += len(due.data)
+        for entry in entries:
+            if outlet.latched and entry.path not in self._frames:
+                self._log(entry, *self.begin)
+            else:
+                self._log(entry, stamp_ns, frame)
+
+    def _log(self, entry: Entry, stamp_ns: int, frame: int) -> None:
+        self._stream.set_time(TIME, timestamp=np.datetime64(stamp_ns, 'ns'))
+        self._stream.set_time(FRAME, sequence=frame)
+        components = list(entry.components)
+        if self._frames.get(entry.path) != entry.frame:
+            self._frames[entry.path] = entry.frame
+            if entry.frame:
+                components.append(rr.CoordinateFrame(entry.frame))
+        self._stream.log(entry.path, *components)
+        if entry.always:
+            self._stream.log(entry.path, *entry.always, static=True)
