@@ -8,7 +8,6 @@ import errno
 import os
 import sys
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bag_program import BagProgram
@@ -27,6 +26,7 @@ from .text import format_bytes, format_count, format_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from rerun import RecordingStream
 
@@ -56,8 +56,10 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
 
     Args:
         src: KITTI folder or bag.
-        layout, sequence: Of a KITTI folder, None to guess.
-        start, end: First and last moment, as in to-bag.
+        layout: Of a KITTI folder, None to guess.
+        sequence: Which one of a KITTI folder with several.
+        start: First moment, as in to-bag.
+        end: Last moment, included.
         topics: Only these; * matches.
         web: Serve a page on this machine until Ctrl-C.
         save: Write this .rrd file.
@@ -68,7 +70,7 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
         The exit code: 1 where something could not be shown.
 
     Raises:
-        UsageError: Rerun is not installed, its viewer does not start, or options exclude each other.
+        UsageError: Rerun is not installed, its viewer does not start, or options exclude others.
         OutputExistsError: The file is there already.
         OutputError: It cannot be written.
     """
@@ -90,8 +92,8 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
             report = _save(program, save, overwrite=overwrite, quiet=quiet)
         else:
             report = _view(program, web=web, quiet=quiet)
-    _tell_losses(report.losses)
-    return EXIT_LOSSES if report.losses else EXIT_OK
+    _tell_losses(report)
+    return EXIT_LOSSES if report.losses or report.missing else EXIT_OK
 
 
 def _open(src: Path, given: Mapping[str, object]) -> Program:
@@ -192,15 +194,14 @@ def _summarize(report: Report, where: str) -> None:
     )
 
 
-def _tell_losses(losses: Mapping[str, int]) -> None:
+def _tell_losses(report: Report) -> None:
     """Name on standard error what is missing."""
-    if not losses:
-        return
-    for text, count in list(losses.items())[:_SHOWN_LOSSES]:
-        sys.stderr.write(f'skipped ({count}): {" ".join(text.split())}\n')
-    rest = list(losses.values())[_SHOWN_LOSSES:]
-    if rest:
-        sys.stderr.write(f'skipped {sum(rest)} more, for {len(rest)} more reasons\n')
-    sys.stderr.write(
-        f'kitti-ros2: {sum(losses.values())} skipped in all, as named above; exit code 1\n'
-    )
+    lines = [f'missing: {text}' for text in report.missing]
+    lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]
+    for line in lines[:_SHOWN_LOSSES]:
+        sys.stderr.write(f'{" ".join(line.split())}\n')
+    if len(lines) > _SHOWN_LOSSES:
+        sys.stderr.write(f'and {len(lines) - _SHOWN_LOSSES} more lines like these\n')
+    if lines:
+        count = format_count(sum(report.losses.values()), 'message')
+        sys.stderr.write(f'kitti-ros2: {count} skipped, the rest as named above; exit code 1\n')

@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
-from .entry import TIME, entity_path
-from .survey import DETECTIONS_2D, IMAGES
+from .archetypes import TABLE, Vectors
+from .entry import TIME, Shower, entity_path
+from .survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
 
 if TYPE_CHECKING:
     from .survey import Survey
 
-_BOXES_3D = ('vision_msgs/msg/Detection3DArray',)
 _MARKERS = ('visualization_msgs/msg/MarkerArray', 'visualization_msgs/msg/Marker')
 _FIX = ('sensor_msgs/msg/NavSatFix',)
-_CURVES = ('sensor_msgs/msg/Imu', 'geometry_msgs/msg/TwistStamped')
 _MOST_CAMERAS = 2
 # Behind and above the vehicle, whose x points forward and z up (REP 103).
 _EYE_M = (-14.0, 0.0, 9.0)
@@ -67,7 +66,7 @@ def _space(survey: Survey, cameras: list[str]) -> rrb.View:
     classes and ids.
     """
     hidden = [image for image in survey.of_type(*IMAGES) if image not in cameras[:1]]
-    if survey.of_type(*_BOXES_3D):
+    if survey.of_type(DETECTIONS_3D):
         hidden += survey.of_type(*_MARKERS)
     vehicle = survey.vehicle()
     return rrb.Spatial3DView(
@@ -83,7 +82,7 @@ def _space(survey: Survey, cameras: list[str]) -> rrb.View:
 
 def _camera(survey: Survey, image: str) -> rrb.View:
     """An image with the boxes on it, the three-dimensional ones projected."""
-    solid = survey.of_type(*_BOXES_3D) or survey.of_type(*_MARKERS)
+    solid = survey.of_type(DETECTIONS_3D) or survey.of_type(*_MARKERS)
     origin = entity_path(image)
     return rrb.Spatial2DView(
         origin=f'/{origin}',
@@ -94,12 +93,12 @@ def _camera(survey: Survey, image: str) -> rrb.View:
 
 def _tabs(survey: Survey) -> list[rrb.Container | rrb.View]:
     tabs: list[rrb.Container | rrb.View] = [
-        rrb.TimeSeriesView(origin=f'/{entity_path(topic)}', name=topic)
-        for topic in survey.of_type(*_CURVES)
+        rrb.TimeSeriesView(origin=f'/{entity_path(topic, name)}', name=f'{topic} {name}')
+        for topic, msgtype in survey.topics.items()
+        if issubclass(shower := TABLE.get(msgtype, Shower), Vectors)
+        for name in shower.names
     ]
     tabs += [
-        rrb.MapView(origin=f'/{entity_path(topic)}', name=topic)
-        for topic in survey.of_type(*_FIX)
+        rrb.MapView(origin=f'/{entity_path(topic)}', name=topic) for topic in survey.of_type(*_FIX)
     ]
     return [rrb.Tabs(contents=tabs)] if tabs else []
-

@@ -15,25 +15,22 @@ import rerun as rr
 from ..boxes import DONT_CARE
 from ..messages.markers import color_of
 from ..options import MarkerColors
-from .entry import Entry, entity_path, image_frame
-from .survey import frame_name
+from .entry import Entry, Shower, entity_path, image_frame
+from .survey import DETECTIONS_3D, frame_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from .entry import Context
-    from .survey import Survey
+    from ..geometry import Float64Array
+    from .entry import Moment
 
 _DONT_CARE_RGB = (120, 120, 120)
 
 
-class Boxes3D:
+class Boxes3D(Shower):
     """The boxes of a Detection3DArray topic."""
 
-    def __init__(self, topic: str, context: Context) -> None:  # noqa: ARG002 - one form for all
-        self._path = entity_path(topic)
-
-    def __call__(self, message: Any) -> Iterator[Entry]:  # noqa: ANN401 - a rosbags class
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
         """One entry, also of no boxes at all: those of the last message are gone."""
         boxes = [each.bbox for each in message.detections]
         places = [each.center.position for each in boxes]
@@ -47,18 +44,15 @@ class Boxes3D:
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
-        yield Entry(self._path, [components], _frame_of(message))
+        yield Entry(self.path, [components], _frame_of(message))
 
 
-class Boxes2D:
+class Boxes2D(Shower):
     """The boxes of a Detection2DArray topic, over the images of the camera they are of."""
 
-    def __init__(self, topic: str, context: Context) -> None:
-        self._topic = topic
-        self._survey = context.survey
-
-    def __call__(self, message: Any) -> Iterator[Entry]:  # noqa: ANN401 - a rosbags class
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
         """One entry for each of those images; one by itself where there is none."""
+        survey = self.context.survey
         boxes = [each.bbox for each in message.detections]
         centers = [getattr(each.center, 'position', each.center) for each in boxes]
         names = [_class_and_score(each) for each in message.detections]
@@ -67,14 +61,16 @@ class Boxes2D:
             sizes=_rows([(each.size_x, each.size_y) for each in boxes], 2),
             colors=_colors(names),
             labels=_labels(message.detections, names),
+            # The same objects have labels already where they are boxes in space as well.
+            show_labels=not survey.of_type(DETECTIONS_3D),
         )
         frame = _frame_of(message)
-        images = self._survey.images_in(frame)
+        images = survey.images_in(frame)
         for image in images:
-            path = entity_path(image, *self._topic.strip('/').split('/'))
+            path = entity_path(image, *self.topic.strip('/').split('/'))
             yield Entry(path, [components], image_frame(image))
         if not images:
-            yield Entry(entity_path(self._topic), [components], frame)
+            yield Entry(self.path, [components], frame)
 
 
 def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Quaternion]:
@@ -120,5 +116,5 @@ def class_color(kind: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _rows(values: list[tuple[float, ...]], columns: int) -> np.ndarray:
+def _rows(values: Sequence[tuple[float, ...]], columns: int) -> Float64Array:
     return np.array(values, np.float64).reshape(-1, columns)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """sensor_msgs/CameraInfo -> a pinhole for each image it belongs to.
 
-P, after R, projects points of header.frame_id, and a pinhole has neither a turn nor an offset: where
-there is one, the pinhole hangs from a frame of its own, so that what is projected lands where P puts
-it. Of a distorted image, which nothing straightens here, it is K that tells, in the frame itself.
+P, after R, projects points of header.frame_id, and a pinhole has neither a turn nor an offset:
+where there is one, the pinhole hangs from a frame of its own, so that what is projected lands where
+P puts it. Of a distorted image, which nothing straightens here, K tells, in the frame itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import rerun as rr
 
 from ..geometry import Transform
 from ..messages.camera_info import decode_camera_info
-from .entry import Entry, entity_path, image_frame
+from .entry import Entry, Shower, entity_path, image_frame
 from .survey import frame_name
 
 if TYPE_CHECKING:
@@ -24,30 +24,36 @@ if TYPE_CHECKING:
 
     from ..geometry import Float64Array
     from ..messages.ros_types import CameraInfo
-    from .entry import Context
+    from .entry import Context, Moment
 
 _IMAGE_PLANE_M = 3.0
 _SAME = 1e-9
 
 
-class Pinholes:
+class Pinholes(Shower):
     """The pinholes of a CameraInfo topic, made anew when what it says changes."""
 
     def __init__(self, topic: str, context: Context) -> None:
+        super().__init__(topic, context)
         self._images = context.survey.images_of(topic)
         self._last: Hashable = None
 
-    def __call__(self, info: CameraInfo) -> Iterator[Entry]:
+    def show(self, message: CameraInfo, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
         """Nothing where nothing changed, or where the camera is not calibrated (K[0] is 0)."""
-        numbers = (info.k.tobytes(), info.d.tobytes(), info.r.tobytes(), info.p.tobytes())
-        key = (*numbers, info.width, info.height, info.header.frame_id)
+        numbers = (
+            message.k.tobytes(),
+            message.d.tobytes(),
+            message.r.tobytes(),
+            message.p.tobytes(),
+        )
+        key = (*numbers, message.width, message.height, message.header.frame_id)
         if key == self._last:
             return
         self._last = key
-        if not info.k[0]:
+        if not message.k[0]:
             return
         for image in self._images:
-            yield from _pinhole(image, info)
+            yield from _pinhole(image, message)
 
 
 def _pinhole(image: str, info: CameraInfo) -> Iterator[Entry]:
@@ -61,7 +67,7 @@ def _pinhole(image: str, info: CameraInfo) -> Iterator[Entry]:
             [
                 rr.Transform3D(
                     translation=frame_t_camera.translation,
-                    quaternion=frame_t_camera.quaternion(),
+                    quaternion=rr.Quaternion(xyzw=frame_t_camera.quaternion()),
                     parent_frame=frame,
                     child_frame=parent,
                 )
@@ -102,7 +108,7 @@ def projection_of(info: CameraInfo, *, rectified: bool) -> tuple[Float64Array, T
     if not rectified or not p[0, 0]:
         return k, None
     rotation = r if _turns(r) else np.eye(3)
-    offset = np.linalg.solve(p[:, :3], p[:, 3])
+    offset = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]), np.float64)
     if not _turns(r) and np.abs(offset).max() < _SAME:
         return p[:, :3], None
     return p[:, :3], Transform(rotation, offset).inverse()

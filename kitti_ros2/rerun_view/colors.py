@@ -36,7 +36,8 @@ def _palette() -> npt.NDArray[np.uint32]:
         np.interp(places, range(len(_VIRIDIS)), channel).round().astype(np.uint32)
         for channel in channels
     )
-    return red << 24 | green << 16 | blue << 8 | 0xFF
+    packed: npt.NDArray[np.uint32] = red << 24 | green << 16 | blue << 8 | 0xFF
+    return packed
 
 
 _PALETTE = _palette()
@@ -44,11 +45,11 @@ _PALETTE = _palette()
 
 def reflectance_colors(reflectance: Float32Array) -> npt.NDArray[np.uint32]:
     """(N,) colours of reflectances 0..1; by their square root, for most are low."""
-    return _PALETTE[(np.sqrt(reflectance) * 255).astype(np.uint8)]
+    return _PALETTE.take((np.sqrt(reflectance) * 255).astype(np.uint8))
 
 
 def height_colors(points: Float32Array) -> npt.NDArray[np.uint32]:
     """(N,) colours of (N, 3) or wider points by z, from 2.5 m below the sensor to 2.5 m above."""
     low, high = _HEIGHTS_M
     share = np.clip((points[:, 2] - low) / (high - low), 0, 1)
-    return _PALETTE[(share * 255).astype(np.uint8)]
+    return _PALETTE.take((share * 255).astype(np.uint8))

@@ -17,6 +17,5 @@ def check_installed() -> None:
     """
     if find_spec('rerun') is None:
         raise UsageError(
-            '--rerun needs rerun-sdk, which is not installed; run pip install'
-            " 'kitti_ros2[rerun]'"
+            "--rerun needs rerun-sdk, which is not installed; run pip install 'kitti_ros2[rerun]'"
         )

@@ -18,14 +18,14 @@ from ..messages.header import stamp_ns_of, transform_of
 from ..messages.ros_types import Marker
 from ..stamps import from_sec_nanosec
 from .boxes import unit_quaternions
-from .entry import Entry, entity_path
+from .entry import Entry, Shower, entity_path
 from .survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from ..geometry import Float64Array
-    from .entry import Context
+    from .entry import Context, Moment
 
 _KINDS = {
     Marker.CUBE: 'boxes',
@@ -49,16 +49,15 @@ _OTHERS = {
 }
 
 
-class Markers:
+class Markers(Shower):
     """The markers of a topic."""
 
     def __init__(self, topic: str, context: Context) -> None:
-        self._topic = topic
-        self._context = context
+        super().__init__(topic, context)
         self._shown: dict[tuple[str, int], Any] = {}
         self._groups: dict[tuple[str, str], list[Any]] = {}
 
-    def __call__(self, message: Any) -> Iterator[Entry]:  # noqa: ANN401 - a rosbags class
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
         """An entry for each kind of marker in each frame, also of those that are gone."""
         markers = message.markers if hasattr(message, 'markers') else [message]
         for marker in markers:
@@ -71,7 +70,7 @@ class Markers:
             key = (_KINDS[marker.type], frame_name(marker.header.frame_id))
             self._groups.setdefault(key, []).append(marker)
         for (kind, frame), group in self._groups.items():
-            path = entity_path(self._topic, kind, frame)
+            path = entity_path(self.topic, kind, frame)
             yield Entry(path, [_MAKERS[kind](group)], frame)
 
     def _take(self, marker: Any) -> None:  # noqa: ANN401 - a rosbags class
@@ -84,7 +83,7 @@ class Markers:
             self._shown[key] = marker
         else:
             name = _OTHERS.get(marker.type, str(marker.type))
-            self._context.note(f'{self._topic}: markers of type {name} are not shown')
+            self.context.note(f'{self.topic}: markers of type {name} are not shown')
 
     def _outlive(self, now_ns: int) -> None:
         for key, marker in list(self._shown.items()):

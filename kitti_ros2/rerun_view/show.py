@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
-from ..encoder import one_line
 from ..readahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
-from .entry import FRAME, TIME, Context
+from .entry import FRAME, TIME, Context, Curve, Moment
 from .survey import make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from ..program import Due, Program
-    from .entry import Entry
+    from .entry import Shown
 
 APPLICATION = 'kitti_ros2'
 
@@ -37,12 +36,14 @@ class Report:
         messages: How many.
         frames: How many frames they belong to.
         losses: What could not be shown: a line each, and how many messages it is about.
+        missing: What was missing from the start, a line each.
         notes: What is worth a word.
     """
 
     messages: int
     frames: int
     losses: Mapping[str, int]
+    missing: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -76,24 +77,26 @@ def show(
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
-    shown = _Shown(program, stream, Context(survey, lambda text: notes.setdefault(text)))
+    shown = _Show(program, stream, Context(survey, notes.setdefault))
     every = frozenset(range(len(program.outlets)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
         for due in program.latched_before(0):
-            shown.take(due, *shown.begin)
+            shown.take(due, shown.begin)
         for position, frame in enumerate(program.frames.tolist()):
             ahead.refill()
             messages, missing = ahead.take(position)
             for each in missing:
                 shown.losses[each.text] += each.messages
             for due in messages:
-                shown.take(due, due.stamp_ns, frame)
+                shown.take(due, Moment(due.stamp_ns, frame))
             progress(position + 1, shown.size_bytes)
+    shown.finish()
     return Report(
         shown.messages,
         len(np.unique(program.frames)),
-        {**dict.fromkeys(program.losses, 1), **shown.losses},
+        shown.losses,
+        tuple(program.losses),
         (*_unshown(program), *program.notes(), *notes),
     )
 
@@ -107,7 +110,7 @@ def _unshown(program: Program) -> list[str]:
     ]
 
 
-class _Shown:
+class _Show:
     """What was logged so far."""
 
     def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
@@ -119,39 +122,61 @@ class _Shown:
             if outlet.msgtype in TABLE
         }
         self._frames: dict[str, str] = {}
-        self.begin = (int(program.stamps_ns[0]), int(program.frames[0]))
+        self._always: set[str] = set()
+        self.begin = Moment(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()
 
-    def take(self, due: Due, stamp_ns: int, frame: int) -> None:
-        """Log a message; one that cannot be decoded is counted."""
+    def take(self, due: Due, moment: Moment) -> None:
+        """Show a message; one that cannot be decoded is counted."""
         shower = self._showers.get(due.outlet)
         if shower is None:
             return
         outlet = self._program.outlets[due.outlet]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
-            entries = list(shower(message))
+            entries = list(shower.show(message, moment))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-            self.losses[f'{outlet.name}: {one_line(error)}'] += 1
+            self.losses[f'{outlet.name}: {error}'] += 1
             return
         self.messages += 1
         self.size_bytes += len(due.data)
         for entry in entries:
-            if outlet.latched and entry.path not in self._frames:
-                self._log(entry, *self.begin)
-            else:
-                self._log(entry, stamp_ns, frame)
+            first = outlet.latched and entry.path not in self._frames
+            self._log(entry, self.begin if first else moment)
 
-    def _log(self, entry: Entry, stamp_ns: int, frame: int) -> None:
-        self._stream.set_time(TIME, timestamp=np.datetime64(stamp_ns, 'ns'))
-        self._stream.set_time(FRAME, sequence=frame)
+    def finish(self) -> None:
+        """Show what was held back."""
+        for shower in self._showers.values():
+            for entry in shower.rest():
+                self._log(entry, self.begin)
+
+    def _log(self, entry: Shown, moment: Moment) -> None:
+        if isinstance(entry, Curve):
+            self._send(entry)
+            return
         components = list(entry.components)
         if self._frames.get(entry.path) != entry.frame:
             self._frames[entry.path] = entry.frame
             if entry.frame:
                 components.append(rr.CoordinateFrame(entry.frame))
-        self._stream.log(entry.path, *components)
-        if entry.always:
+        if components:
+            self._stream.set_time(TIME, timestamp=np.datetime64(moment.stamp_ns, 'ns'))
+            self._stream.set_time(FRAME, sequence=moment.frame)
+            self._stream.log(entry.path, *components)
+        if entry.always and entry.path not in self._always:
+            self._always.add(entry.path)
             self._stream.log(entry.path, *entry.always, static=True)
+
+    def _send(self, curve: Curve) -> None:
+        stamps, frames = zip(*curve.moments, strict=True)
+        columns = rr.Scalars.columns(scalars=np.array(curve.values).ravel())
+        self._stream.send_columns(
+            curve.path,
+            indexes=[
+                rr.TimeColumn(TIME, timestamp=np.array(stamps, 'datetime64[ns]')),
+                rr.TimeColumn(FRAME, sequence=frames),
+            ],
+            columns=columns.partition([len(values) for values in curve.values]),
+        )

@@ -22,6 +22,7 @@ CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 IMAGES = ('sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/Image')
 DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
+DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 
 _LONGEST_NS = 3_000_000_000
@@ -122,7 +123,7 @@ def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
             if _is_offset(info):
                 survey.offset_cameras.add(outlet.name)
         if outlet.msgtype == TRANSFORMS:
-            message = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
+            message: Any = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
             links = {
                 frame_name(each.child_frame_id): frame_name(each.header.frame_id)
                 for each in message.transforms

@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,14 +24,27 @@ from ..errors import UsageError
 
 if TYPE_CHECKING:
     from types import TracebackType
+    from typing import Protocol
 
+    from rerun import RecordingStream
     from typing_extensions import Self
+
+    class Ending(Protocol):
+        """What ends the wait."""
+
+        def set(self) -> None:
+            """Let the wait end; from any thread."""
+
+        def wait(self) -> None:
+            """Wait for it."""
+
 
 _HOST = '127.0.0.1'
 _GRPC_PORT = 9876
 _WEB_PORT = 9090
 _PATIENCE_S = 20.0
 _POLL_S = 0.05
+_FLUSH_S = 1.0
 _INSTEAD = 'use --web to see it in a browser, or --save to write an .rrd file'
 
 
@@ -64,7 +78,7 @@ class Viewer:
         else:
             words += ['--expect-data-soon', '--hide-welcome-screen']
         self._web = web
-        self._log = tempfile.TemporaryFile('w+', prefix='kitti_ros2_viewer_')
+        self._log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - closed by __exit__
         self._process = subprocess.Popen(  # noqa: S603 - Rerun's own executable
             words,
             stdin=subprocess.DEVNULL,
@@ -78,6 +92,7 @@ class Viewer:
             self._wait_for(port)
         except BaseException:
             self._end()
+            self._log.close()
             raise
 
     def __enter__(self) -> Self:
@@ -94,9 +109,46 @@ class Viewer:
         self._log.close()
 
     def check(self) -> None:
-        """Complain where it has ended."""
-        if self._process.poll() is not None:
-            raise UsageError(f'the viewer did not start: {self._last_words()}; {_INSTEAD}')
+        """Complain where it has ended.
+
+        Raises:
+            UsageError: It has.
+        """
+        code = self._process.poll()
+        if code == 0:
+            raise UsageError('the viewer was closed before everything was shown')
+        if code is not None:
+            raise UsageError(f'the viewer ended: {self._last_words()}; {_INSTEAD}')
+
+    def deliver(self, stream: RecordingStream) -> None:
+        """Wait until it has received all of a recording.
+
+        Raises:
+            UsageError: It has ended.
+        """
+        while True:
+            try:
+                stream.flush(timeout_sec=_FLUSH_S)
+            except RuntimeError:  # it is not done yet, or never will be
+                self.check()
+            else:
+                self.check()
+                return
+
+    def wait(self, ending: Ending) -> None:
+        """Wait until the ending is set.
+
+        Raises:
+            UsageError: The viewer ended before.
+        """
+
+        def watch() -> None:
+            self._process.wait()
+            ending.set()
+
+        threading.Thread(target=watch, daemon=True).start()
+        ending.wait()
+        self.check()
 
     def _wait_for(self, port: int) -> None:
         deadline = time.monotonic() + _PATIENCE_S
