@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..bag_program import BagProgram
 from ..bags.locate import looks_like_bag
-from ..bags.staging import Staging, output_error
+from ..bags.staging import Staging, keep_all, output_error
 from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..program import RecordingProgram
@@ -25,10 +25,9 @@ from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
-
-    from rerun import RecordingStream
 
     from ..program import Program
     from ..rerun_view.show import Report
@@ -37,6 +36,8 @@ _MOST_WORKERS = 4
 _SHOWN_LOSSES = 20
 _RRD_MAGIC = b'RRF'
 _RESERVE_BYTES = 1 << 20
+# A page's memory is 4 GB at most (WebAssembly); Rerun begins to drop somewhat before.
+_PAGE_BYTES = 2 << 30
 
 
 def run_rerun(  # noqa: PLR0913 - each is an option of the command
@@ -108,16 +109,12 @@ def _open(src: Path, given: Mapping[str, object]) -> Program:
 
 
 def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Report:
-    from ..rerun_view.show import make_recording
+    from ..rerun_view.show import write_file
 
-    place = Staging(path, _keep_all_but_rrd if overwrite else _keep_all)
+    place = Staging(path, _keep_all_but_rrd if overwrite else keep_all)
     try:
-        stream = make_recording(program)
-        with _written(path, place.content.parent):
-            stream.save(place.content)
-            report = _stream(program, stream, quiet=quiet)
-            stream.flush()
-            stream.disconnect()
+        with _written(path, place.content.parent), _progress(program, quiet=quiet) as progress:
+            report = write_file(program, place.content, progress)
         size_bytes = place.content.stat().st_size
         place.publish()
     except BaseException:
@@ -141,10 +138,6 @@ def _written(path: Path, folder: Path) -> Iterator[None]:
         raise output_error(path, OSError(number, reason)) from error
 
 
-def _keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
-    return 'choose another name, or pass --overwrite'
-
-
 def _keep_all_but_rrd(path: Path) -> str | None:
     if path.is_file():
         with path.open('rb') as file:
@@ -155,34 +148,35 @@ def _keep_all_but_rrd(path: Path) -> str | None:
 
 
 def _view(program: Program, *, web: bool, quiet: bool) -> Report:
-    from ..rerun_view.show import make_recording
     from ..rerun_view.viewer import Viewer
 
     with Viewer(web=web) as viewer:
-        if viewer.page:
+        if web:
             sys.stdout.write(f'{viewer.page}\n')
             sys.stdout.flush()
-        stream = make_recording(program)
-        stream.connect_grpc(viewer.url)
-        report = _stream(program, stream, quiet=quiet)
-        viewer.deliver(stream)
+        with _progress(program, quiet=quiet) as progress:
+            report = viewer.show(program, progress)
         if not quiet:
             _summarize(report, '')
         if web:
+            if report.size_bytes > _PAGE_BYTES:
+                size = format_bytes(report.size_bytes)
+                sys.stdout.write(
+                    f'note: {size} is more than a page can hold, and it drops the oldest; take'
+                    f' less with --start, --end or --topics, or use --save\n'
+                )
             if not quiet:
                 sys.stdout.write('Open the page above in a browser; Ctrl-C ends it.\n')
             sys.stdout.flush()
             viewer.wait(end_by_signal())
-        stream.disconnect()
     return report
 
 
-def _stream(program: Program, stream: RecordingStream, *, quiet: bool) -> Report:
-    from ..rerun_view.show import show
-
+def _progress(
+    program: Program, *, quiet: bool
+) -> AbstractContextManager[Callable[[int, int], None]]:
     frames = len(set(program.frames.tolist()))
-    with conversion_progress(len(program.stamps_ns), frames, show=not quiet) as progress:
-        return show(program, stream, progress)
+    return conversion_progress(len(program.stamps_ns), frames, show=not quiet)
 
 
 def _summarize(report: Report, where: str) -> None:

@@ -20,6 +20,7 @@ _FIX = ('sensor_msgs/msg/NavSatFix',)
 _MOST_CAMERAS = 2
 # Behind and above the vehicle, whose x points forward and z up (REP 103).
 _EYE_M = (-14.0, 0.0, 9.0)
+_BACKGROUND_RGB = (13, 16, 17)
 _LOOK_AT_M = (8.0, 0.0, 0.0)
 
 
@@ -74,6 +75,7 @@ def _space(survey: Survey, cameras: list[str]) -> rrb.View:
         name='space',
         contents=['+ /**', *(f'- /{entity_path(topic)}/**' for topic in hidden)],
         spatial_information=rrb.SpatialInformation(target_frame=vehicle or 'tf#/'),
+        background=rrb.Background(color=_BACKGROUND_RGB),
         eye_controls=rrb.EyeControls3D(
             position=_EYE_M, look_target=_LOOK_AT_M, eye_up=(0.0, 0.0, 1.0)
         ),

@@ -3,8 +3,7 @@
 """sensor_msgs/CameraInfo -> a pinhole for each image it belongs to.
 
 P, after R, projects points of header.frame_id, and a pinhole has neither a turn nor an offset:
-where there is one, the pinhole hangs from a frame of its own, so that what is projected lands where
-P puts it. Of a distorted image, which nothing straightens here, K tells, in the frame itself.
+where there is one, the pinhole hangs from a frame of its own.
 """
 
 from __future__ import annotations
@@ -15,14 +14,15 @@ import numpy as np
 import rerun as rr
 
 from ..geometry import Transform
-from ..messages.camera_info import decode_camera_info
+from ..importer.camera_model import camera_model
 from .entry import Entry, Shower, entity_path, image_frame
-from .survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
     from ..geometry import Float64Array
+    from ..importer.camera_model import CameraModel
+    from ..importer.viewpoints import Viewpoint
     from ..messages.ros_types import CameraInfo
     from .entry import Context, Moment
 
@@ -39,37 +39,36 @@ class Pinholes(Shower):
         self._last: Hashable = None
 
     def show(self, message: CameraInfo, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """Nothing where nothing changed, or where the camera is not calibrated (K[0] is 0)."""
-        numbers = (
-            message.k.tobytes(),
-            message.d.tobytes(),
-            message.r.tobytes(),
-            message.p.tobytes(),
-        )
-        key = (*numbers, message.width, message.height, message.header.frame_id)
+        """Nothing where nothing changed, or where the camera is not calibrated."""
+        matrices = (message.k, message.d, message.r, message.p)
+        key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)
         if key == self._last:
             return
         self._last = key
-        if not message.k[0]:
+        try:
+            model = camera_model(message)
+        except ValueError as error:
+            self.context.note(f'{self.topic}: {error}; its images are shown without a place')
             return
+        view = self.context.rig.place(self.topic, model)
         for image in self._images:
-            yield from _pinhole(image, message)
+            yield from _pinhole(image, model, view)
 
 
-def _pinhole(image: str, info: CameraInfo) -> Iterator[Entry]:
-    k, frame_t_camera = projection_of(info, rectified=is_rectified(image, info))
-    frame = frame_name(info.header.frame_id)
-    parent = frame
-    if frame_t_camera is not None:
-        parent = f'{image.strip("/")}/pinhole'
+def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]:
+    k, pinhole_t_frame = projection_of(model, view, rectified=is_rectified(image, model))
+    frame = view.frame
+    if np.abs(pinhole_t_frame.matrix() - np.eye(4)).max() > _SAME:
+        frame_t_pinhole = pinhole_t_frame.inverse()
+        frame = f'{image.strip("/")}/pinhole'
         yield Entry(
             entity_path(image, 'pinhole'),
             [
                 rr.Transform3D(
-                    translation=frame_t_camera.translation,
-                    quaternion=rr.Quaternion(xyzw=frame_t_camera.quaternion()),
-                    parent_frame=frame,
-                    child_frame=parent,
+                    translation=frame_t_pinhole.translation,
+                    quaternion=rr.Quaternion(xyzw=frame_t_pinhole.quaternion()),
+                    parent_frame=view.frame,
+                    child_frame=frame,
                 )
             ],
         )
@@ -78,8 +77,8 @@ def _pinhole(image: str, info: CameraInfo) -> Iterator[Entry]:
         [
             rr.Pinhole(
                 image_from_camera=k,
-                resolution=[info.width, info.height],
-                parent_frame=parent,
+                resolution=model.size,
+                parent_frame=frame,
                 child_frame=image_frame(image),
                 image_plane_distance=_IMAGE_PLANE_M,
             )
@@ -88,32 +87,25 @@ def _pinhole(image: str, info: CameraInfo) -> Iterator[Entry]:
     )
 
 
-def is_rectified(image: str, info: CameraInfo) -> bool:
+def is_rectified(image: str, model: CameraModel) -> bool:
     """Whether an image is what P after R projects onto: by its name, else by its calibration.
 
-    REP 104 of the image pipeline calls them image_rect and image_rect_color.
+    image_proc calls such images image_rect and image_rect_color.
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
-    return 'rect' in name or not (info.d.any() or _turns(info.r.reshape(3, 3)))
+    turned = np.abs(model.r - np.eye(3)).max() > _SAME
+    return 'rect' in name or not (model.d.any() or turned)
 
 
-def projection_of(info: CameraInfo, *, rectified: bool) -> tuple[Float64Array, Transform | None]:
-    """K (3, 3), and frame_T_camera: where the pinhole is in header.frame_id, None where it is that.
+def projection_of(
+    model: CameraModel, view: Viewpoint, *, rectified: bool
+) -> tuple[Float64Array, Transform]:
+    """K (3, 3), and pinhole_T_frame, the view's frame to the pinhole.
 
-    Args:
-        info: Calibrated.
-        rectified: Whether P and R hold, or K alone.
+    A distorted image, which nothing straightens here, is shown by K, as if it were not.
     """
-    k, _, r, p = decode_camera_info(info)
-    if not rectified or not p[0, 0]:
-        return k, None
-    rotation = r if _turns(r) else np.eye(3)
-    offset = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]), np.float64)
-    if not _turns(r) and np.abs(offset).max() < _SAME:
-        return p[:, :3], None
-    return p[:, :3], Transform(rotation, offset).inverse()
-
-
-def _turns(r: Float64Array) -> bool:
-    """Whether R is a rotation other than none at all; zeros are what was never filled in."""
-    return bool(r.any()) and bool(np.abs(r - np.eye(3)).max() > _SAME)
+    if not rectified:
+        return model.k, view.cam_T_frame
+    k = view.p[:, :3]
+    offset = np.asarray(np.linalg.solve(k, view.p[:, 3]), np.float64)
+    return k, Transform(model.r, offset) @ view.cam_T_frame

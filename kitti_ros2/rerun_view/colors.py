@@ -51,5 +51,5 @@ def reflectance_colors(reflectance: Float32Array) -> npt.NDArray[np.uint32]:
 def height_colors(points: Float32Array) -> npt.NDArray[np.uint32]:
     """(N,) colours of (N, 3) or wider points by z, from 2.5 m below the sensor to 2.5 m above."""
     low, high = _HEIGHTS_M
-    share = np.clip((points[:, 2] - low) / (high - low), 0, 1)
+    share: Float32Array = np.clip((points[:, 2] - low) / (high - low), 0, 1)
     return _PALETTE.take((share * 255).astype(np.uint8))

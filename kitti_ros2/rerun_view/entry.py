@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from rerun import AsComponents
 
+    from .rig import Rig
     from .survey import Survey
 
 TIME = 'time'
@@ -68,10 +69,12 @@ class Context:
 
     Attributes:
         survey: What the first moments tell.
+        rig: The cameras.
         note: Takes what is worth a word; the same word is told once.
     """
 
     survey: Survey
+    rig: Rig
     note: Callable[[str], object]
 
 

@@ -15,10 +15,12 @@ from ..readahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
 from .entry import FRAME, TIME, Context, Curve, Moment
+from .rig import Rig
 from .survey import make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from pathlib import Path
 
     from ..program import Due, Program
     from .entry import Shown
@@ -35,6 +37,7 @@ class Report:
     Attributes:
         messages: How many.
         frames: How many frames they belong to.
+        size_bytes: Of the messages.
         losses: What could not be shown: a line each, and how many messages it is about.
         missing: What was missing from the start, a line each.
         notes: What is worth a word.
@@ -42,6 +45,7 @@ class Report:
 
     messages: int
     frames: int
+    size_bytes: int
     losses: Mapping[str, int]
     missing: tuple[str, ...]
     notes: tuple[str, ...]
@@ -54,6 +58,22 @@ def make_recording(program: Program) -> rr.RecordingStream:
     stream.set_log_tick_enabled(False)
     stream.send_recording_name(program.name)
     return stream
+
+
+def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> Report:
+    """Show all messages of a program in a new .rrd file; arguments as show has them.
+
+    Raises:
+        RuntimeError: The file cannot be written. The SDK does not say why.
+    """
+    stream = make_recording(program)
+    stream.save(path)
+    try:
+        report = show(program, stream, progress)
+        stream.flush()
+    finally:
+        stream.disconnect()
+    return report
 
 
 def show(
@@ -77,7 +97,7 @@ def show(
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
-    shown = _Show(program, stream, Context(survey, notes.setdefault))
+    shown = _Show(program, stream, Context(survey, Rig(survey), notes.setdefault))
     every = frozenset(range(len(program.outlets)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
@@ -95,6 +115,7 @@ def show(
     return Report(
         shown.messages,
         len(np.unique(program.frames)),
+        shown.size_bytes,
         shown.losses,
         tuple(program.losses),
         (*_unshown(program), *program.notes(), *notes),

@@ -11,11 +11,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..importer.camera_model import camera_model
+from ..importer.frame_tree import FrameTree
 from ..messages.header import peek_header
+from ..messages.transforms import decode_static
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..geometry import Transform
+    from ..importer.camera_model import CameraModel
     from ..program import Due, Program
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -27,6 +34,7 @@ TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 
 _LONGEST_NS = 3_000_000_000
 _MOST = 3000
+_BESIDE_M = 1e-3
 _STAMPED = frozenset({CAMERA_INFO, CLOUD, DETECTIONS_2D, *IMAGES})
 
 
@@ -37,16 +45,18 @@ class Survey:
     Attributes:
         topics: Topic to message type, in the program's order.
         frames: Topic of clouds, cameras and their boxes to the frame of its first message.
-        offset_cameras: Topics of CameraInfo whose camera is beside their frame, as a right one is.
+        cameras: Topic of CameraInfo to what its first message says.
         parents: Frame to its parent.
         fixed: The same, of links that stand still.
+        links: Of these, frame to parent_T_frame.
     """
 
     topics: dict[str, str]
     frames: dict[str, str] = field(default_factory=dict)
-    offset_cameras: set[str] = field(default_factory=set)
+    cameras: dict[str, CameraModel] = field(default_factory=dict)
     parents: dict[str, str] = field(default_factory=dict)
     fixed: dict[str, str] = field(default_factory=dict)
+    links: dict[str, Transform] = field(default_factory=dict)
 
     def of_type(self, *msgtypes: str) -> list[str]:
         """The topics with one of these types."""
@@ -69,8 +79,19 @@ class Survey:
         left one's are there.
         """
         inside = [image for image in self.of_type(*IMAGES) if self.frames.get(image) == frame]
-        own = [image for image in inside if self.info_of(image) not in self.offset_cameras]
+        own = [image for image in inside if not self._is_beside(self.info_of(image))]
         return own or inside
+
+    def tree(self) -> FrameTree:
+        """The links as a tree."""
+        fixed = [(self.fixed[child], child, link) for child, link in self.links.items()]
+        moving = set(self.parents) - set(self.fixed)
+        return FrameTree(fixed, [(self.parents[child], child) for child in moving])
+
+    def _is_beside(self, info: str | None) -> bool:
+        """Whether a camera is beside its frame, as a right one is that has the left one's."""
+        model = self.cameras.get(info or '')
+        return model is not None and float(np.abs(model.offset).max()) > _BESIDE_M
 
     def vehicle(self) -> str:
         """The frame to look from: what clouds, else cameras, are mounted on; '' without any."""
@@ -119,18 +140,16 @@ def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
         if outlet.msgtype in _STAMPED and first:
             survey.frames[outlet.name] = frame_name(peek_header(due.data)[1])
         if outlet.msgtype == CAMERA_INFO and first:
-            info = program.typestore.deserialize_cdr(due.data, CAMERA_INFO)
-            if _is_offset(info):
-                survey.offset_cameras.add(outlet.name)
+            info: Any = program.typestore.deserialize_cdr(due.data, CAMERA_INFO)
+            survey.cameras[outlet.name] = camera_model(info)
         if outlet.msgtype == TRANSFORMS:
             message: Any = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
-            links = {
-                frame_name(each.child_frame_id): frame_name(each.header.frame_id)
-                for each in message.transforms
-            }
-            survey.parents.update(links)
-            if is_static(outlet.name, latched=outlet.latched):
-                survey.fixed.update(links)
+            static = outlet.latched or outlet.name.endswith('tf_static')
+            for parent, child, link in decode_static(message):
+                survey.parents[frame_name(child)] = frame_name(parent)
+                if static:
+                    survey.fixed[frame_name(child)] = frame_name(parent)
+                    survey.links[frame_name(child)] = link
     except Exception:  # noqa: BLE001, S110 - a recorder may have written any bytes; told later
         pass
 
@@ -138,12 +157,3 @@ def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
 def frame_name(frame_id: str) -> str:
     """A frame's name; as in tf2, ROS 1's leading slash is no part of it."""
     return frame_id.lstrip('/')
-
-
-def _is_offset(info: Any) -> bool:  # noqa: ANN401 - a rosbags class
-    return bool(info.p[3])
-
-
-def is_static(topic: str, *, latched: bool) -> bool:
-    """Whether the transforms of a topic hold for all time."""
-    return latched or topic.endswith('tf_static')

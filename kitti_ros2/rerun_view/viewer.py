@@ -21,13 +21,17 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from ..errors import UsageError
+from .show import make_recording, show
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
     from typing import Protocol
 
-    from rerun import RecordingStream
     from typing_extensions import Self
+
+    from ..program import Program
+    from .show import Report
 
     class Ending(Protocol):
         """What ends the wait."""
@@ -45,7 +49,8 @@ _WEB_PORT = 9090
 _PATIENCE_S = 20.0
 _POLL_S = 0.05
 _FLUSH_S = 1.0
-_INSTEAD = 'use --web to see it in a browser, or --save to write an .rrd file'
+_SAVE = 'use --save to write an .rrd file'
+_WEB_OR_SAVE = 'use --web to see it in a browser, or --save to write an .rrd file'
 
 
 class Viewer:
@@ -64,7 +69,7 @@ class Viewer:
 
     def __init__(self, *, web: bool) -> None:
         if not web and not _has_display():
-            raise UsageError(f'there is no display for a window; {_INSTEAD}')
+            raise UsageError(f'there is no display for a window; {_WEB_OR_SAVE}')
         port = _free_port(_GRPC_PORT)
         self.url = f'rerun+http://{_HOST}:{port}/proxy'
         self.page = ''
@@ -78,6 +83,7 @@ class Viewer:
         else:
             words += ['--expect-data-soon', '--hide-welcome-screen']
         self._web = web
+        self._instead = _SAVE if web else _WEB_OR_SAVE
         self._log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - closed by __exit__
         self._process = subprocess.Popen(  # noqa: S603 - Rerun's own executable
             words,
@@ -118,22 +124,27 @@ class Viewer:
         if code == 0:
             raise UsageError('the viewer was closed before everything was shown')
         if code is not None:
-            raise UsageError(f'the viewer ended: {self._last_words()}; {_INSTEAD}')
+            raise UsageError(f'the viewer ended: {self._last_words()}; {self._instead}')
 
-    def deliver(self, stream: RecordingStream) -> None:
-        """Wait until it has received all of a recording.
+    def show(self, program: Program, progress: Callable[[int, int], None]) -> Report:
+        """Show all messages of a program; arguments as rerun_view.show has them.
 
         Raises:
-            UsageError: It has ended.
+            UsageError: The viewer has ended.
         """
+        stream = make_recording(program)
+        stream.connect_grpc(self.url)
+        # Without a reference to it the recording would be closed.
+        self._stream = stream
+        report = show(program, stream, progress)
         while True:
             try:
                 stream.flush(timeout_sec=_FLUSH_S)
-            except RuntimeError:  # it is not done yet, or never will be
+            except RuntimeError:  # not done yet, or the viewer is gone
                 self.check()
             else:
                 self.check()
-                return
+                return report
 
     def wait(self, ending: Ending) -> None:
         """Wait until the ending is set.
@@ -161,7 +172,7 @@ class Viewer:
                 if time.monotonic() > deadline:
                     raise UsageError(
                         f'the viewer does not listen after {_PATIENCE_S:.0f} s:'
-                        f' {self._last_words()}; {_INSTEAD}'
+                        f' {self._last_words()}; {self._instead}'
                     ) from None
             time.sleep(_POLL_S)
 
@@ -184,7 +195,7 @@ def _executable() -> str:
         for name in ('Rerun.app/Contents/MacOS/Rerun', 'rerun', 'rerun.exe'):
             if (Path(folder) / name).is_file():
                 return str(Path(folder) / name)
-    raise UsageError('rerun-sdk is installed without its viewer; use --save to write an .rrd file')
+    raise UsageError(f'rerun-sdk is installed without its viewer; {_SAVE}')
 
 
 def _has_display() -> bool:
