@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
-from contextlib import closing, contextmanager
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..bag_program import BagProgram
 from ..bags.locate import looks_like_bag
-from ..bags.staging import Staging, keep_all, output_error
+from ..bags.staging import Staging, keep_all, reported
 from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..program import RecordingProgram
@@ -25,7 +24,7 @@ from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 _MOST_WORKERS = 4
 _SHOWN_LOSSES = 20
 _RRD_MAGIC = b'RRF'
-_RESERVE_BYTES = 1 << 20
 # A page's memory is 4 GB at most (WebAssembly); Rerun begins to drop somewhat before.
 _PAGE_BYTES = 2 << 30
 
@@ -109,11 +107,11 @@ def _open(src: Path, given: Mapping[str, object]) -> Program:
 
 
 def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Report:
-    from ..rerun_view.show import write_file
+    from ..rerun_view.rrd_file import write_file
 
     place = Staging(path, _keep_all_but_rrd if overwrite else keep_all)
     try:
-        with _written(path, place.content.parent), _progress(program, quiet=quiet) as progress:
+        with reported(path), _progress(program, quiet=quiet) as progress:
             report = write_file(program, place.content, progress)
         size_bytes = place.content.stat().st_size
         place.publish()
@@ -123,19 +121,6 @@ def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Repo
     if not quiet:
         _summarize(report, f'{format_path(path)}: {format_bytes(size_bytes)}, ')
     return report
-
-
-@contextmanager
-def _written(path: Path, folder: Path) -> Iterator[None]:
-    """Turn the end of Rerun's file writer, which does not say why, into OutputError."""
-    try:
-        yield
-    except RuntimeError as error:
-        disk = os.statvfs(folder)
-        full = disk.f_bavail * disk.f_frsize < _RESERVE_BYTES
-        number = errno.ENOSPC if full else errno.EIO
-        reason = os.strerror(number) if full else str(error)
-        raise output_error(path, OSError(number, reason)) from error
 
 
 def _keep_all_but_rrd(path: Path) -> str | None:
@@ -159,6 +144,7 @@ def _view(program: Program, *, web: bool, quiet: bool) -> Report:
         if not quiet:
             _summarize(report, '')
         if web:
+            ending = end_by_signal()
             if report.size_bytes > _PAGE_BYTES:
                 size = format_bytes(report.size_bytes)
                 sys.stdout.write(
@@ -168,7 +154,7 @@ def _view(program: Program, *, web: bool, quiet: bool) -> Report:
             if not quiet:
                 sys.stdout.write('Open the page above in a browser; Ctrl-C ends it.\n')
             sys.stdout.flush()
-            viewer.wait(end_by_signal())
+            viewer.wait(ending)
     return report
 
 

@@ -19,8 +19,7 @@ from .rig import Rig
 from .survey import make_survey
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Hashable, Mapping
 
     from ..program import Due, Program
     from .entry import Shown
@@ -60,22 +59,6 @@ def make_recording(program: Program) -> rr.RecordingStream:
     return stream
 
 
-def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> Report:
-    """Show all messages of a program in a new .rrd file; arguments as show has them.
-
-    Raises:
-        RuntimeError: The file cannot be written. The SDK does not say why.
-    """
-    stream = make_recording(program)
-    stream.save(path)
-    try:
-        report = show(program, stream, progress)
-        stream.flush()
-    finally:
-        stream.disconnect()
-    return report
-
-
 def show(
     program: Program, stream: rr.RecordingStream, progress: Callable[[int, int], None]
 ) -> Report:
@@ -88,9 +71,6 @@ def show(
         program: Not closed.
         stream: Has a sink.
         progress: Called with the samples done and the bytes shown.
-
-    Raises:
-        RuntimeError: The sink takes no more; what is shown so far is lost.
     """
     # Without it what the SDK cannot take becomes a warning on standard error, and is lost.
     rr.set_strict_mode(True)
@@ -144,16 +124,18 @@ class _Show:
         }
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
+        self._keys: dict[int, Hashable] = {}
         self.begin = Moment(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()
 
     def take(self, due: Due, moment: Moment) -> None:
-        """Show a message; one that cannot be decoded is counted."""
+        """Show a message that says something new; one that cannot be decoded is counted."""
         shower = self._showers.get(due.outlet)
-        if shower is None:
+        if shower is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
             return
+        self._keys[due.outlet] = due.key
         outlet = self._program.outlets[due.outlet]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rerun.chunk import RrdReader
 
-from kitti_ros2.rerun_view.show import Report, write_file
+from kitti_ros2.rerun_view.rrd_file import write_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from kitti_ros2.program import Program
+    from kitti_ros2.rerun_view.show import Report
 
 
 class Row(NamedTuple):
