@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 
 from ..boxes import DONT_CARE
-from ..messages.markers import color_of
+from ..drawing.palette import color_of
 from ..options import MarkerColors
 from .entry import Entry, Shower, entity_path, image_frame
 from .survey import DETECTIONS_3D, frame_name

@@ -16,11 +16,11 @@ import foreign
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.boxes import Box, Cuboid
+from kitti_ros2.drawing.palette import color_of
 from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
 from kitti_ros2.messages.header import make_header, make_pose, make_vector3
-from kitti_ros2.messages.markers import color_of
 from kitti_ros2.messages.ros_types import (
     TYPESTORE,
     CompressedImage,
