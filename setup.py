@@ -31,6 +31,8 @@ REQUIREMENTS = [
 EXTRAS = {
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],
+    # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
+    'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
     'ros': [
         'ros-jazzy-common-interfaces>=5.3.6,<6',

@@ -69,6 +69,7 @@ ROOMS = {
     'playing': BELOW_JOBS | {'settings'} | JOBS,
     'node': BELOW_JOBS | {'settings', 'synthetic', 'playing'} | JOBS,
     'bridge': BELOW_JOBS | {'settings', 'playing'} | JOBS,
+    'rerun_view': BELOW_JOBS | {'importer', 'program', 'readahead'},
     'pictures': BELOW_JOBS | {'synthetic', 'quantities'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)
@@ -81,6 +82,7 @@ GUESTS = {
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'messages', 'pictures', 'synthetic'},
+    'rerun': {'rerun_view'},
     'typer': {'cli'},
     'rich': {'cli'},
 }
@@ -228,6 +230,7 @@ def test_checker_accepts_what_is_allowed(tmp_path: Path) -> None:
         ({'convert': 'import foxglove'}, 'only bridge may'),
         ({'bridge__server': 'from ..node import qos'}, 'bridge may not import node'),
         ({'bags__write': 'from rich.progress import Progress'}, 'only cli may'),
+        ({'cli__view': 'import rerun as rr'}, 'only rerun_view may'),
         ({'kitti__utils': ''}, 'a room for anything'),
         ({'helpers': ''}, 'a room that ROOMS does not know'),
         ({'kitti__a': 'from . import b', 'kitti__b': 'from .a import f'}, 'circular import'),

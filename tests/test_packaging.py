@@ -68,6 +68,7 @@ KEY_OF = {
 INSTALLED_AS = {
     'cv2': 'opencv-python-headless',
     'foxglove': 'foxglove-sdk',
+    'rerun': 'rerun-sdk',
     'yaml': 'pyyaml',
 }
 
@@ -224,7 +225,7 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
-    assert set(groups) == {'', 'foxglove', 'ros', 'test', 'video'}
+    assert set(groups) == {'', 'foxglove', 'rerun', 'ros', 'test', 'video'}
     for lines in groups.values():
         assert lines == sorted(lines)
         for line in lines:

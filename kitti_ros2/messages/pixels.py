@@ -153,14 +153,8 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
-    kind = _kind_of(message)
-    if not kind:
-        start = message.data[: len(_PNG)].tobytes()
-        raise ValueError(f'neither PNG nor JPEG: format {message.format!r}, data {start!r}')
+    kind = picture_kind(message)
     data = message.data.tobytes()
-    whole = _JPEG_END in data if kind == 'JPEG' else _chunks(data) is not None
-    if not whole:
-        raise ValueError(f'the {kind} is cut after {len(data)} bytes')
     file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
     # A camera's calibration is of the pixels as they are stored, whatever way up EXIF wants them.
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -175,6 +169,23 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
         return _upper_bits(values)
     mosaic = _mosaic(message.format)
     return _converted(_upper_bits(values), mosaic) if mosaic else values
+
+
+def picture_kind(message: CompressedImage) -> str:
+    """PNG or JPEG: what the data are, whatever the format says; they are not decoded.
+
+    Raises:
+        ValueError: The data are something else, or are cut.
+    """
+    kind = _kind_of(message)
+    if not kind:
+        start = message.data[: len(_PNG)].tobytes()
+        raise ValueError(f'neither PNG nor JPEG: format {message.format!r}, data {start!r}')
+    data = message.data.tobytes()
+    whole = _JPEG_END in data if kind == 'JPEG' else _chunks(data) is not None
+    if not whole:
+        raise ValueError(f'the {kind} is cut after {len(data)} bytes')
+    return kind
 
 
 def png_of(message: CompressedImage) -> bytes | None:

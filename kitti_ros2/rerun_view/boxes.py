@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""vision_msgs/Detection3DArray and Detection2DArray -> boxes with class, id and colour.
+
+vision_msgs before 4 names some fields otherwise; both are read.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+
+from ..boxes import DONT_CARE
+from ..drawing.palette import color_of
+from ..options import MarkerColors
+from .entry import Entry, Shower, entity_path, image_frame
+from .survey import DETECTIONS_3D, frame_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from ..geometry import Float64Array
+    from .entry import Moment
+
+_DONT_CARE_RGB = (120, 120, 120)
+
+
+class Boxes3D(Shower):
+    """The boxes of a Detection3DArray topic."""
+
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
+        """One entry, also of no boxes at all: those of the last message are gone."""
+        boxes = [each.bbox for each in message.detections]
+        places = [each.center.position for each in boxes]
+        turns = [each.center.orientation for each in boxes]
+        names = [_class_and_score(each) for each in message.detections]
+        components = rr.Boxes3D(
+            centers=_rows([(p.x, p.y, p.z) for p in places], 3),
+            sizes=_rows([(each.size.x, each.size.y, each.size.z) for each in boxes], 3),
+            quaternions=unit_quaternions([(q.x, q.y, q.z, q.w) for q in turns]),
+            colors=_colors(names),
+            labels=_labels(message.detections, names),
+            fill_mode=rr.components.FillMode.MajorWireframe,
+        )
+        yield Entry(self.path, [components], _frame_of(message))
+
+
+class Boxes2D(Shower):
+    """The boxes of a Detection2DArray topic, over the images of the camera they are of."""
+
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
+        """One entry for each of those images; one by itself where there is none."""
+        survey = self.context.survey
+        boxes = [each.bbox for each in message.detections]
+        centers = [getattr(each.center, 'position', each.center) for each in boxes]
+        names = [_class_and_score(each) for each in message.detections]
+        components = rr.Boxes2D(
+            centers=_rows([(each.x, each.y) for each in centers], 2),
+            sizes=_rows([(each.size_x, each.size_y) for each in boxes], 2),
+            colors=_colors(names),
+            labels=_labels(message.detections, names),
+            # The same objects have labels already where they are boxes in space as well.
+            show_labels=not survey.of_type(DETECTIONS_3D),
+        )
+        frame = _frame_of(message)
+        images = survey.images_in(frame)
+        for image in images:
+            path = entity_path(image, *self.topic.strip('/').split('/'))
+            yield Entry(path, [components], image_frame(image))
+        if not images:
+            yield Entry(self.path, [components], frame)
+
+
+def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Quaternion]:
+    """Quaternions of length 1; where a recorder left zeros, no turn."""
+    rows = _rows(xyzw, 4)
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = np.where(lengths > 0, rows / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 0.0, 1.0))
+    return [rr.Quaternion(xyzw=row) for row in rows]
+
+
+def _frame_of(message: Any) -> str:  # noqa: ANN401 - a rosbags class
+    """The frame of an array: its own, or where it leaves that open, its first detection's."""
+    headers = [message.header, *(each.header for each in message.detections[:1])]
+    return next((name for each in headers if (name := frame_name(each.frame_id))), '')
+
+
+def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a rosbags class
+    """Of the best hypothesis, the first where several are; ('', 1) without any."""
+    hypotheses = [getattr(each, 'hypothesis', each) for each in detection.results]
+    if not hypotheses:
+        return '', 1.0
+    best = max(hypotheses, key=lambda each: each.score)
+    return str(best.class_id if hasattr(best, 'class_id') else best.id), float(best.score)
+
+
+def _labels(detections: list[Any], names: list[tuple[str, float]]) -> list[str]:
+    labels = []
+    for detection, (kind, score) in zip(detections, names, strict=True):
+        words = [kind, getattr(detection, 'id', ''), '' if score == 1.0 else f'{score:.2f}']
+        labels.append(' '.join(word for word in words if word))
+    return labels
+
+
+def _colors(names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
+    return [class_color(kind) for kind, _ in names]
+
+
+def class_color(kind: str) -> tuple[int, int, int]:
+    """Red, green, blue, 0..255, of a class: that of its markers."""
+    if kind == DONT_CARE:
+        return _DONT_CARE_RGB
+    red, green, blue = (round(255 * value) for value in color_of(kind, 0, MarkerColors.CLASS))
+    return red, green, blue
+
+
+def _rows(values: Sequence[tuple[float, ...]], columns: int) -> Float64Array:
+    return np.array(values, np.float64).reshape(-1, columns)

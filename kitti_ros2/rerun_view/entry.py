@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What messages become: components of entities, and where entities are called what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import rerun as rr
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from rerun import AsComponents
+
+    from .rig import Rig
+    from .survey import Survey
+
+TIME = 'time'
+FRAME = 'frame'
+
+
+class Moment(NamedTuple):
+    """When a message is: nanoseconds since 1970, and the number of its frame."""
+
+    stamp_ns: int
+    frame: int
+
+
+class Entry(NamedTuple):
+    """Components for one entity, at the moment of their message.
+
+    Attributes:
+        path: Entity path, escaped as entity_path does it.
+        components: Archetypes.
+        frame: Coordinate frame of the entity, a header's frame_id; '' where nothing tells.
+        always: Archetypes that hold for all time.
+    """
+
+    path: str
+    components: Sequence[AsComponents] = ()
+    frame: str = ''
+    always: Sequence[AsComponents] = ()
+
+
+@dataclass
+class Curve:
+    """Scalars of one entity at many moments, which together cost as much as one alone.
+
+    Attributes:
+        path: Entity path.
+        moments: In order of time.
+        values: Of each moment, all of the same number.
+    """
+
+    path: str
+    moments: list[Moment] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+
+
+Shown: TypeAlias = 'Entry | Curve'
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the topics of a recording share.
+
+    Attributes:
+        survey: What the first moments tell.
+        rig: The cameras.
+        note: Takes what is worth a word; the same word is told once.
+    """
+
+    survey: Survey
+    rig: Rig
+    note: Callable[[str], object]
+
+
+class Shower:
+    """Shows the messages of one topic."""
+
+    def __init__(self, topic: str, context: Context) -> None:
+        self.topic = topic
+        self.path = entity_path(topic)
+        self.context = context
+
+    def show(self, message: Any, moment: Moment) -> Iterable[Shown]:  # noqa: ANN401 - a rosbags class
+        """What is to be shown now.
+
+        Raises:
+            ValueError: The message cannot be decoded. So may anything else of a broken one.
+        """
+        raise NotImplementedError
+
+    def rest(self) -> Iterable[Shown]:
+        """What is to be shown when there are no more messages."""
+        return ()
+
+
+@lru_cache(maxsize=4096)
+def entity_path(topic: str, *below: str) -> str:
+    """The entity of a topic, or of a part of it: /camera/image -> camera/image."""
+    parts = [part for part in topic.split('/') if part] + list(below)
+    return '/'.join(rr.escape_entity_path_part(part) for part in parts)
+
+
+def image_frame(image: str) -> str:
+    """The frame of an image topic's pixels."""
+    return f'{image.strip("/")}/pixels'

@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""visualization_msgs/MarkerArray and Marker -> boxes, lines, arrows and texts.
+
+Markers stay until they are replaced, deleted, or have outlived their lifetime, as in RViz; what is
+left of a topic is shown anew with each of its messages.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+
+from ..geometry import Transform
+from ..messages.header import stamp_ns_of, transform_of
+from ..messages.ros_types import Marker
+from ..stamps import from_sec_nanosec
+from .boxes import unit_quaternions
+from .entry import Entry, Shower, entity_path
+from .survey import frame_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from ..geometry import Float64Array
+    from .entry import Context, Moment
+
+_KINDS = {
+    Marker.CUBE: 'boxes',
+    Marker.LINE_STRIP: 'lines',
+    Marker.LINE_LIST: 'lines',
+    Marker.ARROW: 'arrows',
+    Marker.TEXT_VIEW_FACING: 'texts',
+}
+_OTHERS = {
+    getattr(Marker, name): name
+    for name in (
+        'SPHERE',
+        'CYLINDER',
+        'CUBE_LIST',
+        'SPHERE_LIST',
+        'POINTS',
+        'MESH_RESOURCE',
+        'TRIANGLE_LIST',
+        'ARROW_STRIP',
+    )
+}
+
+
+class Markers(Shower):
+    """The markers of a topic."""
+
+    def __init__(self, topic: str, context: Context) -> None:
+        super().__init__(topic, context)
+        self._shown: dict[tuple[str, int], Any] = {}
+        self._groups: dict[tuple[str, str], list[Any]] = {}
+
+    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
+        """An entry for each kind of marker in each frame, also of those that are gone."""
+        markers = message.markers if hasattr(message, 'markers') else [message]
+        for marker in markers:
+            self._take(marker)
+        if markers:
+            self._outlive(max(stamp_ns_of(marker.header) for marker in markers))
+        for group in self._groups.values():
+            group.clear()
+        for marker in self._shown.values():
+            key = (_KINDS[marker.type], frame_name(marker.header.frame_id))
+            self._groups.setdefault(key, []).append(marker)
+        for (kind, frame), group in self._groups.items():
+            path = entity_path(self.topic, kind, frame)
+            yield Entry(path, [_MAKERS[kind](group)], frame)
+
+    def _take(self, marker: Any) -> None:  # noqa: ANN401 - a rosbags class
+        key = (marker.ns, marker.id)
+        if marker.action == Marker.DELETEALL:
+            self._shown.clear()
+        elif marker.action == Marker.DELETE:
+            self._shown.pop(key, None)
+        elif marker.type in _KINDS:
+            self._shown[key] = marker
+        else:
+            name = _OTHERS.get(marker.type, str(marker.type))
+            self.context.note(f'{self.topic}: markers of type {name} are not shown')
+
+    def _outlive(self, now_ns: int) -> None:
+        for key, marker in list(self._shown.items()):
+            lifetime = from_sec_nanosec(marker.lifetime.sec, marker.lifetime.nanosec)
+            if lifetime and stamp_ns_of(marker.header) + lifetime < now_ns:
+                del self._shown[key]
+
+
+def _boxes(markers: list[Any]) -> rr.AsComponents:
+    poses = [marker.pose for marker in markers]
+    turns = [each.orientation for each in poses]
+    return rr.Boxes3D(
+        centers=_rows([(p.position.x, p.position.y, p.position.z) for p in poses]),
+        sizes=_rows([(m.scale.x, m.scale.y, m.scale.z) for m in markers]),
+        quaternions=unit_quaternions([(q.x, q.y, q.z, q.w) for q in turns]),
+        colors=_colors(markers),
+    )
+
+
+def _lines(markers: list[Any]) -> rr.AsComponents:
+    strips: list[Float64Array] = []
+    colors: list[tuple[float, ...]] = []
+    for marker, color in zip(markers, _colors(markers), strict=True):
+        points = _points(marker)
+        pairs = marker.type == Marker.LINE_LIST
+        found = list(points[: len(points) // 2 * 2].reshape(-1, 2, 3)) if pairs else [points]
+        strips += found
+        colors += [color] * len(found)
+    return rr.LineStrips3D(strips, colors=colors)
+
+
+def _arrows(markers: list[Any]) -> rr.AsComponents:
+    origins, vectors = [], []
+    for marker in markers:
+        ends = _points(marker)
+        if len(ends) < 2:
+            # Without points an arrow lies along x of its pose, as long as the scale says.
+            ends = _place(marker).apply([[0.0, 0.0, 0.0], [marker.scale.x, 0.0, 0.0]])
+        origins.append(ends[0])
+        vectors.append(ends[1] - ends[0])
+    return rr.Arrows3D(origins=_rows(origins), vectors=_rows(vectors), colors=_colors(markers))
+
+
+def _texts(markers: list[Any]) -> rr.AsComponents:
+    places = [marker.pose.position for marker in markers]
+    return rr.Points3D(
+        _rows([(p.x, p.y, p.z) for p in places]),
+        labels=[marker.text for marker in markers],
+        show_labels=True,
+        colors=_colors(markers),
+        radii=[0.0],
+    )
+
+
+def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
+    """frame_T_marker; a quaternion of zeros, which some recorders leave, is no turn."""
+    q = marker.pose.orientation
+    if not any((q.x, q.y, q.z, q.w)):
+        p = marker.pose.position
+        return Transform.from_translation((p.x, p.y, p.z))
+    return transform_of(marker.pose)
+
+
+def _points(marker: Any) -> Float64Array:  # noqa: ANN401 - a rosbags class
+    """(N, 3) points in the marker's frame."""
+    return _place(marker).apply(_rows([(p.x, p.y, p.z) for p in marker.points]))
+
+
+def _rows(values: Sequence[Sequence[float] | Float64Array]) -> Float64Array:
+    return np.array(values, np.float64).reshape(-1, 3)
+
+
+def _colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
+    """Red, green, blue and opacity, 0..255."""
+    return [
+        tuple(round(255 * min(max(value, 0.0), 1.0)) for value in (c.r, c.g, c.b, c.a))
+        for c in (marker.color for marker in markers)
+    ]
+
+
+_MAKERS: dict[str, Callable[[list[Any]], rr.AsComponents]] = {
+    'boxes': _boxes,
+    'lines': _lines,
+    'arrows': _arrows,
+    'texts': _texts,
+}

@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The loop: a program's messages, in their order of time, to a Rerun recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+
+from ..readahead import ReadAhead
+from .archetypes import TABLE
+from .blueprint import make_blueprint
+from .entry import FRAME, TIME, Context, Curve, Moment
+from .rig import Rig
+from .survey import make_survey
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping
+
+    from ..program import Due, Program
+    from .entry import Shown
+
+APPLICATION = 'kitti_ros2'
+
+_AHEAD = 32
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was shown.
+
+    Attributes:
+        messages: How many.
+        frames: How many frames they belong to.
+        size_bytes: Of the messages.
+        losses: What could not be shown: a line each, and how many messages it is about.
+        missing: What was missing from the start, a line each.
+        notes: What is worth a word.
+    """
+
+    messages: int
+    frames: int
+    size_bytes: int
+    losses: Mapping[str, int]
+    missing: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def make_recording(program: Program) -> rr.RecordingStream:
+    """A recording without a sink; its only timelines are `time` and `frame`."""
+    stream = rr.RecordingStream(APPLICATION)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    stream.send_recording_name(program.name)
+    return stream
+
+
+def show(
+    program: Program, stream: rr.RecordingStream, progress: Callable[[int, int], None]
+) -> Report:
+    """Show all messages of a program.
+
+    Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
+    message. What a latched topic says first holds from the start, whenever it was recorded.
+
+    Args:
+        program: Not closed.
+        stream: Has a sink.
+        progress: Called with the samples done and the bytes shown.
+    """
+    # Without it what the SDK cannot take becomes a warning on standard error, and is lost.
+    rr.set_strict_mode(True)
+    survey = make_survey(program)
+    stream.send_blueprint(make_blueprint(survey))
+    notes: dict[str, None] = {}
+    shown = _Show(program, stream, Context(survey, Rig(survey), notes.setdefault))
+    every = frozenset(range(len(program.outlets)))
+    with ReadAhead(program, _AHEAD, polite=False) as ahead:
+        ahead.want(every)
+        for due in program.latched_before(0):
+            shown.take(due, shown.begin)
+        for position, frame in enumerate(program.frames.tolist()):
+            ahead.refill()
+            messages, missing = ahead.take(position)
+            for each in missing:
+                shown.losses[each.text] += each.messages
+            for due in messages:
+                shown.take(due, Moment(due.stamp_ns, frame))
+            progress(position + 1, shown.size_bytes)
+    shown.finish()
+    return Report(
+        shown.messages,
+        len(np.unique(program.frames)),
+        shown.size_bytes,
+        shown.losses,
+        tuple(program.losses),
+        (*_unshown(program), *program.notes(), *notes),
+    )
+
+
+def _unshown(program: Program) -> list[str]:
+    """The topics of types that the table lacks."""
+    return [
+        f'{outlet.name}: {outlet.msgtype} is not shown'
+        for outlet in program.outlets
+        if outlet.msgtype not in TABLE
+    ]
+
+
+class _Show:
+    """What was logged so far."""
+
+    def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
+        self._program = program
+        self._stream = stream
+        self._showers = {
+            index: TABLE[outlet.msgtype](outlet.name, context)
+            for index, outlet in enumerate(program.outlets)
+            if outlet.msgtype in TABLE
+        }
+        self._frames: dict[str, str] = {}
+        self._always: set[str] = set()
+        self._keys: dict[int, Hashable] = {}
+        self.begin = Moment(int(program.stamps_ns[0]), int(program.frames[0]))
+        self.messages = 0
+        self.size_bytes = 0
+        self.losses: Counter[str] = Counter()
+
+    def take(self, due: Due, moment: Moment) -> None:
+        """Show a message that says something new; one that cannot be decoded is counted."""
+        shower = self._showers.get(due.outlet)
+        if shower is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
+            return
+        self._keys[due.outlet] = due.key
+        outlet = self._program.outlets[due.outlet]
+        try:
+            message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
+            entries = list(shower.show(message, moment))
+        except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
+            self.losses[f'{outlet.name}: {error}'] += 1
+            return
+        self.messages += 1
+        self.size_bytes += len(due.data)
+        for entry in entries:
+            first = outlet.latched and entry.path not in self._frames
+            self._log(entry, self.begin if first else moment)
+
+    def finish(self) -> None:
+        """Show what was held back."""
+        for shower in self._showers.values():
+            for entry in shower.rest():
+                self._log(entry, self.begin)
+
+    def _log(self, entry: Shown, moment: Moment) -> None:
+        if isinstance(entry, Curve):
+            self._send(entry)
+            return
+        components = list(entry.components)
+        if self._frames.get(entry.path) != entry.frame:
+            self._frames[entry.path] = entry.frame
+            if entry.frame:
+                components.append(rr.CoordinateFrame(entry.frame))
+        if components:
+            self._stream.set_time(TIME, timestamp=np.datetime64(moment.stamp_ns, 'ns'))
+            self._stream.set_time(FRAME, sequence=moment.frame)
+            self._stream.log(entry.path, *components)
+        if entry.always and entry.path not in self._always:
+            self._always.add(entry.path)
+            self._stream.log(entry.path, *entry.always, static=True)
+
+    def _send(self, curve: Curve) -> None:
+        stamps, frames = zip(*curve.moments, strict=True)
+        columns = rr.Scalars.columns(scalars=np.array(curve.values).ravel())
+        self._stream.send_columns(
+            curve.path,
+            indexes=[
+                rr.TimeColumn(TIME, timestamp=np.array(stamps, 'datetime64[ns]')),
+                rr.TimeColumn(FRAME, sequence=frames),
+            ],
+            columns=columns.partition([len(values) for values in curve.values]),
+        )

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A look at a program's first moments: which topic is in which frame, and how frames hang together.
+
+A camera's boxes may come before its first image, and a view must know its frame before it shows
+anything; so this comes first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..importer.camera_model import camera_model
+from ..importer.frame_tree import FrameTree
+from ..messages.header import peek_header
+from ..messages.transforms import decode_static
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..geometry import Transform
+    from ..importer.camera_model import CameraModel
+    from ..program import Due, Program
+
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+IMAGES = ('sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/Image')
+DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
+DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+
+_LONGEST_NS = 3_000_000_000
+_MOST = 3000
+_BESIDE_M = 1e-3
+_STAMPED = frozenset({CAMERA_INFO, CLOUD, DETECTIONS_2D, *IMAGES})
+
+
+@dataclass
+class Survey:
+    """What the first moments tell.
+
+    Attributes:
+        topics: Topic to message type, in the program's order.
+        frames: Topic of clouds, cameras and their boxes to the frame of its first message.
+        cameras: Topic of CameraInfo to what its first message says.
+        parents: Frame to its parent.
+        fixed: The same, of links that stand still.
+        links: Of these, frame to parent_T_frame.
+    """
+
+    topics: dict[str, str]
+    frames: dict[str, str] = field(default_factory=dict)
+    cameras: dict[str, CameraModel] = field(default_factory=dict)
+    parents: dict[str, str] = field(default_factory=dict)
+    fixed: dict[str, str] = field(default_factory=dict)
+    links: dict[str, Transform] = field(default_factory=dict)
+
+    def of_type(self, *msgtypes: str) -> list[str]:
+        """The topics with one of these types."""
+        return [topic for topic, msgtype in self.topics.items() if msgtype in msgtypes]
+
+    def info_of(self, image: str) -> str | None:
+        """The CameraInfo topic of an image topic: camera_info in the same namespace."""
+        stem = image.removesuffix('/compressed')
+        info = f'{stem.rpartition("/")[0]}/camera_info'
+        return info if self.topics.get(info) == CAMERA_INFO else None
+
+    def images_of(self, info: str) -> list[str]:
+        """The image topics of a CameraInfo topic."""
+        return [image for image in self.of_type(*IMAGES) if self.info_of(image) == info]
+
+    def images_in(self, frame: str) -> list[str]:
+        """The image topics whose pixels are those of the camera at a frame.
+
+        A right camera's images are stamped with the left one's frame; they are left out where the
+        left one's are there.
+        """
+        inside = [image for image in self.of_type(*IMAGES) if self.frames.get(image) == frame]
+        own = [image for image in inside if not self._is_beside(self.info_of(image))]
+        return own or inside
+
+    def tree(self) -> FrameTree:
+        """The links as a tree."""
+        fixed = [(self.fixed[child], child, link) for child, link in self.links.items()]
+        moving = set(self.parents) - set(self.fixed)
+        return FrameTree(fixed, [(self.parents[child], child) for child in moving])
+
+    def _is_beside(self, info: str | None) -> bool:
+        """Whether a camera is beside its frame, as a right one is that has the left one's."""
+        model = self.cameras.get(info or '')
+        return model is not None and float(np.abs(model.offset).max()) > _BESIDE_M
+
+    def vehicle(self) -> str:
+        """The frame to look from: what clouds, else cameras, are mounted on; '' without any."""
+        for topic in (*self.of_type(CLOUD), *self.of_type(*IMAGES), *self.of_type(CAMERA_INFO)):
+            if topic in self.frames:
+                return self._mount(self.frames[topic])
+        moving = sorted(set(self.parents) - set(self.fixed))
+        return moving[0] if moving else self._mount(next(iter(self.parents), ''))
+
+    def _mount(self, frame: str) -> str:
+        passed = {frame}
+        while (parent := self.fixed.get(frame)) is not None and parent not in passed:
+            passed.add(parent)
+            frame = parent
+        return frame
+
+
+def make_survey(program: Program) -> Survey:
+    """Look at the messages up to the first of every topic, but not at more than three seconds.
+
+    What cannot be decoded tells nothing here.
+    """
+    survey = Survey({outlet.name: outlet.msgtype for outlet in program.outlets})
+    unseen = set(range(len(program.outlets)))
+    for due in _first_moments(program):
+        _note(survey, program, due, first=due.outlet in unseen)
+        unseen.discard(due.outlet)
+        if not unseen:
+            break
+    return survey
+
+
+def _first_moments(program: Program) -> Iterator[Due]:
+    yield from program.latched_before(0)
+    every = range(len(program.outlets))
+    last_ns = int(program.stamps_ns[0]) + _LONGEST_NS
+    for index, stamp_ns in enumerate(program.stamps_ns[:_MOST].tolist()):
+        if stamp_ns > last_ns:
+            return
+        yield from program.fetch(index, every)[0]
+
+
+def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
+    outlet = program.outlets[due.outlet]
+    try:
+        if outlet.msgtype in _STAMPED and first:
+            survey.frames[outlet.name] = frame_name(peek_header(due.data)[1])
+        if outlet.msgtype == CAMERA_INFO and first:
+            info: Any = program.typestore.deserialize_cdr(due.data, CAMERA_INFO)
+            survey.cameras[outlet.name] = camera_model(info)
+        if outlet.msgtype == TRANSFORMS:
+            message: Any = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
+            static = outlet.latched or outlet.name.endswith('tf_static')
+            for parent, child, link in decode_static(message):
+                survey.parents[frame_name(child)] = frame_name(parent)
+                if static:
+                    survey.fixed[frame_name(child)] = frame_name(parent)
+                    survey.links[frame_name(child)] = link
+    except Exception:  # noqa: BLE001, S110 - a recorder may have written any bytes; told later
+        pass
+
+
+def frame_name(frame_id: str) -> str:
+    """A frame's name; as in tf2, ROS 1's leading slash is no part of it."""
+    return frame_id.lstrip('/')

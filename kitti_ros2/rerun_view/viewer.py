@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rerun's viewer as a process of its own, native or in a browser, on this machine alone.
+
+The SDK's own servers listen on all interfaces and cannot be told otherwise; its command line can.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlencode
+
+from ..errors import UsageError
+from .show import make_recording, show
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+    from typing import Protocol
+
+    from typing_extensions import Self
+
+    from ..program import Program
+    from .show import Report
+
+    class Ending(Protocol):
+        """What ends the wait."""
+
+        def set(self) -> None:
+            """Let the wait end; from any thread."""
+
+        def wait(self) -> None:
+            """Wait for it."""
+
+
+_HOST = '127.0.0.1'
+_GRPC_PORT = 9876
+_WEB_PORT = 9090
+_PATIENCE_S = 20.0
+_POLL_S = 0.05
+_FLUSH_S = 1.0
+_SAVE = 'use --save to write an .rrd file'
+_WEB_OR_SAVE = 'use --web to see it in a browser, or --save to write an .rrd file'
+
+
+class Viewer:
+    """A viewer that listens.
+
+    Args:
+        web: Whether it is a page for browsers; else a window.
+
+    Attributes:
+        url: Where to send data.
+        page: Where a browser finds it; '' of a window.
+
+    Raises:
+        UsageError: It cannot be started.
+    """
+
+    def __init__(self, *, web: bool) -> None:
+        if not web and not _has_display():
+            raise UsageError(f'there is no display for a window; {_WEB_OR_SAVE}')
+        port = _free_port(_GRPC_PORT)
+        self.url = f'rerun+http://{_HOST}:{port}/proxy'
+        self.page = ''
+        words = [_executable(), '--bind', _HOST, '--port', str(port)]
+        if web:
+            web_port = _free_port(_WEB_PORT)
+            self.page = f'http://{_HOST}:{web_port}/?{urlencode({"url": self.url})}'
+            # What a page has not fetched yet waits in the server; by default in 1 GB at most.
+            words += ['--serve-web', '--web-viewer-port', str(web_port)]
+            words += ['--server-memory-limit', '75%']
+        else:
+            words += ['--expect-data-soon', '--hide-welcome-screen']
+        self._web = web
+        self._instead = _SAVE if web else _WEB_OR_SAVE
+        self._log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - closed by __exit__
+        self._process = subprocess.Popen(  # noqa: S603 - Rerun's own executable
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=self._log,
+            # Ctrl-C is for us; a window stays when we have ended.
+            start_new_session=True,
+            env={**os.environ, 'RERUN_APP_ONLY': 'true', 'NO_COLOR': '1'},
+        )
+        try:
+            self._wait_for(port)
+        except BaseException:
+            self._end()
+            self._log.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._web or kind is not None:
+            self._end()
+        self._log.close()
+
+    def check(self) -> None:
+        """Complain where it has ended.
+
+        Raises:
+            UsageError: It has.
+        """
+        code = self._process.poll()
+        if code == 0:
+            raise UsageError('the viewer was closed before everything was shown')
+        if code is not None:
+            raise UsageError(f'the viewer ended: {self._last_words()}; {self._instead}')
+
+    def show(self, program: Program, progress: Callable[[int, int], None]) -> Report:
+        """Show all messages of a program; arguments as rerun_view.show has them.
+
+        Raises:
+            UsageError: The viewer has ended.
+        """
+        stream = make_recording(program)
+        stream.connect_grpc(self.url)
+        # Without a reference to it the recording would be closed.
+        self._stream = stream
+        report = show(program, stream, progress)
+        while True:
+            try:
+                stream.flush(timeout_sec=_FLUSH_S)
+            except RuntimeError:  # not done yet, or the viewer is gone
+                self.check()
+            else:
+                self.check()
+                return report
+
+    def wait(self, ending: Ending) -> None:
+        """Wait until the ending is set.
+
+        Raises:
+            UsageError: The viewer ended before.
+        """
+
+        def watch() -> None:
+            self._process.wait()
+            ending.set()
+
+        threading.Thread(target=watch, daemon=True).start()
+        ending.wait()
+        self.check()
+
+    def _wait_for(self, port: int) -> None:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            self.check()
+            try:
+                with socket.create_connection((_HOST, port), timeout=_PATIENCE_S):
+                    return
+            except OSError:
+                if time.monotonic() > deadline:
+                    raise UsageError(
+                        f'the viewer does not listen after {_PATIENCE_S:.0f} s:'
+                        f' {self._last_words()}; {self._instead}'
+                    ) from None
+            time.sleep(_POLL_S)
+
+    def _last_words(self) -> str:
+        self._log.seek(0)
+        lines = [line.strip() for line in self._log if line.strip()]
+        errors = [line for line in lines if 'rror' in line]
+        return (errors or lines or ['it said nothing'])[-1]
+
+    def _end(self) -> None:
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+            self._process.wait()
+
+
+def _executable() -> str:
+    """The viewer that came with the SDK, whatever else PATH may hold."""
+    found = find_spec('rerun_cli')
+    for folder in (found.submodule_search_locations or []) if found else []:
+        for name in ('Rerun.app/Contents/MacOS/Rerun', 'rerun', 'rerun.exe'):
+            if (Path(folder) / name).is_file():
+                return str(Path(folder) / name)
+    raise UsageError(f'rerun-sdk is installed without its viewer; {_SAVE}')
+
+
+def _has_display() -> bool:
+    if not sys.platform.startswith('linux'):
+        return True
+    return bool(os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'))
+
+
+def _free_port(preferred: int) -> int:
+    """The preferred port, or where it is taken any that is free now."""
+    for port in (preferred, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((_HOST, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise UsageError('there is no free port for the viewer')
