@@ -32,8 +32,9 @@ FRAME = 12
 WIDTH = 1280
 QUALITY = 85
 COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
-RERUN_WIDTH, RERUN_HEIGHT = 1280, 800
-RERUN_LOADS_S = 40
+REPORT_HEIGHT = 860
+RERUN_HEIGHT = 800
+RERUN_LOADS_S = 90  # without a GPU
 
 
 def save(picture: np.ndarray, path: Path) -> None:
@@ -58,30 +59,32 @@ def report(drive: Path, folder: Path, program: str) -> np.ndarray:
     if kitti_ros2(['report', str(drive), '-o', str(out), '-q']):
         raise SystemExit('report failed')
     with Chromium(program, folder / 'profile') as browser:
-        browser.open(out, WIDTH, 860)
-        browser.screenshot(folder / 'report.png')
-    return cv2.imread(str(folder / 'report.png'))[:860]
+        browser.open(out, WIDTH, REPORT_HEIGHT)
+        return decoded(browser.picture())[:REPORT_HEIGHT]
+
+
+def decoded(shot: bytes) -> np.ndarray:
+    """The pixels of a PNG."""
+    return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)
 
 
 def rerun(drive: Path, folder: Path, program: str) -> np.ndarray | None:
     """Rerun's own page, which needs WebGL; None where the extra is not installed."""
-    words = [sys.executable, '-c', COMMAND, 'view', str(drive), '--rerun', '--web']
+    words = [sys.executable, '-c', COMMAND, 'view', str(drive), '--rerun', '--web', '--end', '14']
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
         page = server.stdout.readline().strip()
         if not page.startswith('http'):
             return None
-        out = folder / 'rerun.png'
-        time.sleep(5)
-        browser = [
-            program, '--headless=new', '--no-sandbox', '--hide-scrollbars',
-            '--enable-unsafe-swiftshader', '--use-angle=swiftshader',
-            f'--user-data-dir={folder / "profile_of_rerun"}',
-            f'--window-size={RERUN_WIDTH},{RERUN_HEIGHT}',
-            f'--virtual-time-budget={RERUN_LOADS_S * 1000}', f'--screenshot={out}', page,
-        ]  # fmt: skip
-        subprocess.run(browser, check=True, capture_output=True, timeout=300)
+        with Chromium(program, folder / 'profile_of_rerun', webgl=True) as browser:
+            browser.call(
+                'Emulation.setDeviceMetricsOverride',
+                width=WIDTH, height=RERUN_HEIGHT, deviceScaleFactor=1, mobile=False,
+            )  # fmt: skip
+            browser.call('Page.navigate', url=page)
+            time.sleep(RERUN_LOADS_S)
+            shot = browser.picture()
         server.terminate()
-    return cv2.imread(str(out))
+    return decoded(shot)
 
 
 def main() -> None:

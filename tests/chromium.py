@@ -37,14 +37,15 @@ class Chromium:
         complaints: What the page wrote to the console, exceptions, and what it tried to load.
     """
 
-    def __init__(self, program: str, profile: Path) -> None:
+    def __init__(self, program: str, profile: Path, *, webgl: bool = False) -> None:
         to_read, to_write = os.pipe()
         back_read, back_write = os.pipe()
         words = [
             program,
             '--headless=new',
             '--no-sandbox',  # as root, and in containers
-            '--disable-gpu',
+            *(('--enable-unsafe-swiftshader', '--use-angle=swiftshader') if webgl else ()),
+            *(() if webgl else ('--disable-gpu',)),
             '--disable-dev-shm-usage',
             '--hide-scrollbars',
             '--no-first-run',

@@ -327,6 +327,20 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     fps: Annotated[
         Optional[float], typer.Option(help="Of a film: pictures a second [default: the data's]")
     ] = None,
+    rerun: Annotated[
+        bool, typer.Option('--rerun', help='Show it all in the Rerun viewer.')
+    ] = False,
+    web: Annotated[bool, typer.Option('--web', help='With --rerun: in a browser.')] = False,
+    save: Annotated[
+        Optional[Path], typer.Option(help='With --rerun: write an .rrd file instead')
+    ] = None,
+    start: Annotated[
+        Optional[str], typer.Option(help='With --rerun: first frame, seconds (3.5s) or time')
+    ] = None,
+    end: Annotated[Optional[str], typer.Option(help='Last one, included')] = None,
+    topics: Annotated[
+        Optional[list[str]], typer.Option(help='With --rerun: only these; repeatable')
+    ] = None,
     layout: LayoutOption = None,
     sequence: SequenceOption = None,
     overwrite: Annotated[
@@ -334,13 +348,32 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     ] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Draw frames of a KITTI folder or a bag.
+    """Draw frames of a KITTI folder or a bag, or show all of it in Rerun.
 
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
     boxes from above. panel: all of these on one page.
     """
+    if rerun and out is not None:
+        raise UsageError('-o draws, --rerun shows; give one of them (--save FILE.rrd for a file)')
+    if rerun:
+        from .view_rerun import run_rerun
+
+        return run_rerun(
+            src,
+            layout=layout,
+            sequence=sequence,
+            start=start,
+            end=end,
+            topics=topics or (),
+            web=web,
+            save=save,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+    if web or save is not None or start is not None or end is not None or topics:
+        raise UsageError('--web, --save, --start, --end and --topics go with --rerun')
     if out is None:
-        raise UsageError('view needs -o OUT: a picture, a film or a folder')
+        raise UsageError('view needs -o OUT (a picture, a film, a folder), or --rerun')
     from .view import run_view
 
     given = {
