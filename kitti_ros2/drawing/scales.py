@@ -79,7 +79,7 @@ SCALES = {
         2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
     ),
     # Of velo_link: KITTI's road is at -1.73 m.
-    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 'height, m'),
+    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-2.0, 0.0, 2.0), 'height, m'),
     ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
 

@@ -76,7 +76,8 @@ def cut_segments(
     delta = end - start
     level = delta == 0
     step = np.where(level, 1.0, delta)
-    crossings = np.stack([(low - start) / step, (high - start) / step])
+    with np.errstate(over='ignore'):
+        crossings = np.stack([(low - start) / step, (high - start) / step])
     outside = level & ((start < low) | (start > high))
     enter = np.where(level, np.where(outside, 2.0, 0.0), crossings.min(axis=0)).max(axis=1)
     leave = np.where(level, np.where(outside, -1.0, 1.0), crossings.max(axis=0)).min(axis=1)
