@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
+from kitti_ros2.drawing.pixels import colour_pixels
 from kitti_ros2.errors import LackingError, UsageError
 from kitti_ros2.options import BirdOptions, PictureOptions, ReadOptions
 from kitti_ros2.pictures.facts import facts_of
-from kitti_ros2.pictures.frame import Frame, colour_pixels
+from kitti_ros2.pictures.frame import Frame
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel import BIRD, BOXES_2D, CLASSES, DISTANCE, INTENSITY, LIDAR, SIZE
 from kitti_ros2.pictures.sources import open_frames
