@@ -370,7 +370,7 @@ class ColorMap(str, Enum):
     JET = 'jet'
 
 
-MOST_BIRD_PIXELS = 16_384
+MOST_BIRD_PIXELS = 8192
 MOST_POINT_SIZE = 15
 
 
@@ -429,6 +429,7 @@ class PictureOptions:
         point_size: Diameter of a point over an image, pixels.
         bird: The bird's-eye view.
         classes: Those that are drawn; all where empty.
+        named: Whether boxes have tags with class, track and score.
 
     Raises:
         UsageError: A value is out of range.
@@ -440,6 +441,7 @@ class PictureOptions:
     point_size: int = 2
     bird: BirdOptions = field(default_factory=BirdOptions)
     classes: tuple[str, ...] = ()
+    named: bool = True
 
     def __post_init__(self) -> None:
         if self.camera is not None and self.camera < 0:

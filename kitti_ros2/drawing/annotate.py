@@ -27,6 +27,7 @@ def annotate(
     *,
     predictions: Sequence[LabelledObject] = (),
     solid: bool = True,
+    named: bool = True,
 ) -> None:
     """Draw objects on a camera image: their 3D boxes, and the 2D ones of those without.
 
@@ -38,6 +39,7 @@ def annotate(
         camera: KITTI camera index of the picture.
         predictions: In their own style.
         solid: Whether 3D boxes are drawn where there are any; else 2D ones only.
+        named: Whether boxes have their tags.
 
     Raises:
         ValueError: The picture cannot be drawn on.
@@ -45,13 +47,15 @@ def annotate(
     projection = _projection(calibration, camera)
     labelled = is_labelled(calibration, camera)
     if projection is None or not solid:
-        draw_boxes_2d(picture, objects, projection, predictions=predictions, labelled=labelled)
+        draw_boxes_2d(
+            picture, objects, projection, predictions=predictions, labelled=labelled, named=named
+        )
         return
     flat, flat_predictions = (
         [each for each in some if each.cuboid is None] for some in (objects, predictions)
     )
-    draw_boxes_2d(picture, flat, predictions=flat_predictions, labelled=labelled)
-    draw_wireframes(picture, objects, projection, predictions)
+    draw_boxes_2d(picture, flat, predictions=flat_predictions, labelled=labelled, named=named)
+    draw_wireframes(picture, objects, projection, predictions, named=named)
 
 
 def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bool:

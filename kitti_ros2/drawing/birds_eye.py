@@ -15,7 +15,7 @@ from .looks import bgr, class_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
 from .scales import SCALES, colored
-from .strokes import check_picture, cut_segments, dashes, draw_segments, new_picture, size_of
+from .strokes import cut_segments, dashes, draw_segments, has_pixels, new_picture, size_of
 from .text import Tag, draw_tags, extent_of, put_text
 
 if TYPE_CHECKING:
@@ -76,6 +76,8 @@ def birds_eye(
     predictions: Sequence[LabelledObject],
     options: BirdOptions,
     color_map: ColorMap = ColorMap.TURBO,
+    *,
+    named: bool = True,
 ) -> Pixels:
     """A frame from above, in a new (H, W, 3) picture.
 
@@ -85,6 +87,7 @@ def birds_eye(
         predictions: In the style of predictions.
         options: Range and resolution.
         color_map: The colours of heights.
+        named: Whether boxes have their tags.
     """
     picture = new_picture(options.size, BACKGROUND)
     view = BirdView.of(options)
@@ -94,10 +97,11 @@ def birds_eye(
         draw_points_from_above(picture, points, view, color_map)
     _label_rings(picture, view, radii)
     _draw_ego(picture, view)
-    draw_footprints(picture, objects, view, predictions)
+    draw_footprints(picture, objects, view, predictions, named=named)
     return picture
 
 
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_points_from_above(
     picture: Pixels,
     points: Float32Array,
@@ -106,7 +110,8 @@ def draw_points_from_above(
     point_size: int = 1,
 ) -> None:
     """Draw points, the highest on top, coloured by height."""
-    check_picture(picture)
+    if not has_pixels(picture):
+        return
     width, height = size_of(picture)
     scale = np.float32(view.pixels_per_metre)
     with np.errstate(over='ignore'):
@@ -120,11 +125,14 @@ def draw_points_from_above(
     cv2.copyTo(colored(layer, color_map), layer, picture)
 
 
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_footprints(
     picture: Pixels,
     objects: Sequence[LabelledObject],
     view: BirdView,
     predictions: Sequence[LabelledObject] = (),
+    *,
+    named: bool = True,
 ) -> None:
     """Draw the outline of each 3D box from above, an arrow along its heading, and its tag.
 
@@ -133,11 +141,13 @@ def draw_footprints(
         objects: Those without a 3D box are left out.
         view: Of the picture.
         predictions: In their own style.
+        named: Whether boxes have their tags.
 
     Raises:
         ValueError: The picture cannot be drawn on.
     """
-    check_picture(picture)
+    if not has_pixels(picture):
+        return
     shown = nearest_first(objects, predictions)
     corners = corners_of(shown)
     outlines = view.pixels(corners[:, :4, :2])
@@ -155,7 +165,8 @@ def draw_footprints(
         seen = sides.reshape(-1, 2).clip(0, np.array(size) - 1.0)
         bounds = (*seen.min(axis=0).tolist(), *seen.max(axis=0).tolist())
         tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))
-    draw_tags(picture, tags[::-1], _TEXT_SCALE)
+    if named:
+        draw_tags(picture, tags[::-1], _TEXT_SCALE)
 
 
 def _arrows(corners: Float64Array) -> Float64Array:

@@ -12,10 +12,10 @@ import numpy as np
 from ..boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
 from .looks import caption_2d, class_color, line_width, nearest_first, scale_of
 from .strokes import (
-    check_picture,
     cut_segments,
     dashes,
     draw_segments,
+    has_pixels,
     rectangle_segments,
     size_of,
 )
@@ -36,6 +36,7 @@ _HATCH_GREY = (150, 150, 150)
 _HATCH_STEP = 9
 
 
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_boxes_2d(
     picture: Pixels,
     objects: Sequence[LabelledObject],
@@ -43,6 +44,7 @@ def draw_boxes_2d(
     *,
     predictions: Sequence[LabelledObject] = (),
     labelled: bool = True,
+    named: bool = True,
 ) -> None:
     """Draw the 2D box of each object, with its tag; DontCare regions are shaded.
 
@@ -53,16 +55,17 @@ def draw_boxes_2d(
             left out without.
         labelled: Whether the picture is of the camera whose pixels the 2D boxes count.
         predictions: In their own style.
+        named: Whether boxes have their tags.
 
     Raises:
         ValueError: The picture cannot be drawn on.
     """
-    check_picture(picture)
+    if not has_pixels(picture):
+        return
     size, scale = size_of(picture), scale_of(picture)
     shown = nearest_first(objects, predictions)
     bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
-    with np.errstate(invalid='ignore'):
-        cut, _ = clip_bounds(bounds, size)
+    cut, _ = clip_bounds(bounds, size)
     tags = []
     for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
         each, predicted = shown[place]
@@ -76,7 +79,8 @@ def draw_boxes_2d(
         else:
             draw_segments(picture, sides, color, line_width(each, seen, scale))
         tags.append(Tag(caption_2d(each), seen, color, predicted))
-    draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
+    if named:
+        draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
 
 
 def object_bounds(
@@ -95,7 +99,8 @@ def object_bounds(
     solid: list[tuple[int, Cuboid]] = []
     for place, each in enumerate(objects):
         if labelled and each.box_2d is not None:
-            bounds[place] = each.box_2d
+            left, top, right, bottom = each.box_2d
+            bounds[place] = each.box_2d if right >= left and bottom >= top else np.nan
         elif each.cuboid is not None:
             solid.append((place, each.cuboid))
     if projection is not None and solid:

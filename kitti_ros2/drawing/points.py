@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..options import ColorBy, ColorMap
 from .looks import scale_of
 from .scales import EMPTY, SCALES, colored, draw_bar
-from .strokes import check_picture, size_of
+from .strokes import has_pixels, size_of
 
 if TYPE_CHECKING:
     from ..samples import Float32Array
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _BAR_SIZE = (150, 7)
 
 
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_points(
     picture: Pixels,
     points: Float32Array,
@@ -44,7 +45,8 @@ def draw_points(
     Raises:
         ValueError: The picture cannot be drawn on.
     """
-    check_picture(picture)
+    if not has_pixels(picture):
+        return
     pixels, depth, shown = seen_points(points, projection, size_of(picture))
     values = {ColorBy.DEPTH: depth, ColorBy.HEIGHT: shown[:, 2], ColorBy.INTENSITY: shown[:, 3]}
     order = np.argsort(-depth)

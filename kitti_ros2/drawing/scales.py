@@ -79,7 +79,7 @@ SCALES = {
         2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
     ),
     # Of velo_link: KITTI's road is at -1.73 m.
-    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 'height, m'),
+    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-2.0, 0.0, 2.0), 'height, m'),
     ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
 
@@ -87,10 +87,10 @@ SCALES = {
 @lru_cache(maxsize=len(_MAPS))
 def color_table(color_map: ColorMap) -> Pixels:
     """(256, 1, 3) BGR of the shades."""
-    ramp = np.clip(np.arange(-1, 255), 0, 254) * 255 // 254
-    table = np.asarray(
-        cv2.applyColorMap(ramp.astype(np.uint8)[:, None], _MAPS[color_map]), np.uint8
-    )
+    # The maps' very ends are nearly black, which on a dark ground is as good as nothing.
+    ramp = np.linspace(*_ENDS, 255).round().astype(np.uint8)
+    shades = np.concatenate([ramp[:1], ramp])[:, None]
+    table = np.asarray(cv2.applyColorMap(shades, _MAPS[color_map]), np.uint8)
     table.flags.writeable = False
     return table
 

@@ -33,8 +33,8 @@ _DASH, _GAP = 7.0, 5.0
 _FARTHEST = 1e12
 
 
-def check_picture(picture: Pixels) -> None:
-    """Refuse what cannot be drawn on.
+def has_pixels(picture: Pixels) -> bool:
+    """Whether a picture has any pixels to draw on.
 
     Raises:
         ValueError: It is not a writable (H, W, 3) uint8 array.
@@ -43,6 +43,7 @@ def check_picture(picture: Pixels) -> None:
         raise ValueError(f'a picture is (H, W, 3) uint8, not {picture.shape} {picture.dtype}')
     if not picture.flags.writeable:
         raise ValueError('the picture is read-only; draw on a copy')
+    return picture.size > 0
 
 
 def new_picture(size: tuple[int, int], color: Color) -> Pixels:
@@ -75,7 +76,8 @@ def cut_segments(
     delta = end - start
     level = delta == 0
     step = np.where(level, 1.0, delta)
-    crossings = np.stack([(low - start) / step, (high - start) / step])
+    with np.errstate(over='ignore'):
+        crossings = np.stack([(low - start) / step, (high - start) / step])
     outside = level & ((start < low) | (start > high))
     enter = np.where(level, np.where(outside, 2.0, 0.0), crossings.min(axis=0)).max(axis=1)
     leave = np.where(level, np.where(outside, -1.0, 1.0), crossings.max(axis=0)).min(axis=1)

@@ -30,6 +30,8 @@ LONGEST = 160
 
 _REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
 _PAD = 3
+_GAPS = (1.5, 3.0, 4.5, 6.0)
+"""How far a tag may be from its box, in its own heights."""
 
 
 class Extent(NamedTuple):
@@ -118,10 +120,11 @@ def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
 def _place(
     tag: Tag, room: tuple[int, int], size: tuple[int, int], taken: np.ndarray
 ) -> tuple[int, int]:
-    """Above the box, below it, in it, or farther above; the first place where the fewest are."""
+    """Above the box, below it, in it, or farther away; the first place where the fewest are."""
     left, top, right, bottom = tag.bounds
     width, height = room
-    near, far = (top - height, bottom, top, bottom - height), (top - 2.5 * height, top - 4 * height)
+    near = (top - height, bottom, top, bottom - height)
+    far = [y for gap in _GAPS for y in (top - (gap + 1) * height, bottom + gap * height)]
     aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
     columns = (left, right - width)
     around = [(x, y) for rows in (near, far) for x in columns for y in rows]
@@ -143,11 +146,20 @@ def _draw_tag(
     left, top = corner
     end = (left + room[0] - 1, top + room[1] - 1)
     fill, ink = (BLACK, WHITE) if tag.outlined else (tag.color, ink_for(tag.color))
-    foot = round(min(max(tag.bounds[0], left), end[0])), round(tag.bounds[1])
-    if not tag.beside and foot[1] > end[1] + 1:
-        cv2.line(picture, foot, (foot[0], end[1]), tag.color, 1)
+    if not tag.beside:
+        _draw_leader(picture, tag, corner, end)
     cv2.rectangle(picture, corner, end, fill, cv2.FILLED)
     if tag.outlined:
         cv2.rectangle(picture, corner, end, tag.color, 1)
     baseline = top + 1 + extent_of(tag.text, scale).above
     put_text(picture, tag.text, (left + _PAD, baseline), scale, ink)
+
+
+def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[int, int]) -> None:
+    """The line from a tag that had to keep away to its box."""
+    column = round(min(max(tag.bounds[0], corner[0]), end[0]))
+    above, below = round(tag.bounds[1]), round(tag.bounds[3])
+    if end[1] + 1 < above:
+        cv2.line(picture, (column, end[1]), (column, above), tag.color, 1)
+    elif corner[1] > below + 1:
+        cv2.line(picture, (column, corner[1]), (column, below), tag.color, 1)

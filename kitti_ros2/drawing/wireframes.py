@@ -12,10 +12,10 @@ from ..boxes import EDGES, clip_bounds
 from .boxes_2d import TEXT_SCALE
 from .looks import caption_3d, class_color, corners_of, line_width, nearest_first, scale_of
 from .strokes import (
-    check_picture,
     cut_segments,
     dashes,
     draw_segments,
+    has_pixels,
     size_of,
     tint_polygon,
 )
@@ -36,11 +36,14 @@ _WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])
 _FRONT_ALPHA = 0.3
 
 
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_wireframes(
     picture: Pixels,
     objects: Sequence[LabelledObject],
     projection: Projection,
     predictions: Sequence[LabelledObject] = (),
+    *,
+    named: bool = True,
 ) -> None:
     """Draw the edges of each object's 3D box, with its tag; the front face is crossed.
 
@@ -53,11 +56,13 @@ def draw_wireframes(
         objects: Of the frame.
         projection: Into the picture.
         predictions: In their own style.
+        named: Whether boxes have their tags.
 
     Raises:
         ValueError: The picture cannot be drawn on.
     """
-    check_picture(picture)
+    if not has_pixels(picture):
+        return
     shown = nearest_first(objects, predictions)
     corners = corners_of(shown)
     size, scale = size_of(picture), scale_of(picture)
@@ -82,7 +87,8 @@ def draw_wireframes(
             draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)
         if bounds is not None:
             tags.append(Tag(caption_3d(each), bounds, color, predicted))
-    draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
+    if named:
+        draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
 
 
 def _within(ends: Float64Array, size: tuple[int, int]) -> tuple[float, float, float, float] | None:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..errors import BadFileError, LackingError, UsageError
@@ -359,6 +358,8 @@ def _image(image: Image, moment: Moment) -> object:
 
 
 def _annotated(image: Image, moment: Moment) -> object:
+    from ..drawing.annotate import annotate  # noqa: PLC0415 - 0.2 s of OpenCV that others do without
+
     calibration = moment.calibration()
     picture = np.array(colour_pixels(moment.pixels(image)))
     objects = objects_of(moment.labels(), calibration)

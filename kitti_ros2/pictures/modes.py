@@ -69,7 +69,12 @@ def draw_camera(frame: Frame, options: PictureOptions) -> Pixels:
         projection = frame_projection(frame, camera)
     picture: Pixels = image.copy()
     draw_boxes_2d(
-        picture, frame.objects, projection, predictions=frame.predictions, labelled=labelled
+        picture,
+        frame.objects,
+        projection,
+        predictions=frame.predictions,
+        labelled=labelled,
+        named=options.named,
     )
     return picture
 
@@ -80,7 +85,7 @@ def draw_boxes(frame: Frame, options: PictureOptions) -> Pixels:
     projection = frame_projection(frame, camera)
     frame = of_classes(frame, options)
     picture: Pixels = image.copy()
-    draw_wireframes(picture, frame.objects, projection, frame.predictions)
+    draw_wireframes(picture, frame.objects, projection, frame.predictions, named=options.named)
     return picture
 
 
@@ -99,7 +104,14 @@ def draw_bev(frame: Frame, options: PictureOptions) -> Pixels:
     """The scan and the boxes from above."""
     frame = of_classes(frame, options)
     points = bird_points(frame)
-    return birds_eye(points, frame.objects, frame.predictions, options.bird, options.color_map)
+    return birds_eye(
+        points,
+        frame.objects,
+        frame.predictions,
+        options.bird,
+        options.color_map,
+        named=options.named,
+    )
 
 
 _LABELS = frozenset({Stream.LABELS.value})

@@ -191,7 +191,7 @@ def _fit(camera: int, image: Pixels, area: Area) -> _Shown:
     return _Shown(camera, picture, width / image.shape[1], height / image.shape[0])
 
 
-def _draw_boxes_2d(window: Pixels, shown: _Shown, frame: Frame, _: PictureOptions) -> None:
+def _draw_boxes_2d(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
     scales = shown.scale_x, shown.scale_y
     projection = needed_projection(frame, shown.camera)
     draw_boxes_2d(
@@ -200,11 +200,13 @@ def _draw_boxes_2d(window: Pixels, shown: _Shown, frame: Frame, _: PictureOption
         projection.resized(*scales) if projection else None,
         predictions=resized(frame.predictions, *scales),
         labelled=is_labelled(frame.calibration, shown.camera),
+        named=options.named,
     )
 
 
-def _draw_boxes_3d(window: Pixels, shown: _Shown, frame: Frame, _: PictureOptions) -> None:
-    draw_wireframes(window, frame.objects, shown.projection(frame), frame.predictions)
+def _draw_boxes_3d(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
+    projection = shown.projection(frame)
+    draw_wireframes(window, frame.objects, projection, frame.predictions, named=options.named)
 
 
 def _draw_lidar(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
@@ -221,7 +223,9 @@ def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
         _say(window, frame, error)
         return
     bird = _filling(options.bird, BIRD)
-    window[:] = birds_eye(points, frame.objects, frame.predictions, bird, options.color_map)
+    window[:] = birds_eye(
+        points, frame.objects, frame.predictions, bird, options.color_map, named=options.named
+    )
     draw_bar(window, SCALES[ColorBy.HEIGHT], options.color_map, (0, BIRD.height - 45), (120, 7))
 
 

@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast pictures are drawn, beside decoding the image that they are drawn on.
+
+    python benchmarks/pictures.py SRC [--repeat N] [--threads N]
+
+SRC is a KITTI folder or a bag with colour images and scans. The ratios are of medians, and what is
+compared takes turns, so that a busy moment meets all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+
+from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.options import PictureOptions, ReadOptions
+from kitti_ros2.pictures.modes import MODES
+from kitti_ros2.pictures.sources import open_frames
+
+from yardsticks import median, report  # isort: skip
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kitti_ros2.pictures.frame import FrameSource
+
+OPTIONS = PictureOptions()
+PANELS = 24
+"""Panels of one timed run with threads."""
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """How long work takes."""
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def measure_modes(source: FrameSource, repeat: int) -> None:
+    """Drawing alone, on one core, against decoding the frame's image on one core."""
+    cv2.setNumThreads(1)
+    number = int(source.numbers[len(source.numbers) // 2])
+    frame = source.frame(number)
+    image = next(iter(frame.images.values())) if 2 not in frame.images else frame.images[2]
+    png = cv2.imencode('.png', image)[1]
+    times: dict[str, list[float]] = {'decode': [], **{name: [] for name in MODES}}
+    for _ in range(repeat):
+        times['decode'].append(seconds(lambda: cv2.imdecode(png, cv2.IMREAD_COLOR)))
+        for name, mode in MODES.items():
+            times[name].append(seconds(lambda mode=mode: mode.draw(frame, OPTIONS)))  # type: ignore[misc]
+    decode = median(times['decode'])
+    for name in MODES:
+        spent = median(times[name])
+        bound = '<= 8' if name == 'panel' else '<= 3'
+        report(f'{name} / decoding one image', spent / decode, bound, f'{1e3 * spent:.1f} ms')
+
+
+def measure_panels(source: FrameSource, repeat: int, threads: int) -> None:
+    """Panels from files, reading included, with one thread and with several."""
+    numbers = [int(source.numbers[place % len(source.numbers)]) for place in range(PANELS)]
+    streams = MODES['panel'].streams(source.cameras, OPTIONS)
+
+    def panel(number: int) -> object:
+        return MODES['panel'].draw(source.frame(number, streams), OPTIONS)
+
+    rates: dict[int, list[float]] = {1: [], threads: []}
+    for _ in range(repeat):
+        for count, found in rates.items():
+            with ThreadPoolExecutor(count) as pool:
+                spent = seconds(lambda pool=pool: list(pool.map(panel, numbers)))  # type: ignore[misc]
+            found.append(PANELS / spent)
+    most = median(rates[threads])
+    report(f'panels/s, {threads} threads', most, '>= 15', 'reading and decoding included')
+    report(f'{threads} threads / one', most / median(rates[1]), '>= 1.3', '')
+
+
+def main() -> None:
+    """Measure what the command line asks for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('src', type=Path)
+    parser.add_argument('--repeat', type=int, default=7)
+    parser.add_argument('--threads', type=int, default=os.cpu_count() or 1)
+    arguments = parser.parse_args()
+    keep_freed_memory()  # as the command does
+    source = open_frames(arguments.src, ReadOptions())
+    measure_modes(source, arguments.repeat)
+    measure_panels(source, arguments.repeat, arguments.threads)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The view from above: metres to pixels, headings, rings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import bounds_of, canvas, drawn, solid
+
+from kitti_ros2.drawing.birds_eye import (
+    BACKGROUND,
+    BirdView,
+    birds_eye,
+    draw_footprints,
+    draw_points_from_above,
+)
+from kitti_ros2.errors import UsageError
+from kitti_ros2.options import BirdOptions
+
+OPTIONS = BirdOptions((-5.0, 25.0), (-10.0, 10.0), 10.0)
+VIEW = BirdView.of(OPTIONS)
+
+
+def footprint(box, predicted=False):
+    picture = canvas(OPTIONS.size)
+    labels, predictions = ([], [box]) if predicted else ([box], [])
+    draw_footprints(picture, labels, VIEW, predictions, named=False)
+    return drawn(picture)
+
+
+def test_a_box_lands_where_it_is():
+    """At (10, 0), 4 m long and 2 m wide: rows 130 to 170, columns 90 to 110; its arrow beyond."""
+    mask = footprint(solid(10))
+    left, top, right, bottom = bounds_of(mask)
+    assert abs(left - 89.5) <= 2
+    assert abs(right - 109.5) <= 2
+    assert abs(bottom - 169.5) <= 2
+    assert 129.5 - 12 - 3 <= top < 129.5 - 5
+    assert mask[160, 89:91].any()
+    assert not mask[140:165, 93:97].any()
+
+
+@pytest.mark.parametrize('predicted', [False, True])
+@pytest.mark.parametrize(
+    ('yaw', 'toward'),
+    [(0.0, (-1, 0)), (np.pi, (1, 0)), (np.pi / 2, (0, -1)), (-np.pi / 2, (0, 1))],
+)
+def test_the_arrow_points_ahead(yaw, toward, predicted):
+    """(row, column) that it points to: x is up and y is left."""
+    mask = footprint(solid(10, yaw=yaw, size_lwh=(4.0, 4.0, 1.5)), predicted)
+    centre = np.array([149.5, 99.5])
+    reach = (np.argwhere(mask) - centre) @ np.array(toward)
+    back = (np.argwhere(mask) - centre) @ -np.array(toward)
+    assert reach.max() > 20 + 8
+    assert back.max() <= 20 + 3
+
+
+def test_predictions_are_dashed():
+    label, prediction = footprint(solid(10)), footprint(solid(10), predicted=True)
+    assert prediction.sum() < 0.7 * label.sum()
+
+
+def test_left_is_left_and_points_are_where_they_are():
+    picture = canvas(OPTIONS.size)
+    points = np.array([[10.05, 3.05, 0, 0], [99, 0, 0, 0], [np.nan] * 4], np.float32)
+    draw_points_from_above(picture, points, VIEW)
+    assert np.argwhere(picture.any(axis=2)).tolist() == [[149, 69]]
+
+
+@pytest.mark.parametrize('order', [[0, 1], [1, 0]])
+def test_the_highest_point_is_on_top(order):
+    pair = np.array([[10, 0, -1.5, 0], [10, 0, 2.0, 0]], np.float32)
+    both, high = canvas(OPTIONS.size), canvas(OPTIONS.size)
+    draw_points_from_above(both, pair[order], VIEW)
+    draw_points_from_above(high, pair[1:], VIEW)
+    np.testing.assert_array_equal(both, high)
+
+
+@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(0.1, 50))
+def test_pixels_are_steps_of_the_resolution(x, y, scale):
+    view = BirdView(7.0, 30.0, scale)
+    column, row = view.pixels(np.array([x, y]))
+    assert 7.0 - (column + 0.5) / scale == pytest.approx(y, abs=1e-9)
+    assert 30.0 - (row + 0.5) / scale == pytest.approx(x, abs=1e-9)
+
+
+def test_rings_are_at_equal_distances():
+    picture = birds_eye(None, [], [], BirdOptions((-30.0, 30.0), (-30.0, 30.0), 10.0))
+    assert picture.shape == (600, 600, 3)
+    # Down from the scanner, where neither the car nor labels are.
+    crossings = np.flatnonzero((picture[330:, 300] != BACKGROUND).any(axis=1)) + 330
+    radii = (crossings - 299.5) / 10
+    assert {10.0, 20.0} <= {round(radius) for radius in radii}
+    assert all(abs(radius - round(radius, -1)) < 0.3 for radius in radii)
+
+
+def test_the_size_is_range_times_resolution():
+    assert OPTIONS.size == (200, 300)
+    assert birds_eye(None, [], [], OPTIONS).shape == (300, 200, 3)
+
+
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ({'x_range': (5.0, 5.0)}, 'empty in x'),
+        ({'y_range': (9.0, 1.0)}, 'empty in y'),
+        ({'x_range': (np.nan, 5.0)}, 'empty in x'),
+        ({'y_range': (0.0, np.inf)}, 'empty in y'),
+        ({'pixels_per_metre': 0.0}, 'not positive'),
+        ({'pixels_per_metre': np.nan}, 'not positive'),
+        ({'pixels_per_metre': 1e4}, 'a side'),
+        ({'pixels_per_metre': 1e-4}, 'a side'),
+    ],
+)
+def test_views_that_cannot_be_are_refused(values, reason):
+    with pytest.raises(UsageError, match=reason):
+        BirdOptions(**values)

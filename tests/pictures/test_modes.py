@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every mode makes its picture of any frame that has what it takes, and says what is missing."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kitti_ros2.drawing.objects import LabelledObject, objects_of
+from kitti_ros2.drawing.pixels import colour_pixels
+from kitti_ros2.errors import LackingError, UsageError
+from kitti_ros2.options import BirdOptions, PictureOptions, ReadOptions
+from kitti_ros2.pictures.facts import facts_of
+from kitti_ros2.pictures.frame import Frame
+from kitti_ros2.pictures.modes import MODES
+from kitti_ros2.pictures.panel import BIRD, BOXES_2D, CLASSES, DISTANCE, INTENSITY, LIDAR, SIZE
+from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.samples import FrameLabels, Layout
+from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
+
+ANY = PictureOptions()
+DRIVE = SyntheticDrive(SyntheticOptions(frames=1, image_size=(414, 125), lidar_columns=300))
+
+
+def make_frame(**changes) -> Frame:
+    """The first frame of the synthetic drive, in memory."""
+    labels = FrameLabels(boxes=DRIVE.boxes(0))
+    frame = Frame(
+        source='synthetic',
+        number=0,
+        stamp_ns=DRIVE.stamps(0).scan,
+        images={camera: colour_pixels(DRIVE.picture(0, camera)) for camera in range(4)},
+        points=DRIVE.scan(0).points,
+        calibration=DRIVE.calibration,
+        objects=objects_of(labels, DRIVE.calibration),
+        packet=DRIVE.packet(0),
+    )
+    return replace(frame, **changes)
+
+
+FRAME = make_frame()
+
+
+@pytest.mark.parametrize('camera', range(4))
+@pytest.mark.parametrize('mode', ['camera', 'boxes', 'lidar'])
+def test_images_are_drawn_on_copies(mode, camera):
+    picture = MODES[mode].draw(FRAME, PictureOptions(camera=camera))
+    original = FRAME.images[camera]
+    assert picture.shape == original.shape
+    assert picture.dtype == np.uint8
+    changed = (picture != original).any(axis=2)
+    assert 0.005 < changed.mean() < 0.9
+    np.testing.assert_array_equal(original, colour_pixels(DRIVE.picture(0, camera)))
+
+
+def test_the_view_from_above_has_the_size_asked_for():
+    bird = BirdOptions((0.0, 30.0), (-10.0, 10.0), 5.0)
+    assert MODES['bev'].draw(FRAME, PictureOptions(bird=bird)).shape == (150, 100, 3)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_every_mode_on_every_layout(recording_path, mode):
+    source = open_frames(recording_path, ReadOptions())
+    streams = MODES[mode].streams(source.cameras, ANY)
+    frame = source.frame(int(source.numbers[1]), streams)
+    assert MODES[mode].draw(frame, ANY).any()
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_mode_reads_no_more_than_it_shows(recordings, mode):
+    """What a mode asks for gives the same picture as everything there is."""
+    source = open_frames(recordings[Layout.TRACKING], ReadOptions())
+    draw = MODES[mode].draw
+    few = source.frame(1, MODES[mode].streams(source.cameras, ANY))
+    np.testing.assert_array_equal(draw(few, ANY), draw(source.frame(1), ANY))
+
+
+def test_the_streams_of_the_modes():
+    assert MODES['camera'].streams({0, 2, 3}, ANY) == {'image_2', 'labels'}
+    assert MODES['lidar'].streams({0, 1}, ANY) == {'image_0', 'scan'}
+    assert MODES['boxes'].streams({2}, PictureOptions(camera=3)) == {'image_3', 'labels'}
+    assert MODES['bev'].streams({2}, ANY) == {'scan', 'labels'}
+    assert MODES['panel'].streams((), ANY) == {'scan', 'labels', 'oxts', 'pose'}
+
+
+@pytest.mark.parametrize(
+    ('mode', 'changes', 'reason'),
+    [
+        ('camera', {'images': {}}, 'no image'),
+        ('camera', {'images': {3: FRAME.images[3]}, 'calibration': None}, 'no calibration'),
+        ('boxes', {'calibration': None}, 'no calibration'),
+        ('boxes', {'calibration': replace(DRIVE.calibration, cameras={})}, 'camera 2'),
+        ('boxes', {'calibration': replace(DRIVE.calibration, cam0_T_velo=None)}, 'Tr_velo_to_cam'),
+        ('lidar', {'points': None}, 'no scan'),
+        ('lidar', {'points': None, 'lacks': {'scan': '0.bin: cut off'}}, 'no scan: 0.bin: cut off'),
+        ('lidar', {'calibration': None}, 'no calibration'),
+        ('bev', {'points': None, 'objects': ()}, 'no scan'),
+    ],
+)
+def test_what_a_frame_lacks_is_named_in_a_line(mode, changes, reason):
+    with pytest.raises(LackingError, match=f'^synthetic: frame 0: .*{reason}') as caught:
+        MODES[mode].draw(make_frame(**changes), ANY)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_camera_without_an_image_is_named():
+    with pytest.raises(LackingError, match='no image of camera 4'):
+        MODES['camera'].draw(FRAME, PictureOptions(camera=4))
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'objects': ()},
+        {'calibration': None, 'objects': [each for each in FRAME.objects if each.box_2d]},
+        {'points': np.empty((0, 4), np.float32)},
+    ],
+)
+def test_what_need_not_be_there(changes):
+    frame = make_frame(**changes)
+    MODES['camera'].draw(frame, ANY)
+    MODES['bev'].draw(frame, ANY)
+    MODES['panel'].draw(frame, ANY)
+
+
+@pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
+def test_predictions_are_seen_and_seen_to_be_predictions(mode):
+    found = [replace(each, score=0.5, occluded=None) for each in FRAME.objects]
+    draw = MODES[mode].draw
+    labels, predictions = make_frame(), make_frame(objects=(), predictions=found)
+    neither = draw(make_frame(objects=()), ANY)
+    assert (draw(predictions, ANY) != neither).any()
+    assert (draw(predictions, ANY) != draw(labels, ANY)).any()
+
+
+@pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
+def test_only_the_classes_asked_for_are_drawn(mode):
+    draw = MODES[mode].draw
+    cars = [each for each in FRAME.objects if each.kind == 'Car']
+    assert 0 < len(cars) < len(FRAME.objects)
+    chosen = draw(FRAME, PictureOptions(classes=('Car',)))
+    np.testing.assert_array_equal(chosen, draw(make_frame(objects=cars), ANY))
+
+
+def test_the_panel_shows_all_parts():
+    page = MODES['panel'].draw(FRAME, ANY)
+    assert page.shape == (SIZE[1], SIZE[0], 3)
+    for area in (BOXES_2D, LIDAR, BIRD, INTENSITY, DISTANCE):
+        assert len(np.unique(area.of(page).reshape(-1, 3), axis=0)) > 20
+
+
+def test_parts_of_the_panel_do_not_overlap():
+    areas = (BOXES_2D, LIDAR, BIRD, CLASSES, INTENSITY, DISTANCE)
+    page = np.zeros((SIZE[1], SIZE[0]), int)
+    for area in areas:
+        assert area.left + area.width <= SIZE[0]
+        assert area.top + area.height <= SIZE[1]
+        area.of(page)[:] += 1
+    assert page.max() == 1
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'images': {}},
+        {'calibration': None},
+        {'points': None},
+        {'packet': None},
+        {'points': None, 'images': {}, 'calibration': None, 'objects': (), 'packet': None},
+        {'images': {2: np.zeros((1, 1, 3), np.uint8)}},
+        {'images': {2: np.zeros((900, 30, 3), np.uint8)}},
+        {'lacks': {f'thing {number}': 'bad' for number in range(99)}},
+        {'source': 'x' * 999, 'timed': False},
+        {'objects': [LabelledObject(f'class {number}', None) for number in range(99)]},
+    ],
+    ids=['images', 'calibration', 'scan', 'motion', 'all', 'dot', 'strip', 'lacks', 'name', 'many'],
+)
+def test_the_panel_of_a_frame_with_parts_missing_or_odd(changes):
+    page = MODES['panel'].draw(make_frame(**changes), ANY)
+    assert page.shape == (SIZE[1], SIZE[0], 3)
+    whole = MODES['panel'].draw(FRAME, ANY)
+    assert (page != whole).any()
+
+
+def test_facts():
+    facts = dict(facts_of(FRAME, ANY))
+    packet = FRAME.packet
+    speed = np.hypot(packet.vn, packet.ve)
+    assert facts['image'] == '414 x 125, camera 2'
+    assert facts['points'].replace(' ', '') == str(len(FRAME.points))
+    assert facts['objects'] == str(len(FRAME.objects))
+    assert facts['speed'] == f'{speed:.1f} m/s, {3.6 * speed:.0f} km/h'
+    assert facts['yaw'] == f'{np.degrees(packet.yaw):.1f} deg from east'
+    assert 'time' not in facts, 'it is in the head'
+    assert dict(facts_of(make_frame(timed=False), ANY))['time'] == 'not told by the layout'
+
+
+def test_the_same_from_several_threads():
+    expected = {mode: MODES[mode].draw(FRAME, ANY) for mode in MODES}
+    jobs = [*MODES] * 8
+    with ThreadPoolExecutor(4) as pool:
+        pictures = pool.map(lambda mode: MODES[mode].draw(FRAME, ANY), jobs)
+        for mode, picture in zip(jobs, pictures, strict=True):
+            np.testing.assert_array_equal(picture, expected[mode])
+
+
+@pytest.mark.parametrize('values', [{'camera': -1}, {'point_size': 0}, {'point_size': 99}])
+def test_options_out_of_range_are_refused(values):
+    with pytest.raises(UsageError):
+        PictureOptions(**values)
