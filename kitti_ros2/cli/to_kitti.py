@@ -15,7 +15,7 @@ from ..settings import make_import_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_path
+from .text import format_bytes, format_count, format_path, say
 from .to_bag import show_losses
 
 if TYPE_CHECKING:
@@ -87,16 +87,17 @@ def _convert(
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
     from ..importer.planned import adapt, convert_by_plan, guess, look
+    from ..kitti.store import STORE
 
     survey = look(bags)
     if plan_file is not None:
-        plan = adapt(parse_plan(plan_file.read_text(encoding='utf-8'), plan_file), options)
+        plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
     else:
         found = guess(bags, survey, options)
         plan = found.plan
         if not quiet:
             for remark in found.remarks:
-                _say(f'note: {remark}')
+                say(f'note: {remark}')
     samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
         return [convert_by_plan(bags, plan, survey, out, options, progress)]
@@ -129,15 +130,11 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
 
 def _summarize(report: ImportReport, elapsed: float) -> None:
     for note in report.notes:
-        _say(f'note: {note}')
+        say(f'note: {note}')
     files = ', '.join(f'{name} {count}' for name, count in sorted(report.counts.items()))
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
-    _say(
+    say(
         f'{format_path(report.path)}: layout {report.layout.value}, {report.name},'
         f' {format_count(report.frames, "frame")}, {format_bytes(report.size_bytes)} ({files});'
         f' took {elapsed:.1f} s ({rate})'
     )
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(f'{line}\n')
