@@ -202,4 +202,4 @@ class _Links:
 
 
 def _differ(first: Transform, second: Transform) -> bool:
-    return bool(np.abs(first.matrix() - second.matrix()).max() > _STILL_M)
+    return bool((np.abs(first.matrix() - second.matrix()) > _STILL_M).any())
