@@ -210,7 +210,8 @@ class BagMessages:
                     self._leave_out(f'{reading.file}: {text}', _count(file, channel_id))
         if found and not any(self._readings):
             kinds = ', '.join(sorted(found))
-            raise BadBagError(self._path, f'has messages in {kinds}, and only cdr is read')
+            expected = 'messages in cdr or of ROS 1, of which none is there'
+            raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
     def _leave_out(self, text: str, count: int) -> None:
         """Tell what is not damaged, and not read: a copy lacks it."""
@@ -234,7 +235,8 @@ class BagMessages:
                     continue
                 both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
                 if known.bag != reading.bag:
-                    raise BadBagError(reading.bag, f'{both} in {known.bag}')
+                    expected = 'bags of one recording, which agree; give those of the other apart'
+                    raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
                 del channels[channel_id]
                 text = f'{reading.file}: {both} before; the latter is read'
                 self._findings.lose(text, _count(file, channel_id))
@@ -254,7 +256,8 @@ class BagMessages:
         if self._as_stored:
             self.typestore = definitions.in_own_words(self.typestore)
             for msgtype in sorted(lacking):
-                text = f'neither the bag nor ROS 2 Jazzy defines {msgtype}; it is copied as it is'
+                name = msgtype or 'a type without a name'
+                text = f'neither the bag nor ROS 2 Jazzy defines {name}; it is copied as it is'
                 self._findings.note(f'{self._path}: {text}')
             return
         for channels, file in zip(self._readings, self._files, strict=True):
@@ -265,10 +268,11 @@ class BagMessages:
 
     def _leave_out_undefined(self, reading: _Reading, count: int) -> None:
         topic, msgtype = reading.channel.topic, reading.channel.msgtype
-        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {msgtype}'
+        name = msgtype or 'a type without a name'
+        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {name}'
         if self._topics is not None:
-            raise BadBagError(reading.bag, text)
-        self._findings.lose(f'{reading.file}: {text}', count)
+            raise BadBagError(reading.bag, text, 'a definition in the bag')
+        self._leave_out(f'{reading.file}: {text}', count)
 
 
 def _count(file: BagFile, channel_id: int) -> int:
