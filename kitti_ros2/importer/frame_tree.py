@@ -35,15 +35,18 @@ class FrameTree:
         self,
         static: Iterable[tuple[str, str, Transform]],
         dynamic: Iterable[tuple[str, str]] = (),
+        lost: str = '',
     ) -> None:
         """Take links in any order.
 
         Args:
             static: (parent, child, parent_T_child).
             dynamic: (parent, child) of links that move.
+            lost: What may be missing, and why.
         """
         self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
         self._differing: set[str] = set()
+        self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[_plain(child)]
             known = above.setdefault(_plain(parent), transform)
@@ -74,6 +77,7 @@ class FrameTree:
         raise LackingError(
             f'no static transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
             f' {self} (add the link to the bag, name other frames in the plan, or give --calib)'
+            f'{self._lost}'
         )
 
     def find(self, target: str, source: str) -> Transform | None:
@@ -210,7 +214,8 @@ def _is_circle(line: list[str]) -> bool:
 
 
 def _differ(first: Transform, second: Transform) -> bool:
-    return bool((np.abs(first.matrix() - second.matrix()) > _SAME_LINK).any())
+    with np.errstate(invalid='ignore'):
+        return bool((np.abs(first.matrix() - second.matrix()) > _SAME_LINK).any())
 
 
 def _is_rigid(link: Transform) -> bool:

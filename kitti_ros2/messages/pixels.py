@@ -193,6 +193,16 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
     return _converted(_upper_bits(values), mosaic) if mosaic else values
 
 
+def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
+    """(width, height) by an image's head alone, None where that does not tell."""
+    if not hasattr(message, 'format'):
+        size = int(message.width), int(message.height)
+    else:
+        data = message.data.tobytes()
+        size = _png_size(data) if data.startswith(_PNG) else _jpeg_size(data)
+    return size if all(size) else None
+
+
 def _png_size(data: bytes) -> tuple[int, int]:
     """(width, height); zeros where the header is cut."""
     return _PNG_SIZE.unpack_from(data) if len(data) >= _PNG_SIZE.size else (0, 0)
