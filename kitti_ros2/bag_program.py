@@ -61,7 +61,7 @@ class BagProgram:
             read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
             self._topics = frozenset(read & {*wanted})
             if not self._topics:
-                raise BadBagError(path, 'holds no message of these topics')
+                raise BadBagError(path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(dict.fromkeys((*bag_index.warnings, *messages.warnings)))
             self.outlets: Sequence[Outlet] = [

@@ -91,12 +91,15 @@ class OutputError(KittiRos2Error):
 
 
 class BadBagError(KittiRos2Error):
-    """A path that is no readable bag."""
+    """A path that is no readable bag, or a bag that does not hold what is asked for."""
 
-    def __init__(self, path: Path, found: str) -> None:
-        super().__init__(
-            f'{path}: {found}; expected an MCAP file, a rosbag2 directory or a ROS 1 .bag'
-        )
+    def __init__(
+        self,
+        path: Path,
+        found: str,
+        expected: str = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag',
+    ) -> None:
+        super().__init__(f'{path}: {found}; expected {expected}')
 
 
 class LackingError(KittiRos2Error):

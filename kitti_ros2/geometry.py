@@ -110,8 +110,15 @@ def rotation_to_rpy(rotation: Float64Array) -> tuple[float, float, float]:
 
 
 def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
-    """(3, 3) rotation of a quaternion (x, y, z, w), which is normalised first."""
-    x, y, z, w = xyzw / np.linalg.norm(xyzw)
+    """(3, 3) rotation of a quaternion (x, y, z, w), which is normalised first.
+
+    NaN where that cannot be: of zeros, of NaN, and of numbers whose squares no float64 holds.
+    """
+    with np.errstate(over='ignore', invalid='ignore'):
+        norm = np.linalg.norm(xyzw)
+    if not (np.isfinite(norm) and norm > 0):
+        return np.full((3, 3), np.nan)
+    x, y, z, w = xyzw / norm
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

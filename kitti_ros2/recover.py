@@ -90,7 +90,9 @@ def recover(
                 copy.take(message)
                 progress(done, expected)
             if messages.losses and not any(copy.counts.values()):
-                raise BadBagError(path, 'holds no message that can be read')
+                reason = next(iter(messages.losses))
+                found = f'holds no message that can be read ({reason})'
+                raise BadBagError(path, found, 'one at least')
     losses = {**messages.losses, **copy.losses}
     return RecoveryReport(
         path=writer.path,

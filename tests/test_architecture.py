@@ -14,7 +14,7 @@ import pytest
 PACKAGE = 'kitti_ros2'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
-GROUND = frozenset({'errors', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
+GROUND = frozenset({'errors', 'one_line', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
 BELOW_JOBS = GROUND | {
     'options',
     'ordered_map',
@@ -42,6 +42,7 @@ JOBS = frozenset(
 ROOMS = {
     '': frozenset(),
     'errors': frozenset(),
+    'one_line': frozenset(),
     'stamps': frozenset({'errors'}),
     'geometry': frozenset({'errors', 'stamps'}),
     'boxes': frozenset({'errors', 'stamps', 'geometry'}),

@@ -88,3 +88,9 @@ def test_matrix_and_quaternion_hold_the_same_transform(a_t_b):
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match=r'\(3, 3\)'):
         Transform(np.eye(4), np.zeros(3))
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('size', [0.0, np.nan, np.inf, 1e300, 1e-300])
+def test_a_quaternion_without_a_length_is_no_rotation(size):
+    assert np.isnan(quaternion_to_rotation(np.full(4, size))).all()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from kitti_ros2.errors import BadBagError
 
-from .decompressors import ZSTD_MAGIC, decompress_stream
+from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
 from .mcap_file import McapFile
 from .ros1_file import Ros1File
@@ -29,7 +29,6 @@ _STORAGES: dict[str, Callable[[Path, Path, Findings], BagFile]] = {
     'sqlite3': SqliteFile,
     'ros1': Ros1File,
 }
-_STEP = 2**20
 
 
 def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
@@ -83,13 +82,24 @@ def index_files(bag: BagFiles) -> BagIndex:
 
 
 def _unpacked(path: Path, stack: ExitStack) -> Path:
-    """The file itself, or what is in it if rosbag2 compressed it as a whole, as far as it goes."""
+    """The file itself, or what is in it if rosbag2 compressed it as a whole, as far as it goes.
+
+    Raises:
+        BadBagError: It is a pipe or a device.
+        OSError: It cannot be read, or there is no room for what is in it.
+    """
+    if not path.is_file():
+        raise BadBagError(path, 'is no regular file')
     with path.open('rb') as source:
         if source.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
             return path
         source.seek(0)
-        plain = Path(stack.enter_context(TemporaryDirectory())) / path.stem
-        with plain.open('wb') as target:
-            blocks = iter(lambda: source.read(_STEP), b'')
-            target.writelines(decompress_stream('zstd', blocks))
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        plain = folder / path.stem
+        try:
+            with plain.open('wb') as target:
+                target.writelines(decompress_file(source))
+        except OSError as error:
+            error.filename = f'{path} (unpacked to {folder.parent})'
+            raise
     return plain

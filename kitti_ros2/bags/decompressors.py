@@ -12,7 +12,7 @@ from lz4 import frame as lz4_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from typing import Protocol
+    from typing import BinaryIO, Protocol
 
     from .pieces import Buffer
 
@@ -32,6 +32,7 @@ _ERRORS = (
     OverflowError,
 )
 _STEP = 2**16
+_STEP_IN = 2**14  # what is decompressed of a step is lost where the step is damaged
 
 _BLOCKS: dict[str, Callable[[Buffer, int], bytes]] = {
     'zstd': lambda data, size: zstandard.ZstdDecompressor().decompress(data, max_output_size=size),
@@ -85,6 +86,19 @@ def decompress_stream(name: str, slices: Iterator[Buffer]) -> Iterator[bytes]:
         except _ERRORS:
             return
         yield data
+
+
+def decompress_file(source: BinaryIO) -> Iterator[bytes]:
+    """What a file that was compressed by zstd holds, in small blocks, up to where it is damaged."""
+    blocks = zstandard.ZstdDecompressor().read_to_iter(source, _STEP_IN, _STEP)
+    while True:
+        try:
+            block = next(blocks, b'')
+        except zstandard.ZstdError:
+            return
+        if not block:
+            return
+        yield block
 
 
 def decompress_message(data: Buffer) -> bytes:

@@ -94,7 +94,8 @@ class Definitions:
         if known[1] == definition[1]:
             return
         if origin != bag:
-            raise BadBagError(bag, f'defines {name} otherwise than {origin}')
+            expected = 'bags of one recording, which agree; give those of the other apart'
+            raise BadBagError(bag, f'defines {name} otherwise than {origin}', expected)
         self._findings.note(f'{file}: defines {name} in two ways; messages are read by the first')
 
 

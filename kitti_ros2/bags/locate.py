@@ -12,7 +12,7 @@ import yaml
 
 from kitti_ros2.errors import BadBagError
 
-from .decompressors import ZSTD_MAGIC, decompress_stream
+from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,8 +59,10 @@ class BagFiles:
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a file, or a folder that holds a bag's."""
-    return path.is_file() or (path / _METADATA).is_file() or any(_files(path).values())
+    """Whether a path is a file of any kind, or a folder that holds a bag's."""
+    if not path.is_dir():
+        return path.exists()
+    return (path / _METADATA).is_file() or any(_files(path).values())
 
 
 def locate_bag(path: Path) -> BagFiles:
@@ -115,8 +117,7 @@ def _storage(path: Path) -> str:
         head = file.read(_LONGEST_MAGIC)
         if head.startswith(ZSTD_MAGIC):
             file.seek(0)
-            blocks = iter(lambda: file.read(_LONGEST_MAGIC), b'')
-            head = next(filter(None, decompress_stream('zstd', blocks)), b'')
+            head = next(decompress_file(file), b'')
     if not head:
         raise BadBagError(path, 'is empty')
     for magic, storage in _MAGIC.items():
@@ -129,12 +130,12 @@ def _rosbag2(path: Path) -> BagFiles:
     source = path / _METADATA
     try:
         information = yaml.safe_load(source.read_bytes())['rosbag2_bagfile_information']
-        storage = information['storage_identifier']
+        storage = str(information['storage_identifier'])
         # Early versions wrote the directory's name before the file's.
         names = [PurePath(name).name for name in information['relative_file_paths']]
         mode = _compression_mode(information)
         count = int(information['message_count'])
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())
         if any(_files(path).values()):
             return _without_metadata(path, f'{source}: is no metadata of rosbag2 ({reason})')

@@ -104,6 +104,8 @@ class McapFile(ChunkedFile):
 
 def _read_summary(file: FileBytes, findings: Findings) -> McapContents | None:
     """What the summary tells, None where there is none that tells of every message."""
+    if file.size < _FOOTER.size + len(MAGIC):
+        return None
     tail = file.read(file.size - _FOOTER.size - len(MAGIC), _FOOTER.size + len(MAGIC))
     if len(tail) < _FOOTER.size or not tail.endswith(MAGIC):
         return None

@@ -45,6 +45,22 @@ class BagMessage(NamedTuple):
     data: bytes | memoryview
 
 
+class LeftOut(NamedTuple):
+    """A topic that is not read.
+
+    Attributes:
+        topic: Its name.
+        msgtype: Its type, as the bag spells it.
+        messages: How many it has.
+        reason: Why it is not read, one line with the file.
+    """
+
+    topic: str
+    msgtype: str
+    messages: int
+    reason: str
+
+
 class _Reading(NamedTuple):
     """A channel that is read, and of which bag and file it is."""
 
@@ -68,6 +84,7 @@ class BagMessages:
     Attributes:
         channels: Topic and type of each channel that is read, by topic.
         sources: The channels themselves, as their files have them, by topic; of several the first.
+        left_out: Topics that cannot be read: of another encoding, or of a type without definition.
         latched: The depth of each topic that offers its last messages to late subscribers.
         typestore: The types as the bags themselves define them, to decode the data with.
         compressions: Names of the compressions that are known from the start.
@@ -87,6 +104,7 @@ class BagMessages:
         self._findings = Findings()
         self._topics = topics
         self._as_stored = as_stored
+        self.left_out: list[LeftOut] = []
         self._first_lost: dict[tuple[_Reading, str], int] = {}
         with ExitStack() as stack:
             opened = [
@@ -207,17 +225,21 @@ class BagMessages:
                     found.add(encoding)
                     del channels[channel_id]
                     text = f'{reading.channel.topic} is {encoding}, which is not read'
-                    self._leave_out(f'{reading.file}: {text}', _count(file, channel_id))
+                    self._leave_out(reading, text, _count(file, channel_id))
         if found and not any(self._readings):
             kinds = ', '.join(sorted(found))
-            raise BadBagError(self._path, f'has messages in {kinds}, and only cdr is read')
+            expected = 'messages in cdr or of ROS 1, of which none is there'
+            raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
-    def _leave_out(self, text: str, count: int) -> None:
+    def _leave_out(self, reading: _Reading, text: str, count: int) -> None:
         """Tell what is not damaged, and not read: a copy lacks it."""
+        reason = f'{reading.file}: {text}'
+        channel = reading.channel
+        self.left_out.append(LeftOut(channel.topic, channel.msgtype, count, reason))
         if self._as_stored:
-            self._findings.lose(text, count)
+            self._findings.lose(reason, count)
         else:
-            self._findings.note(text)
+            self._findings.note(reason)
 
     def _leave_out_second_types(self) -> None:
         """Read one type of each topic.
@@ -234,7 +256,8 @@ class BagMessages:
                     continue
                 both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
                 if known.bag != reading.bag:
-                    raise BadBagError(reading.bag, f'{both} in {known.bag}')
+                    expected = 'bags of one recording, which agree; give those of the other apart'
+                    raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
                 del channels[channel_id]
                 text = f'{reading.file}: {both} before; the latter is read'
                 self._findings.lose(text, _count(file, channel_id))
@@ -254,7 +277,8 @@ class BagMessages:
         if self._as_stored:
             self.typestore = definitions.in_own_words(self.typestore)
             for msgtype in sorted(lacking):
-                text = f'neither the bag nor ROS 2 Jazzy defines {msgtype}; it is copied as it is'
+                name = msgtype or 'a type without a name'
+                text = f'neither the bag nor ROS 2 Jazzy defines {name}; it is copied as it is'
                 self._findings.note(f'{self._path}: {text}')
             return
         for channels, file in zip(self._readings, self._files, strict=True):
@@ -265,10 +289,11 @@ class BagMessages:
 
     def _leave_out_undefined(self, reading: _Reading, count: int) -> None:
         topic, msgtype = reading.channel.topic, reading.channel.msgtype
-        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {msgtype}'
+        name = msgtype or 'a type without a name'
+        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {name}'
         if self._topics is not None:
-            raise BadBagError(reading.bag, text)
-        self._findings.lose(f'{reading.file}: {text}', count)
+            raise BadBagError(reading.bag, text, 'a definition in the bag')
+        self._leave_out(reading, text, count)
 
 
 def _count(file: BagFile, channel_id: int) -> int:

@@ -29,7 +29,7 @@ _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 _PLAIN = re.compile(r'[A-Za-z_/][\w/.]*', re.ASCII)
 _WORDS = {'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'}
-_UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]')
+_UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]')
 
 
 def qos_profile(channel: Channel) -> dict[str, Any]:

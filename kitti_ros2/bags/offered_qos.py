@@ -10,6 +10,8 @@ import yaml
 
 UNKNOWN_DEPTH = 100  # where a bag does not tell: enough for every text file of a recording
 
+_MOST = 2**31 - 1
+
 # Versions before 9 write rmw's number.
 _TRANSIENT_LOCAL = (1, 'transient_local')
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
@@ -23,7 +25,8 @@ def latched_depth(profiles: str) -> int:
         for profile in yaml.safe_load(profiles):
             durability = profile.get('durability')
             if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
-                return int(profile.get('depth') or UNKNOWN_DEPTH)
-    except (yaml.YAMLError, TypeError, AttributeError, ValueError):
+                depth = int(profile.get('depth') or UNKNOWN_DEPTH)
+                return depth if 0 < depth <= _MOST else UNKNOWN_DEPTH
+    except (yaml.YAMLError, TypeError, AttributeError, ValueError, RecursionError):
         return UNKNOWN_DEPTH
     return 0

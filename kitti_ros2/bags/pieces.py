@@ -145,13 +145,21 @@ class FileBytes:
         self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, position: int, length: int) -> bytes:
-        """So many bytes, fewer at the end of the file."""
-        data = os.pread(self._file.fileno(), length, position)
-        while 0 < len(data) < length:
-            more = os.pread(self._file.fileno(), length - len(data), position + len(data))
-            if not more:
-                break
-            data += more
+        """So many bytes, fewer at the end of the file.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        try:
+            data = os.pread(self._file.fileno(), length, position)
+            while 0 < len(data) < length:
+                more = os.pread(self._file.fileno(), length - len(data), position + len(data))
+                if not more:
+                    break
+                data += more
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
         return data
 
     def is_cut(self) -> bool:

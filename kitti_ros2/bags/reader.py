@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from kitti_ros2.errors import UsageError
+
 from .bag_files import index_files
 from .locate import locate_bag
-from .message_source import BagMessage, BagMessages
+from .message_source import BagMessage, BagMessages, LeftOut
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ __all__ = [
     'BagMessage',
     'BagMessages',
     'BagSummary',
+    'LeftOut',
     'TopicSummary',
     'bag_stamps',
     'index_bag',
@@ -89,10 +92,18 @@ def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMess
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all; or bags disagree about
             a topic's type or a type's definition.
+        UsageError: A path is given twice.
         OSError: It cannot be read.
     """
     return BagMessages(_locate(paths), topics)
 
 
 def _locate(paths: Bags) -> list[BagFiles]:
-    return [locate_bag(path) for path in ([paths] if isinstance(paths, Path) else paths)]
+    if isinstance(paths, Path):
+        return [locate_bag(paths)]
+    known: set[Path] = set()
+    for path in paths:
+        if path.resolve() in known:
+            raise UsageError(f'{path}: is given twice; give each bag once')
+        known.add(path.resolve())
+    return [locate_bag(path) for path in paths]

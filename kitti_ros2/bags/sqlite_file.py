@@ -8,6 +8,7 @@ Their data are read by one query as long as that goes well, then from the file's
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -162,7 +163,7 @@ class SqliteFile:
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
                 self._shared = shared  # SQLite makes it and leaves it
-        uri = f'file:{quote(str(path.absolute()))}?{mode}'
+        uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
         # One thread after another may read.
         return sqlite3.connect(uri, uri=True, check_same_thread=False)
 
@@ -172,7 +173,8 @@ class SqliteFile:
         # Recorders number without gaps and delete nothing.
         for gap in np.flatnonzero(np.diff(ids) > 1).tolist():
             first, last = int(ids[gap]) + 1, int(ids[gap + 1]) - 1
-            self._lose(f'rows {first} to {last} cannot be read', last - first + 1)
+            which = f'row {first}' if first == last else f'rows {first} to {last}'
+            self._lose(f'{which} cannot be read', last - first + 1)
         rows = [(row_id, found[row_id].topic_id, found[row_id].stamp_ns) for row_id in ids.tolist()]
         return np.array(rows, _ROW)
 
@@ -249,7 +251,13 @@ def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
 
 
 def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> SourceChannel:
-    """A topic from its row: name, type, serialization format, from version 2 on QoS profiles."""
+    """A topic from its row: name, type, serialization format, from version 2 on QoS profiles.
+
+    Raises:
+        TypeError: They are no texts.
+    """
+    if not all(isinstance(text, str) for text in texts[:_LEAST_TOPIC_COLUMNS]):
+        raise TypeError('the names of topics are no texts')
     topic, msgtype, encoding, *rest = texts
     return SourceChannel(
         topic,

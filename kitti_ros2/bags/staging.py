@@ -140,6 +140,12 @@ class Staging:
         while True:
             with suppress(FileExistsError):
                 self._partial.mkdir()
+            if self._partial.is_symlink() or not self._partial.is_dir():
+                raise OutputError(
+                    self.path,
+                    f'{self._partial} is in the way and is no folder',
+                    'move it away, or choose another name',
+                )
             fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
                 self._lock_exclusively(fd)

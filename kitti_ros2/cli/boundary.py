@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
 import sys
+from io import TextIOWrapper
 
 from ..errors import KittiRos2Error
+from ..one_line import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
 _DEBUG = '--debug'
@@ -29,6 +32,7 @@ def main(args: list[str] | None = None) -> int:
         # Imports make a hundred thousand objects and no garbage: looking for it takes a tenth of a
         # second. Each command switches the collector on again, by memory.keep_imports.
         gc.disable()
+        _mend_streams()
         signal.signal(signal.SIGTERM, _terminate)
         if words[:1] == ['play']:
             from .ending import end_by_signal
@@ -65,6 +69,16 @@ def _run_and_flush(words: list[str]) -> int:
     return code
 
 
+def _mend_streams() -> None:
+    """Streams that were closed (``>&-``) take everything; what has no encoding is escaped."""
+    for name in ('stdout', 'stderr'):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), 'w'))
+        elif isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
 def _terminate(*_: object) -> None:
     """End as Ctrl-C does: through the context managers that clean up."""
     sys.exit(EXIT_TERMINATED)
@@ -79,11 +93,13 @@ def _run(words: list[str]) -> int:
 def _describe(error: KittiRos2Error | OSError) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f'{error.filename}: {error.strerror}'
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return f'standard output: {error.strerror}'  # only streams have no name
     return str(error)
 
 
 def _complain(message: str) -> None:
-    sys.stderr.write(f'kitti-ros2: {" ".join(message.split())}\n')
+    sys.stderr.write(f'kitti-ros2: {one_line(message)}\n')
 
 
 def player() -> int:

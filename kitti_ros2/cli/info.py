@@ -14,6 +14,7 @@ from ..bags.locate import looks_like_bag
 from ..errors import UsageError
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
+from ..one_line import one_line
 from ..settings import make_settings
 from ..stamps import format_stamp
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -78,7 +79,7 @@ def print_overview(overview: Overview) -> None:
     console = Console(highlight=False, soft_wrap=True)
     compression = f', compression {overview.compression}' if overview.compression else ''
     head = f'{overview.path}  {overview.kind}: {overview.name}{compression}'
-    console.print(head, style='bold', markup=False)
+    console.print(one_line(head), style='bold', markup=False)
     console.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     table = _table(kind)
@@ -86,14 +87,15 @@ def print_overview(overview: Overview) -> None:
         table.add_column(heading, justify='right', no_wrap=True)
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series:
-        table.add_row(series.name, f'{series.count}', *_rates(series), _short(series.msgtype))
+        kind_of = _cell(_short(series.msgtype))
+        table.add_row(_cell(series.name), f'{series.count}', *_rates(series), kind_of)
     console.print(table, soft_wrap=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)
     if overview.links:
         console.print(_link_table(overview), soft_wrap=False)
     for note in overview.notes:
-        console.print(f'note: {note}', markup=False)
+        console.print(one_line(f'note: {note}'), markup=False)
 
 
 def _extent(overview: Overview) -> str:
@@ -110,6 +112,13 @@ def _rates(series: TopicSummary) -> tuple[str, str]:
     rate = '' if series.mean_rate_hz is None else f'{series.mean_rate_hz:.1f}'
     gap = '' if series.largest_gap_ns is None else f'{series.largest_gap_ns / 1e9:.2f}'
     return rate, gap
+
+
+def _cell(text: str) -> str:
+    """A name as a table shows it: whatever is in it, none of it is markup."""
+    from rich.markup import escape
+
+    return escape(one_line(text))
 
 
 def _short(msgtype: str) -> str:
@@ -132,7 +141,7 @@ def _camera_table(overview: Overview) -> Table:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         numbers = (f'{value:.2f}' for value in (camera.fx, camera.fy, camera.cx, camera.cy))
         baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m) > 1e-6 else ''
-        table.add_row(camera.name.removesuffix('/camera_info'), size, *numbers, baseline)
+        table.add_row(_cell(camera.name.removesuffix('/camera_info')), size, *numbers, baseline)
     return table
 
 
@@ -153,7 +162,7 @@ def _link_table(overview: Overview) -> Table:
             return
         xyz = '' if link is None else ' '.join(f'{value + 0.0:.2f}' for value in link.xyz_m)
         rpy = '' if link is None else ' '.join(f'{value + 0.0:.1f}' for value in link.rpy_deg)
-        table.add_row('  ' * depth + frame, xyz, rpy)
+        table.add_row('  ' * depth + _cell(frame), xyz, rpy)
         for child in children.pop(frame, []):
             add(child.child, depth + 1, child)
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from ..recover import recover
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import count_progress
-from .text import format_bytes, format_count, format_path
+from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,12 +41,12 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
     with count_progress('', _PARTS, show=not quiet) as show:
         report = recover(bag, out, storage, overwrite=overwrite, progress=_in_parts(show))
     for loss in report.losses:
-        sys.stderr.write(f'{loss}\n')
+        complain(loss)
     if not quiet:
         _summarize(report, time.monotonic() - started)
     if not report.losses:
         return EXIT_OK
-    sys.stderr.write(f'kitti-ros2: {_lost(report)}, as told above; exit code {EXIT_LOSSES}\n')
+    complain(f'kitti-ros2: {_lost(report)}, as told above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
 
 
@@ -67,11 +66,11 @@ def _in_parts(show: Callable[[int], None]) -> Callable[[int, int], None]:
 
 def _summarize(report: RecoveryReport, elapsed: float) -> None:
     for note in report.notes:
-        sys.stdout.write(f'note: {note}\n')
-    sys.stdout.write(
+        say(f'note: {note}')
+    say(
         f'{format_path(report.path)}: {format_count(sum(report.counts.values()), "message")} on'
         f' {format_count(len(report.counts), "topic")}, {format_bytes(report.size_bytes)};'
-        f' {_lost(report)}; took {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)\n'
+        f' {_lost(report)}; took {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)'
     )
 
 

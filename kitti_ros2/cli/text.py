@@ -1,14 +1,26 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Paths and quantities as people read them."""
+"""What the commands say: lines for a terminal, paths and quantities as people read them."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
+from ..one_line import one_line
 from ..quantities import format_bytes, format_count, format_duration
 
-__all__ = ['format_bytes', 'format_count', 'format_duration', 'format_path']
+__all__ = ['complain', 'format_bytes', 'format_count', 'format_duration', 'format_path', 'say']
+
+
+def say(line: str) -> None:
+    """A line on standard output; whatever is in it, it stays one line of plain text."""
+    sys.stdout.write(f'{one_line(line)}\n')
+
+
+def complain(line: str) -> None:
+    """The same on standard error."""
+    sys.stderr.write(f'{one_line(line)}\n')
 
 
 def format_path(path: Path) -> str:

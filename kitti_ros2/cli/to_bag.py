@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from ..settings import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_duration, format_path
+from .text import complain, format_bytes, format_count, format_duration, format_path, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +55,7 @@ def run_to_bag(
     recording = open_recording(src, settings.read)
     _refuse_inside(src, out)
     if settings.read.layout is None and not quiet:
-        _say(f'{src}: layout {recording.layout.value}, {recording.name}')
+        say(f'{src}: layout {recording.layout.value}, {recording.name}')
     schedule = make_schedule(recording, settings.selection)
     if settings.messages.images is not Images.COMPRESSED:
         keep_freed_memory()
@@ -89,8 +88,8 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
     written = {topic: count for topic, count in report.counts.items() if count}
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
     for note in report.notes:
-        _say(f'note: {note}')
-    _say(
+        say(f'note: {note}')
+    say(
         f'{format_path(report.path)}: {format_count(sum(written.values()), "message")} on'
         f' {format_count(len(written), "topic")}, {format_bytes(report.size_bytes)},'
         f' {format_count(report.frames, "frame")},'
@@ -98,7 +97,7 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
         f' took {elapsed:.1f} s ({rate})'
     )
     if images is Images.COMPRESSED and recording.cameras:
-        _say('images are the PNG files themselves; --images raw decodes them')
+        say('images are the PNG files themselves; --images raw decodes them')
 
 
 def show_losses(losses: tuple[Loss, ...]) -> None:
@@ -111,14 +110,10 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
     for message, same in list(causes.items())[:_SHOWN_LOSSES]:
         count = sum(loss.count for loss in same)
         names = same[0].stream + (f' and {len(same) - 1} more' if len(same) > 1 else '')
-        sys.stderr.write(f'skipped {names} ({count}): {message}\n')
+        complain(f'skipped {names} ({count}): {message}')
     rest = list(causes.values())[_SHOWN_LOSSES:]
     if rest:
         count = sum(loss.count for same in rest for loss in same)
-        sys.stderr.write(f'skipped {count} more, for {len(rest)} more reasons\n')
+        complain(f'skipped {count} more, for {len(rest)} more reasons')
     total = sum(loss.count for loss in losses)
-    sys.stderr.write(f'kitti-ros2: {total} skipped in all, as named above; exit code 1\n')
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(f'{line}\n')
+    complain(f'kitti-ros2: {total} skipped in all, as named above; exit code 1')

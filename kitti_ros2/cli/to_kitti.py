@@ -10,12 +10,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
-from ..importer.blueprint import find_blueprint
+from ..importer.blueprint import EarlierVersionError, find_blueprint
 from ..settings import make_import_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_path
+from .text import format_bytes, format_count, format_path, say
 from .to_bag import show_losses
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..importer.blueprint import Blueprint
     from ..importer.report import ImportReport
     from ..options import ImportOptions
+    from ..samples import Loss
 
 
 def run_to_kitti(
@@ -78,7 +79,7 @@ def _convert(
 ) -> list[ImportReport]:
     from ..importer.verbatim import restore
 
-    recordings = _own(bags) if plan_file is None else []
+    recordings = _own(bags, options) if plan_file is None else []
     if recordings and all(options.keeps(blueprint.layout) for _, blueprint in recordings):
         files = sum(blueprint.files for _, blueprint in recordings)
         frames = sum(blueprint.frames for _, blueprint in recordings)
@@ -87,24 +88,43 @@ def _convert(
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
     from ..importer.planned import adapt, convert_by_plan, guess, look
+    from ..kitti.store import STORE
 
     survey = look(bags)
+    losses: tuple[Loss, ...] = ()
     if plan_file is not None:
-        plan = adapt(parse_plan(plan_file.read_text(encoding='utf-8'), plan_file), options)
+        plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
     else:
         found = guess(bags, survey, options)
-        plan = found.plan
+        plan, losses = found.plan, found.losses
         if not quiet:
             for remark in found.remarks:
-                _say(f'note: {remark}')
+                say(f'note: {remark}')
     samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
-        return [convert_by_plan(bags, plan, survey, out, options, progress)]
+        report = convert_by_plan(bags, plan, survey, out, options, progress)
+    told = {loss.text() for loss in losses}
+    notes = tuple(note for note in report.notes if note not in told)
+    return [replace(report, losses=(*losses, *report.losses), notes=notes)]
 
 
-def _own(bags: Sequence[Path]) -> list[tuple[Path, Blueprint]]:
-    """Bags with what they tell of their layout; none unless every one does."""
-    found = [(bag, blueprint) for bag in bags if (blueprint := find_blueprint(bag)) is not None]
+def _own(bags: Sequence[Path], options: ImportOptions) -> list[tuple[Path, Blueprint]]:
+    """Bags with what they tell of their layout; none unless every one does.
+
+    Raises:
+        BadBagError: One is no bag, or tells what cannot be meant.
+        EarlierVersionError: One tells too little, and no layout is given to go by a plan.
+    """
+    found = []
+    for bag in bags:
+        try:
+            blueprint = find_blueprint(bag)
+        except EarlierVersionError:
+            if options.layout is None:
+                raise
+            return []
+        if blueprint is not None:
+            found.append((bag, blueprint))
     return found if len(found) == len(bags) else []
 
 
@@ -114,7 +134,7 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     from ..importer.planned import guess, look
 
     remarks: tuple[str, ...] = ()
-    own = _own(bags)
+    own = _own(bags, options)
     if own:
         blueprint = own[0][1]
         if options.layout in (None, blueprint.layout):
@@ -122,22 +142,22 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
             options = replace(options, layout=blueprint.layout, name=named)
         name = blueprint.name
         remarks = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
-    found = guess(bags, look(bags), options)
-    sys.stdout.write(format_plan(found.plan, (*remarks, *found.remarks)))
+    survey = look(bags)
+    found = guess(bags, survey, options)
+    remarks += (*found.remarks, *(loss.text() for loss in found.losses))
+    remarks += (*survey.notes, *survey.losses)
+    remarks = tuple(dict.fromkeys(remarks))
+    sys.stdout.write(format_plan(found.plan, remarks))
     return EXIT_OK
 
 
 def _summarize(report: ImportReport, elapsed: float) -> None:
     for note in report.notes:
-        _say(f'note: {note}')
+        say(f'note: {note}')
     files = ', '.join(f'{name} {count}' for name, count in sorted(report.counts.items()))
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
-    _say(
+    say(
         f'{format_path(report.path)}: layout {report.layout.value}, {report.name},'
         f' {format_count(report.frames, "frame")}, {format_bytes(report.size_bytes)} ({files});'
         f' took {elapsed:.1f} s ({rate})'
     )
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(f'{line}\n')

@@ -8,7 +8,6 @@ description maps streams to folders.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -32,8 +31,22 @@ FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 _STRING = 'std_msgs/msg/String'
 _MOST_DIGITS = 12
-_MOST_FILES = 10_000_000
+_MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
 _SUFFIXES = (names.PNG, names.BIN, names.TXT)
+
+
+_ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+
+
+class EarlierVersionError(BadBagError):
+    """A bag of our own whose description lacks what tells every file its number."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(
+            path,
+            'was made by an earlier version of to-bag, which did not tell the files their numbers',
+            'a bag of this version: make it again with to-bag, or give --layout to go by a plan',
+        )
 
 
 @dataclass(frozen=True)
@@ -157,42 +170,53 @@ def _read(messages: BagMessages, path: Path) -> Blueprint | None:
     if values is None:
         return None
     try:
+        if any('numbers' not in entry for entry in values['files'].values()):
+            raise EarlierVersionError(path)
+        folders = {Stream(name): _folder(entry, path) for name, entry in values['files'].items()}
+        if sum(len(folder.numbers) for folder in folders.values()) > _MOST_FILES:
+            raise ValueError(f'more than {_MOST_FILES} files')
         return Blueprint(
             Layout(values['layout']),
             str(values['name']),
             int(values['epoch_ns']),
-            {Stream(name): _folder(entry, path) for name, entry in values['files'].items()},
+            folders,
             texts,
             calibrations,
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except _ERRORS as error:
         raise _unknown(path, error) from error
 
 
 def _description(message: Any, path: Path) -> dict[str, Any]:  # noqa: ANN401 - of the bag's types
     try:
         return decode_description(message)
-    except json.JSONDecodeError as error:
+    except _ERRORS as error:
         raise _unknown(path, error) from error
 
 
 def _unknown(path: Path, error: Exception) -> BadBagError:
-    return BadBagError(path, f'{RECORDING} is not what kitti-ros2 writes ({error!r})')
+    return BadBagError(
+        path,
+        f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})',
+        'the description of a recording; --plan-file goes by a plan instead',
+    )
 
 
 def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
     digits, suffix = int(entry['digits']), str(entry['suffix'])
     if not 0 < digits <= _MOST_DIGITS or suffix not in _SUFFIXES:
         raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
-    numbers = tuple(_numbers(entry['numbers'], min(10**digits, _MOST_FILES)))
+    numbers = tuple(_numbers(entry['numbers'], 10**digits))
     return Folder(inside(entry['folder'], path), digits, suffix, numbers)
 
 
 def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
+    least = 0
     for first, last in spans:
-        if not 0 <= int(first) <= int(last) < limit:
+        if not least <= int(first) <= int(last) < limit or int(last) - int(first) >= _MOST_FILES:
             raise ValueError(f'file numbers {first} to {last}')
         yield from range(int(first), int(last) + 1)
+        least = int(last) + 1
 
 
 def inside(name: str, bag: Path) -> PurePosixPath:
@@ -203,5 +227,6 @@ def inside(name: str, bag: Path) -> PurePosixPath:
     """
     path = PurePosixPath(name)
     if path.is_absolute() or '..' in path.parts or not path.parts or '\0' in name:
-        raise BadBagError(bag, f'names a file {name!r}, which would lie outside of the output')
+        found = f'names a file {name!r}, which would lie outside of the output'
+        raise BadBagError(bag, found, 'paths within the recording')
     return path

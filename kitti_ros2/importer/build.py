@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,12 @@ from ..kitti.write_raw import RawWriter
 from ..kitti.write_tracking import TrackingWriter
 from ..ordered_map import ordered_map
 from ..samples import Layout, Stream
+from .decoding import Decoder
 from .frames import Frames, choose_frames, frame_topics
 from .packets import PacketMaker
 from .plan import Plan, parse_drive, parse_sequence
 from .poses import read_track, write_poses
-from .report import ImportReport, LossTally, damage
+from .report import ImportReport, LossTally, damage, unread
 from .rigging import Rigging
 from .sync import NONE
 
@@ -98,10 +99,12 @@ def build(
             for count, done in enumerate(ordered_map(_do, builder.jobs(messages), workers), 1):
                 builder.take(done)
                 progress(count, builder.size_bytes)
-            damaged = damage(messages, paths[0].name)
+            damaged = damage({**messages.losses, **survey.losses}, paths[0].name)
         if track is not None:
             builder.write_poses(track)
-    return builder.report(stage, damaged)
+    damaged += unread(survey, plan)
+    report = builder.report(stage, damaged)
+    return replace(report, notes=(*survey.notes, *report.notes))
 
 
 def _make_writer(plan: Plan, stage: Path, options: ImportOptions) -> LayoutWriter:
@@ -175,6 +178,7 @@ class _Builder:
     def jobs(self, messages: BagMessages) -> Iterator[_Job]:
         """What is to be written of the samples that frames took, in the order of reading."""
         seen: Counter[str] = Counter()
+        decode = Decoder(messages.typestore)
         for message in messages:
             place = seen[message.topic]
             seen[message.topic] += 1
@@ -187,10 +191,9 @@ class _Builder:
             if not wanted and not packet:
                 continue
             try:
-                decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
-            except Exception as error:  # noqa: BLE001 - generated code lets anything out
-                reason = f'cannot be decoded ({error})'
-                self._losses.lose(message.topic, message.stamp_ns, reason)
+                decoded = decode(message)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
                 self._spoil(number for _, number in wanted)
                 decoded = None
             if packet:

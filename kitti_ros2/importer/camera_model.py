@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _SINGULAR = 1e-9
 _ROTATION = 1e-3
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +64,28 @@ def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's ty
     if not k.any():
         k = p[:, :3].copy()
     for name, matrix in (('K', k), ('P', p)):
-        if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:, :3])) < _SINGULAR:
+        if not _is_projection(matrix):
             raise ValueError(f'a CameraInfo that is not calibrated: {name} is {matrix.tolist()}')
+    d = np.array(message.d, dtype=np.float64).ravel()
+    if not (np.abs(d) <= _LARGEST).all():
+        raise ValueError(f'a CameraInfo that is not calibrated: D is {d.tolist()}')
     size, to_published = _published(message)
     return CameraModel(
         frame=message.header.frame_id.lstrip('/'),
         size=size,
         k=to_published @ k,
-        d=np.array(message.d, dtype=np.float64).ravel(),
+        d=d,
         r=_rectifying(_matrix(message.r, 3)),
         p=to_published @ p,
         model=message.distortion_model or 'plumb_bob',
     )
+
+
+def _is_projection(matrix: Float64Array) -> bool:
+    """Whether a K or P can be meant: possible numbers, focal lengths above 0, no plane lost."""
+    if not (np.abs(matrix) <= _LARGEST).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        return False
+    return bool(abs(np.linalg.det(matrix[:, :3])) >= _SINGULAR)
 
 
 def _matrix(numbers: Any, columns: int) -> Float64Array:  # noqa: ANN401 - a list or an array
@@ -102,4 +113,7 @@ def _published(message: Any) -> tuple[tuple[int, int], Float64Array]:  # noqa: A
     columns, rows = max(message.binning_x, 1), max(message.binning_y, 1)
     scale = np.diag([1 / columns, 1 / rows, 1.0])
     shift = np.array([[1.0, 0, -roi.x_offset], [0, 1, -roi.y_offset], [0, 0, 1]])
-    return (width // columns, height // rows), scale @ shift
+    size = width // columns, height // rows
+    if not all(size):
+        raise ValueError(f'a CameraInfo whose binning of {columns} x {rows} leaves no pixel')
+    return size, scale @ shift

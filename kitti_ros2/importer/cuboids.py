@@ -20,6 +20,7 @@ AS_LINES = 'drawn as lines or lists of cubes'
 
 _TRUTH_SCORES = frozenset({0.0, 1.0})
 _CUBE = 1
+_FARTHEST_M = 1e5  # from the scanner; no sensor sees it, and no box is so large
 
 
 def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
@@ -100,12 +101,12 @@ def cuboids_of_markers(
 
 
 def _score(result: Any) -> float:  # noqa: ANN401 - of the bag's types
-    return float(getattr(result, 'hypothesis', result).score)
+    return float(getattr(getattr(result, 'hypothesis', result), 'score', 1.0))
 
 
 def _class(result: Any) -> str:  # noqa: ANN401 - of the bag's types
     hypothesis = getattr(result, 'hypothesis', result)
-    return str(hypothesis.class_id if hasattr(hypothesis, 'class_id') else hypothesis.id)
+    return str(getattr(hypothesis, 'class_id', getattr(hypothesis, 'id', '')))
 
 
 def _joined(to_velo: Mapping[str, Transform], frame: str) -> Transform:
@@ -130,7 +131,7 @@ def _sound(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
     kept = [
         each
         for each in cuboids
-        if np.isfinite([*each.velo_T_box.matrix().ravel(), *each.size_lwh]).all()
+        if (np.abs([*each.velo_T_box.matrix().ravel(), *each.size_lwh]) < _FARTHEST_M).all()
         and min(each.size_lwh) > 0
     ]
     return kept, [ABSURD] * (len(cuboids) - len(kept))

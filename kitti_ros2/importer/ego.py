@@ -30,6 +30,9 @@ MAX_GAP_NS = NS_PER_S + NS_PER_S // 2
 between: in a bend of 0.2 rad/s at 10 m/s the straight line of these 1.5 s is 0.6 m off."""
 
 
+_FARTHEST_M = 1e9
+
+
 @dataclass(frozen=True, eq=False)
 class StampedPose:
     """A pose as a message tells it.
@@ -188,8 +191,7 @@ def poses_from_tf(message: TFMessage, links: Collection[tuple[str, str]]) -> lis
         for stamped in message.transforms
         if (_frame(stamped.header.frame_id), _frame(stamped.child_frame_id)) in links
     ]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        decoded = decode_static(TFMessage(wanted))
+    decoded = decode_static(TFMessage(wanted))
     return [
         StampedPose(_frame(parent), _frame(child), _checked(transform), stamp_ns_of(stamped.header))
         for stamped, (parent, child, transform) in zip(wanted, decoded, strict=True)
@@ -199,15 +201,14 @@ def poses_from_tf(message: TFMessage, links: Collection[tuple[str, str]]) -> lis
 def _stamped(
     header: Header, child: str | None, pose: Pose, default_parent: str = ''
 ) -> StampedPose:
-    with np.errstate(divide='ignore', invalid='ignore'):
-        transform = _checked(transform_of(pose))
+    transform = _checked(transform_of(pose))
     parent = _frame(header.frame_id) or _frame(default_parent)
     return StampedPose(parent, child, transform, stamp_ns_of(header))
 
 
 def _checked(transform: Transform) -> Transform:
-    if not np.isfinite(transform.matrix()).all():
-        raise ValueError('a pose of NaN or with an orientation of all zeros')
+    if not (np.abs(transform.matrix()) <= _FARTHEST_M).all():
+        raise ValueError('a pose of NaN, of an impossible place or of an orientation of all zeros')
     return transform
 
 

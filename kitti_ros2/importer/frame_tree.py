@@ -25,6 +25,7 @@ _MOST_FRAMES = 40
 _SAME_LINK = 1e-9
 # tf2 takes quaternions whose squared norm is off by 1 % at most; a matrix made of one is as good.
 _ROTATION = 1e-2
+_FARTHEST_M = 1e9  # beyond any map on earth; the squares of float32 coordinates still are finite
 
 
 class FrameTree:
@@ -34,15 +35,18 @@ class FrameTree:
         self,
         static: Iterable[tuple[str, str, Transform]],
         dynamic: Iterable[tuple[str, str]] = (),
+        lost: str = '',
     ) -> None:
         """Take links in any order.
 
         Args:
             static: (parent, child, parent_T_child).
             dynamic: (parent, child) of links that move.
+            lost: What may be missing, and why.
         """
         self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
         self._differing: set[str] = set()
+        self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[_plain(child)]
             known = above.setdefault(_plain(parent), transform)
@@ -71,8 +75,9 @@ class FrameTree:
         if isinstance(found, Transform):
             return found
         raise LackingError(
-            f'no static transform from {source} to {target}: {found}; the bag has {self}'
-            f' (add the link to the bag, name other frames in the plan, or give --calib)'
+            f'no static transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
+            f' {self} (add the link to the bag, name other frames in the plan, or give --calib)'
+            f'{self._lost}'
         )
 
     def find(self, target: str, source: str) -> Transform | None:
@@ -124,8 +129,8 @@ class FrameTree:
                 return f'{parent} -> {child} is given twice, and differently'
             if not _is_rigid(link):
                 return (
-                    f'{parent} -> {child} is no transform; its numbers must be finite and its'
-                    f' quaternion of length 1'
+                    f'{parent} -> {child} is no transform; its numbers must be finite and possible,'
+                    f' its quaternion of length 1'
                 )
             top_t_bottom = link @ top_t_bottom
         return top_t_bottom
@@ -142,7 +147,7 @@ class FrameTree:
         lower = {name.lower(): name for name in self.frames}
         close = [lower[name] for name in get_close_matches(frame.lower(), sorted(lower), 3)]
         hint = f'; did you mean {" or ".join(close)}?' if close else ''
-        return f'there is no frame {frame or "of an empty name"}{hint}'
+        return f'there is no frame {_shown(frame)}{hint}'
 
     def __str__(self) -> str:
         """All frames on a line: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
@@ -200,17 +205,22 @@ def _plain(name: str) -> str:
     return name.lstrip('/')
 
 
+def _shown(name: str) -> str:
+    return name or 'of an empty name'
+
+
 def _is_circle(line: list[str]) -> bool:
     return len(line) > 1 and line[-1] in line[:-1]
 
 
 def _differ(first: Transform, second: Transform) -> bool:
-    return bool(np.abs(first.matrix() - second.matrix()).max() > _SAME_LINK)
+    with np.errstate(invalid='ignore'):
+        return bool((np.abs(first.matrix() - second.matrix()) > _SAME_LINK).any())
 
 
 def _is_rigid(link: Transform) -> bool:
     """Whether it is a rotation and a place; a quaternion of zeros has become NaN."""
-    if not np.isfinite(link.matrix()).all() or np.linalg.det(link.rotation) < 0:
+    if not (np.abs(link.matrix()) <= _FARTHEST_M).all() or np.linalg.det(link.rotation) < 0:
         return False
     product = link.rotation @ link.rotation.T
     return bool(np.abs(product - np.eye(3)).max() < _ROTATION)

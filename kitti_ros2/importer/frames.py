@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .sync import StreamMatch
 
 _MS = 1e6
+_DROPPED = 'dropped'
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +96,10 @@ def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames
         unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
         kept &= _without(unknown, 'pose around them', notes)
     if not kept.any():
+        dropped = [note for note in notes if note.startswith(_DROPPED)]
         raise UsageError(
-            f'no frame is whole: {"; ".join(notes) or "no sample at all"};'
-            f' widen tolerance_s of the plan, or set incomplete: keep'
+            f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
+            f' the plan, set incomplete: keep, or take the stream that lacks out of the plan'
         )
     return Frames(
         reference[kept],
@@ -147,5 +149,5 @@ def _without(lacking: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt
     """The frames that have something; those that lack it are noted."""
     count = int(np.count_nonzero(lacking))
     if count:
-        notes.append(f'dropped {count} of {len(lacking)} frames: no {what}')
+        notes.append(f'{_DROPPED} {count} of {len(lacking)} frames: no {what}')
     return ~lacking

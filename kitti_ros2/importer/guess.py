@@ -6,18 +6,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import LackingError, UsageError
 from ..messages.clouds import guess_intensity_scale
 from ..messages.rectify import needs_rectifying
-from ..samples import CAMERA_NAMES, Layout, Stream
+from ..samples import CAMERA_NAMES, Layout, Loss, Stream
 from ..stamps import NS_PER_S, format_stamp
 from . import survey as types
 from .frame_tree import FrameTree
 from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
+from .report import undecoded
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
@@ -43,10 +44,17 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class Guess:
-    """A plan, and what its reader should know: what is missing, what was passed over."""
+    """A plan, and what its reader should know.
+
+    Attributes:
+        plan: The plan.
+        remarks: What is missing, what was passed over; a line each.
+        losses: Topics that the plan would name if one of their messages could be decoded.
+    """
 
     plan: Plan
     remarks: tuple[str, ...]
+    losses: tuple[Loss, ...] = ()
 
 
 def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
@@ -79,7 +87,7 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
         calibration=guesser.calibration(cameras),
         **ego,
     )
-    return Guess(plan, tuple(guesser.remarks))
+    return Guess(plan, tuple(guesser.remarks), _unreadable(survey, layout))
 
 
 class _Guesser:
@@ -90,11 +98,7 @@ class _Guesser:
 
     def scan(self) -> ScanPlan | None:
         """The lidar: by name, with intensity, with most points."""
-        clouds = [
-            each
-            for each in self._survey.of_type(types.CLOUD)
-            if each.looks and {'x', 'y', 'z'} <= {field.name for field in each.looks[0].fields}
-        ]
+        clouds = [each for each in self._survey.of_type(types.CLOUD) if _with_points(each)]
         if not clouds:
             self.remarks.append('missing: scans (no PointCloud2 with x, y and z)')
             return None
@@ -249,17 +253,44 @@ class _Guesser:
 def _nothing(survey: Survey, layout: Layout) -> str:
     """What a bag has instead of what a layout could begin with."""
     there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
+    reasons = [loss.text() for loss in _unreadable(survey, layout)]
+    reasons += [*survey.losses, *survey.notes]
+    reason = f' ({reasons[0]})' if reasons else ''
     if not there:
-        return 'the bag has no message'
+        return f'the bag has no message{reason}'
     needed = 'no point cloud and no image'
     if layout is Layout.ODOMETRY:
         needed += ', and no poses either'
     more = f' and {len(there) - _SHOWN} more' if len(there) > _SHOWN else ''
-    return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}'
+    return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}{reason}'
+
+
+def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
+    """The topics of types that a layout takes of which no message can be read."""
+    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
+    if layout is Layout.ODOMETRY:
+        wanted |= {types.ODOMETRY, types.POSE, types.PATH}
+    else:
+        wanted |= {types.DETECTIONS, types.MARKERS}
+    if layout in (Layout.RAW, Layout.TRACKING):
+        wanted |= {types.IMU, types.FIX, types.TWIST}
+    left_out = (each for each in survey.left_out if each.msgtype in wanted and each.messages)
+    return (
+        *(undecoded(topic) for topic in survey.unreadable(*wanted)),
+        *(Loss(each.topic, each.messages, each.reason) for each in left_out),
+    )
+
+
+def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types
+    """The first of the looks that has places of points, None where none has."""
+    for look in topic.looks:
+        if {'x', 'y', 'z'} <= {field.name for field in look.fields}:
+            return look
+    return None
 
 
 def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, int, int]:
-    first = topic.looks[0]
+    first = _with_points(topic)
     named = bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame))
     bright = any(field.name == 'intensity' for field in first.fields)
     return named, bright, first.width * first.height, topic.count

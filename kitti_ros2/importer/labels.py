@@ -53,7 +53,10 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
     """
     boxes = []
     for place, line in enumerate(text.splitlines()):
-        box = parse_box(line)
+        try:
+            box = parse_box(line)
+        except ValueError as error:
+            raise ValueError(f'{line!r} is no label ({error})') from None
         if box.track_id is None:
             track = -1 if box.kind == DONT_CARE else tracks.number(f'line {place}')
             box = replace(box, track_id=track)

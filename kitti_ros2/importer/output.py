@@ -48,8 +48,8 @@ def next_number(out: Path, split: str) -> int:
     Raises:
         UsageError: The folder holds something else.
     """
-    if not out.exists():
-        return 0
+    if not out.is_dir():
+        return 0  # a file there is refused when it is to be written
     folders = [out / split / name for name in STORE.names(out / split)]
     found = [
         int(name[: names.FRAME_DIGITS])

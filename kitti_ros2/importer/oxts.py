@@ -18,8 +18,9 @@ navstat numsats         0
 posmode velmode orimode -1, as KITTI itself writes them where they are not known
 ======================  ============================================================================
 
-A number that a message declares unknown (-1 at the head of its covariance) or that is not finite
-counts as not there. All 30 columns are numbers and the last five whole ones, whatever is missing.
+A number that a message declares unknown (-1 at the head of its covariance), or that is not finite
+or 1e9 and more, counts as not there. All 30 columns are numbers and the last five whole ones,
+whatever is missing.
 
 Levelling is a turn by Ry(pitch) Rx(roll) into axes that lie on the earth's surface. Of KITTI's own
 packets (2011_09_26, 108 of drive 0001; 154 of drive 0005) this gives af al au to 0.025 and 0.06
@@ -51,6 +52,7 @@ _UNKNOWN = parse_packet(' '.join(['0'] * 27 + ['-1'] * 3), 'unknown')
 _IDENTITY = Transform.identity()
 _NOT_KNOWN = -1.0
 # Beyond, parse_packet refuses a packet.
+_IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
 
 
@@ -102,8 +104,8 @@ def has_orientation(imu: Imu) -> bool:
     quaternion all zeros instead.
     """
     q = imu.orientation
-    norm = np.linalg.norm([q.x, q.y, q.z, q.w])
-    return bool(imu.orientation_covariance[0] != _NOT_KNOWN and np.isfinite(norm) and norm > 0)
+    rotation = quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w]))
+    return bool(imu.orientation_covariance[0] != _NOT_KNOWN and np.isfinite(rotation).all())
 
 
 def has_fix(fix: NavSatFix) -> bool:
@@ -163,7 +165,7 @@ def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Ar
     """(3,) of a vector; None where it is declared unknown or not finite."""
     values = vector_of(vector)
     declared_unknown = covariance is not None and covariance[0] == _NOT_KNOWN
-    return None if declared_unknown or not np.isfinite(values).all() else values
+    return None if declared_unknown or not (np.abs(values) < _IMPOSSIBLE).all() else values
 
 
 def _named(names: tuple[str, str, str], values: Float64Array) -> dict[str, float]:

@@ -28,6 +28,7 @@ _MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 """Receivers tell their position once a second or more often; one lost fix is bridged."""
 
 _HALF_TURN_DEG = 180.0
+_OR = ', or messages that cannot be decoded,'
 
 
 @dataclass
@@ -95,7 +96,7 @@ class PacketMaker:
     def notes(self) -> list[str]:
         """What is worth a word of the packets so far."""
         if self._lacking and not self._gapless:
-            return [*self._notes, f'{self._lacking} frames have no fix and get no packet']
+            return [*self._notes, f'{self._lacking} frames have no fix{_OR} and get no packet']
         return self._notes
 
     def wants(self, topic: str, place: int) -> bool:
@@ -135,8 +136,8 @@ class PacketMaker:
         if self._gapless:
             left = len(self._wanted) - self._next
             self._notes.append(
-                f'oxts ends before frame {self._next}, which has no fix; {left} frames go without:'
-                f' line n is frame n'
+                f'oxts ends before frame {self._next}, which has no fix{_OR}; {left} frames go'
+                f' without: line n is frame n'
             )
             self._wanted.clear()
             self._frames_of.clear()

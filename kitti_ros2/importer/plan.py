@@ -12,6 +12,7 @@ import yaml
 
 from ..errors import UsageError
 from ..kitti.names import RAW_DRIVE, SEQUENCE_DIGITS
+from ..one_line import one_line
 from ..samples import Layout
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def parse_sequence(name: str) -> int:
     Raises:
         UsageError: It is none.
     """
-    if not name.isdecimal() or len(name) > SEQUENCE_DIGITS:
+    if not (name.isascii() and name.isdecimal()) or len(name) > SEQUENCE_DIGITS:
         raise UsageError(f'{name} is no sequence; expected a number like 00 or 0000')
     return int(name)
 
@@ -157,7 +158,7 @@ def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
     kept = {name: value for name, value in values.items() if value not in (None, '', {})}
-    comments = ''.join(f'# {remark}\n' for remark in remarks)
+    comments = ''.join(f'# {one_line(remark)}\n' for remark in remarks)
     return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
 
 

@@ -13,6 +13,7 @@ from ..samples import Layout
 from .build import build
 from .guess import Guess, guess_plan
 from .output import next_number, staged
+from .plan import NONE
 from .survey import Survey, survey_bag
 
 if TYPE_CHECKING:
@@ -45,7 +46,11 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
         known = ', '.join(layout.value for layout in Layout)
         raise UsageError(f'{paths[0]}: which layout is wanted? give --layout {known}')
     found = guess_plan(survey, options.layout, paths[0])
-    return Guess(adapt(found.plan, options), found.remarks)
+    plan, remarks = adapt(found.plan, options), found.remarks
+    if plan.labels is not None and plan.calibration == NONE:
+        remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
+        plan = replace(plan, labels=None)
+    return replace(found, plan=plan, remarks=remarks)
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:

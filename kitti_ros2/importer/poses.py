@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..bags.reader import open_messages
 from ..errors import UsageError
 from . import survey as types
+from .decoding import Decoder
 from .ego import (
     PoseTrack,
     StampedPose,
@@ -49,14 +50,14 @@ def read_track(
         return None
     topic = topic_of(survey, plan.pose.topic)
     found: list[StampedPose] = []
+    reason = ''
     with open_messages(paths, {topic.name}) as messages:
+        decode = Decoder(messages.typestore)
         for message in messages:
             try:
-                decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
-                poses = _poses(decoded, message.msgtype, plan.pose, survey)
-            except UsageError:
-                raise
-            except Exception as error:  # noqa: BLE001 - generated code lets anything out
+                poses = _poses(decode(message), message.msgtype, plan.pose, survey)
+            except ValueError as error:
+                reason = reason or f' ({error})'
                 losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
                 continue
             if message.msgtype == types.PATH:
@@ -66,7 +67,7 @@ def read_track(
     if topic.msgtype in _SINGLE and len(found) == topic.count:
         stamps = topic.stamps()[0].tolist()
     if not found:
-        raise UsageError(f'{topic.name}: holds no pose of {plan.pose.body}')
+        raise UsageError(f'{topic.name}: holds no pose of {plan.pose.body}{reason}')
     return PoseTrack(stamps, [pose.parent_T_child for pose in found])
 
 

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..samples import Loss
+from .survey import TF_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..bags.reader import BagMessages
     from ..samples import Layout
+    from .plan import Plan
+    from .survey import Survey, TopicSurvey
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,22 @@ class LossTally:
         )
 
 
-def damage(messages: BagMessages, name: str) -> tuple[Loss, ...]:
+def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
     """What a bag lost, as far as it has been read; what is of unknown number counts once."""
-    return tuple(Loss(name, count or 1, text) for text, count in messages.losses.items())
+    return tuple(Loss(name, count or 1, text) for text, count in losses.items())
+
+
+def unread(survey: Survey, plan: Plan) -> tuple[Loss, ...]:
+    """Transforms and camera_infos that a plan goes by and that cannot be decoded."""
+    infos = {camera.info for camera in plan.cameras.values()}
+    return tuple(
+        undecoded(topic)
+        for topic in survey.topics.values()
+        if topic.failures and (topic.name in infos or topic.msgtype in TF_TYPES)
+    )
+
+
+def undecoded(topic: TopicSurvey) -> Loss:
+    """The messages of a topic that were tried and cannot be decoded, by the reason of the first."""
+    every = '' if topic.is_readable else 'not one of its messages can be read; the first '
+    return Loss(topic.name, topic.failures, f'{topic.name}: {every}{topic.failure}')

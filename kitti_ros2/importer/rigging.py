@@ -17,7 +17,7 @@ from ..kitti.calib_file import NOMINAL_CAM0_T_VELO
 from ..kitti.png_file import parse_image
 from ..labels import rect_from_velo
 from ..messages.clouds import decode_cloud
-from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of
+from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of, size_of
 from ..messages.png_writer import encode_png
 from ..messages.rectify import Rectifier
 from ..messages.source import decode_text
@@ -29,6 +29,7 @@ from .frame_tree import FrameTree
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import TF, CameraPlan, Plan
+from .report import undecoded
 from .rig import CameraModel, camera_model, rect_in_frame
 
 if TYPE_CHECKING:
@@ -57,18 +58,26 @@ class Rigging:
             BadFileError: A calibration file cannot be read.
         """
         self._plan = plan
-        self._tree = FrameTree(survey.static, survey.moving)
+        lost = (undecoded(topic).text() for topic in survey.unreadable(*types.TF_TYPES))
+        self._tree = FrameTree(survey.static, survey.moving, next(lost, ''))
         self._models = _camera_models(plan, survey)
         self.boxes_left_out: Counter[str] = Counter()
         self._max_tilt = 0.0
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
         self._velo_t_cloud = self._scan_transform(survey)
         self._rectifiers = {
-            index: Rectifier(model.k, model.d, model.r, model.p, model.model, model.size)
+            index: _rectifier(plan.cameras[index], model)
             for index, model in self._models.items()
             if plan.cameras[index].rectify
         }
-        self._sizes = {index: model.size for index, model in self._models.items()}
+        self._changing = [
+            f'{camera.info} changes within the bag; the first that can be read counts'
+            for camera in plan.cameras.values()
+            if camera.info and topic_of(survey, camera.info).changes
+        ]
+        self._sizes = _sizes(plan, survey) | {
+            index: model.size for index, model in self._models.items()
+        }
         self.imu_t_topic = self._unit_transforms(survey)
         self._tracks = TrackIds()
         self._scores = self._check_labels(survey)
@@ -239,16 +248,44 @@ class Rigging:
                 f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
                 f' axis, about which alone labels turn: their heading was kept'
             )
-        return [*found, *self.calibrations.notes]
+        return [*found, *self._changing, *self.calibrations.notes]
 
 
 def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
-    """The models of the cameras that have a CameraInfo."""
+    """The models of the cameras that have a CameraInfo.
+
+    One that tells none is an error only where something hangs on it.
+    """
     models = {}
     for index, camera in plan.cameras.items():
-        if camera.info:
+        if not camera.info:
+            continue
+        try:
             models[index] = _camera_model(camera, survey)
+        except UsageError:
+            if plan.calibration == TF or camera.rectify:
+                raise
     return models
+
+
+def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
+    """(width, height) of each camera's images, by the first of them that tells."""
+    found = {}
+    for index, camera in plan.cameras.items():
+        sizes = (size_of(look) for look in topic_of(survey, camera.topic).looks)
+        size = next(filter(None, sizes), None)
+        if size is not None:
+            found[index] = size
+    return found
+
+
+def _rectifier(camera: CameraPlan, model: CameraModel) -> Rectifier:
+    try:
+        return Rectifier(model.k, model.d, model.r, model.p, model.model, model.size)
+    except ValueError as error:
+        raise UsageError(
+            f'{camera.info}: {error}; set rectify: false in the plan where the images are rectified'
+        ) from None
 
 
 def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
@@ -259,5 +296,8 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
     try:
         model = camera_model(info.looks[0])
     except ValueError as error:
-        raise UsageError(f'{camera.info}: {error}') from None
+        raise UsageError(
+            f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
+            f' rectify: false where its images are rectified)'
+        ) from None
     return replace(model, frame=camera.frame) if camera.frame else model

@@ -13,17 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.header import peek_header
+from ..messages.header import body_after_header, peek_header
 from ..messages.source import decode_text
 from ..messages.transforms import decode_static
 from .blueprint import CALIBRATION
+from .decoding import Decoder
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, LeftOut
     from ..geometry import Transform
     from ..samples import Int64Array, TextFile
 
@@ -63,6 +64,10 @@ class TopicSurvey:
         header_ns: Header stamps of the same messages; empty where the type has no header.
         frames: Header frames, with how often each comes.
         looks: A few decoded messages, evenly spread by doubling distances.
+        failures: Messages that were to be looked at and could not be decoded.
+        failure: Why the first of them could not.
+        headless: Which messages have no header that can be read, by place.
+        changes: Of the camera_info type: how often its content changed from one to the next.
         failure: Why a look could not be decoded, empty where all could.
         size_bytes: Of its messages as CDR.
     """
@@ -73,13 +78,21 @@ class TopicSurvey:
     header_ns: list[int] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     looks: list[Any] = field(default_factory=list)
+    failures: int = 0
     failure: str = ''
+    headless: list[int] = field(default_factory=list)
+    changes: int = 0
     size_bytes: int = 0
 
     @property
     def count(self) -> int:
         """Messages."""
         return len(self.log_ns)
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether there is a message that can be decoded, as far as it was tried."""
+        return self.count > self.failures
 
     @property
     def frame(self) -> str:
@@ -92,9 +105,15 @@ class TopicSurvey:
         Header stamps of 0 or out of order cannot be meant; log time takes their place.
         """
         log = np.array(self.log_ns, dtype=np.int64)
-        if len(self.header_ns) != len(self.log_ns):
+        if len(self.header_ns) != len(self.log_ns) or len(self.headless) == len(log):
             return log, None
-        return usable_stamps(np.array(self.header_ns, dtype=np.int64), log)
+        header = np.array(self.header_ns, dtype=np.int64)
+        if self.headless:
+            # One that is damaged comes as long after its neighbour as in the log.
+            headed = np.setdiff1d(np.arange(len(log)), self.headless)
+            nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
+            header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
+        return usable_stamps(header, log)
 
 
 @dataclass(frozen=True)
@@ -109,6 +128,9 @@ class Survey:
         changing: (parent, child) of static links that were told anew and differently.
         calibrations: The calibration files that a bag of our own carries, each with the stamp from
             which it holds, in order.
+        notes: What the bag's reader finds worth a word and no loss.
+        losses: What it finds damaged, and how many messages that costs; None: unknown.
+        left_out: Topics that cannot be read.
     """
 
     topics: Mapping[str, TopicSurvey]
@@ -116,9 +138,19 @@ class Survey:
     moving: Sequence[tuple[str, str]]
     changing: Sequence[tuple[str, str]] = ()
     calibrations: Sequence[tuple[int, TextFile]] = ()
+    notes: Sequence[str] = ()
+    losses: Mapping[str, int | None] = field(default_factory=dict)
+    left_out: Sequence[LeftOut] = ()
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
-        """The topics of some types that have messages, by name."""
+        """The topics of some types that have messages which can be decoded, by name."""
+        return [each for each in self._of_type(msgtypes) if each.is_readable]
+
+    def unreadable(self, *msgtypes: str) -> list[TopicSurvey]:
+        """The topics of some types whose messages can none be decoded, by name."""
+        return [each for each in self._of_type(msgtypes) if not each.is_readable]
+
+    def _of_type(self, msgtypes: Sequence[str]) -> list[TopicSurvey]:
         found = [each for each in self.topics.values() if each.msgtype in msgtypes and each.count]
         return sorted(found, key=lambda each: each.name)
 
@@ -129,47 +161,75 @@ def survey_bag(messages: BagMessages) -> Survey:
     Raises:
         BadBagError: It cannot be read.
     """
-    topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
-    links = _Links()
-    calibrations: list[tuple[int, TextFile]] = []
+    taken = _Pass(messages)
     for message in messages:
-        topic = topics[message.topic]
+        taken.take(message)
+    losses = messages.losses
+    notes = [text for text in messages.warnings if text not in losses]
+    found = *taken.links.sorted(), taken.calibrations, notes, losses, messages.left_out
+    return Survey(taken.topics, *found)
+
+
+class _Pass:
+    """What is kept of the messages that go by."""
+
+    def __init__(self, messages: BagMessages) -> None:
+        self._decode = Decoder(messages.typestore)
+        self._bodies: dict[str, bytes] = {}
+        self.topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
+        self.links = _Links()
+        self.calibrations: list[tuple[int, TextFile]] = []
+
+    def take(self, message: BagMessage) -> None:
+        """Enter a message."""
+        topic = self.topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
         topic.size_bytes += len(message.data)
-        if topic.name == CALIBRATION and topic.msgtype == STRING:
-            text = _decoded(topic, messages, message)
-            if text is not None:
-                calibrations.append((message.stamp_ns, decode_text(text)))
-        if topic.msgtype not in _READ:
-            continue
         if topic.msgtype in TF_TYPES:
-            links.add(_decoded(topic, messages, message), still='static' in topic.name)
-            continue
+            self.links.add(self._decoded(topic, message), still='static' in topic.name)
+        elif topic.msgtype in _READ:
+            self._look_at(topic, message)
+        elif topic.name == CALIBRATION and topic.msgtype == STRING:
+            text = self._decoded(topic, message)
+            if text is not None:
+                self.calibrations.append((message.stamp_ns, decode_text(text)))
+
+    def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in _HEADED:
             _enter_header(topic, message)
-        if topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS:
-            look = _decoded(topic, messages, message)
+        is_due = topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS
+        changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
+        if is_due or changed or not topic.looks:
+            look = self._decoded(topic, message)
             if look is not None:
-                topic.looks.append(look)
-    return Survey(topics, *links.sorted(), calibrations)
+                topic.changes += changed and bool(topic.looks)
+                topic.looks = [*topic.looks, look][:_LOOKS]
+
+    def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
+        """Whether a message tells, behind its header, what the one before did not."""
+        body = body_after_header(message.data)
+        known = self._bodies.get(topic.name)
+        self._bodies[topic.name] = body
+        return body != known
+
+    def _decoded(self, topic: TopicSurvey, message: BagMessage) -> Any:  # noqa: ANN401
+        try:
+            return self._decode(message)
+        except ValueError as error:
+            topic.failures += 1
+            topic.failure = topic.failure or str(error)
+            return None
 
 
 def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
     try:
         stamp_ns, frame = peek_header(message.data)
-    except ValueError as error:
-        topic.failure = topic.failure or str(error)
-        stamp_ns, frame = 0, ''
+    except ValueError:
+        topic.headless.append(len(topic.header_ns))
+        topic.header_ns.append(message.stamp_ns)
+        return
     topic.header_ns.append(stamp_ns)
     topic.frames[frame.lstrip('/')] += 1
-
-
-def _decoded(topic: TopicSurvey, messages: BagMessages, message: BagMessage) -> Any:  # noqa: ANN401
-    try:
-        return messages.typestore.deserialize_cdr(message.data, message.msgtype)
-    except Exception as error:  # noqa: BLE001 - generated code lets anything out
-        topic.failure = topic.failure or f'{type(error).__name__}: {error}'
-        return None
 
 
 class _Links:
@@ -205,4 +265,5 @@ class _Links:
 
 
 def _differ(first: Transform, second: Transform) -> bool:
-    return bool(np.abs(first.matrix() - second.matrix()).max() > _STILL_M)
+    with np.errstate(invalid='ignore'):
+        return bool((np.abs(first.matrix() - second.matrix()) > _STILL_M).any())

@@ -83,11 +83,15 @@ def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array
         log_ns: (N,) nanoseconds.
 
     Returns:
-        The stamps, and why they are not the header's: some are 0, or earlier than the one before.
+        The stamps, and why they are not the header's: some are 0, before 1970, or earlier than the
+        one before.
     """
     zeros = np.flatnonzero(header_ns == 0)
     if len(zeros):
         return log_ns, _reason(zeros, len(header_ns), '0')
+    negative = np.flatnonzero(header_ns < 0)
+    if len(negative):
+        return log_ns, _reason(negative, len(header_ns), 'before 1970')
     backwards = np.flatnonzero(np.diff(header_ns) < 0) + 1
     if len(backwards):
         return log_ns, _reason(backwards, len(header_ns), 'earlier than the one before')

@@ -32,6 +32,7 @@ from ..options import Images, MessageOptions, Preset
 from ..ordered_map import ordered_map
 from ..samples import CAMERA_COUNT, CAMERA_NAMES, Stream, format_numbers
 from .blueprint import inside
+from .decoding import Decoder
 from .output import staged
 from .report import ImportReport, LossTally, damage
 
@@ -124,8 +125,8 @@ def _restore(
         wanted = _topics(messages.channels)
     _write_shared(stage / blueprint.root, blueprint, path)
     with open_messages(path, wanted) as messages:
-        report = _write(messages, blueprint, stage, progress)
-        return replace(report, losses=report.losses + damage(messages, path.name))
+        report = _write(path, messages, blueprint, stage, progress)
+        return replace(report, losses=report.losses + damage(messages.losses, path.name))
 
 
 def _write_shared(root: Path, blueprint: Blueprint, bag: Path) -> None:
@@ -138,12 +139,13 @@ def _write_shared(root: Path, blueprint: Blueprint, bag: Path) -> None:
 
 
 def _write(
+    bag: Path,
     messages: BagMessages,
     blueprint: Blueprint,
     stage: Path,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    writer = _Writer(messages, blueprint, stage / blueprint.root)
+    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
         writer.take(written)
@@ -153,7 +155,8 @@ def _write(
 
 
 class _Writer:
-    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path) -> None:
+    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: Path) -> None:
+        self._bag = bag
         self._messages = messages
         self._blueprint = blueprint
         self._root = root
@@ -166,11 +169,12 @@ class _Writer:
 
     def files(self) -> Iterator[_File]:
         """What the messages hold, in their order."""
+        decode = Decoder(self._messages.typestore)
         for message in self._messages:
             try:
-                decoded = self._messages.typestore.deserialize_cdr(message.data, message.msgtype)
-            except Exception as error:  # noqa: BLE001 - generated code lets anything out
-                self._losses.lose(message.topic, message.stamp_ns, f'cannot be decoded ({error})')
+                decoded = decode(message)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
                 continue
             file = (
                 self._line(decoded, message)
@@ -183,7 +187,7 @@ class _Writer:
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """A text of one frame, unless the whole file is known."""
         text = decode_text(decoded)
-        path = inside(text.name, self._root)
+        path = inside(text.name, self._bag)
         if path in self._blueprint.texts:
             self._counts[LINES[message.topic].value] += 1
             return None

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -84,12 +85,16 @@ class LocalStore:
         """The whole content of a file.
 
         Raises:
+            BadFileError: It is a pipe or a device, which may have no end.
             OSError: The file cannot be read.
         """
-        # A file object costs as much as reading a small file.
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        # A file object costs as much as reading a small file; opening a pipe would wait.
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         try:
-            pieces = [os.read(file, os.fstat(file).st_size + 1)]
+            status = os.fstat(file)
+            if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+                raise BadFileError(path, 'is no regular file', 'a file')
+            pieces = [os.read(file, status.st_size + 1)]
             while pieces[-1]:
                 pieces.append(os.read(file, _PIECE_BYTES))
         except OSError as error:
@@ -123,7 +128,7 @@ class LocalStore:
         """The whole content of a text file, line ends untouched.
 
         Raises:
-            BadFileError: The content is no UTF-8 text.
+            BadFileError: The content is no UTF-8 text, or it is no regular file.
             OSError: The file cannot be read.
         """
         try:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ __all__ = [
     'Quaternion',
     'Time',
     'Vector3',
+    'body_after_header',
     'make_header',
     'make_pose',
     'make_quaternion',
@@ -66,6 +67,17 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
     start = _ENCAPSULATION + _HEADER_HEAD
     frame = bytes(data[start : start + length]).rstrip(b'\0')
     return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
+
+
+def body_after_header(data: bytes | memoryview) -> bytes:
+    """What follows the Header that a serialised message begins with, padding included.
+
+    Nothing where the message is too short for one.
+    """
+    start = _ENCAPSULATION + _HEADER_HEAD
+    order: Literal['little', 'big'] = 'little' if data[1:2] == b'\1' else 'big'
+    length = int.from_bytes(data[start - 4 : start], order)
+    return bytes(data[start + length :])
 
 
 def make_vector3(xyz: Sequence[float] | Float64Array) -> Vector3:

@@ -16,6 +16,11 @@ import numpy as np
 
 from .png import inflated
 
+try:
+    from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
+except ImportError:  # a workspace may do without
+    from zlib import crc32
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -32,9 +37,17 @@ _CHUNK_CRC_BYTES = 4
 _PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0)}
 """Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
 
+MOST_PIXELS = 2**26
+"""Of an image: more than any camera on a vehicle has, and not more than memory has."""
+
 _TRAILING_BYTES = 52
 _DEPTH_HEAD_BYTES = 12
 _SMALLEST_MOSAIC = 3
+_PNG_SIZE = struct.Struct('>16xII')
+# ITU T.81, B.1.1.3 and B.2.2: frame headers are C0 to CF without C4, C8 and CC.
+_JPEG_SEGMENT = struct.Struct('>BBH')
+_JPEG_SIZE = struct.Struct('>BHH')
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 class _Encoding(NamedTuple):
@@ -149,12 +162,15 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
     The data tell what it is; the format is asked only whether grey pixels are a mosaic.
 
     Raises:
-        ValueError: The data are something else, are cut, or cannot be decoded.
+        ValueError: The data are something else, are cut, are too many pixels, or cannot be decoded.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
     kind = picture_kind(message)
     data = message.data.tobytes()
+    width, height = (_png_size if kind == 'PNG' else _jpeg_size)(data)
+    if width * height > MOST_PIXELS:
+        raise ValueError(f'a {kind} of {width} x {height} pixels')
     file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
     # A camera's calibration is of the pixels as they are stored, whatever way up EXIF wants them.
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -188,6 +204,36 @@ def picture_kind(message: CompressedImage) -> str:
     return kind
 
 
+def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
+    """(width, height) by an image's head alone, None where that does not tell."""
+    if not hasattr(message, 'format'):
+        size = int(message.width), int(message.height)
+    else:
+        data = message.data.tobytes()
+        size = _png_size(data) if data.startswith(_PNG) else _jpeg_size(data)
+    return size if all(size) else None
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    """(width, height); zeros where the header is cut."""
+    return _PNG_SIZE.unpack_from(data) if len(data) >= _PNG_SIZE.size else (0, 0)
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """(width, height); zeros where there is no frame header."""
+    offset = 2
+    while offset + _JPEG_SEGMENT.size + _JPEG_SIZE.size <= len(data):
+        mark, kind, length = _JPEG_SEGMENT.unpack_from(data, offset)
+        if mark != 0xFF:
+            break
+        if kind in _JPEG_FRAMES:
+            _, height, width = _JPEG_SIZE.unpack_from(data, offset + _JPEG_SEGMENT.size)
+            return width, height
+        # Fill bytes before a marker, and markers without a segment, are one and two bytes.
+        offset += 1 if kind == 0xFF else 2 + length
+    return 0, 0
+
+
 def png_of(message: CompressedImage) -> bytes | None:
     """The message's own bytes where KITTI's loaders read them as they are, else None.
 
@@ -195,7 +241,7 @@ def png_of(message: CompressedImage) -> bytes | None:
     transparent colour, and no mosaic.
 
     Raises:
-        ValueError: A depth image (compressedDepth).
+        ValueError: A depth image (compressedDepth), or a PNG that is damaged.
     """
     if _kind_of(message) != 'PNG' or _mosaic(message.format):
         return None
@@ -239,7 +285,12 @@ def _mosaic(format_: str) -> str:
 
 
 def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
-    """The kinds of a PNG's chunks and where the last one ends, None of a PNG that is cut."""
+    """The kinds of a PNG's chunks and where the last one ends, None of a PNG that is cut.
+
+    Raises:
+        ValueError: A chunk has another checksum than it tells.
+    """
+    view = memoryview(png)
     kinds: set[bytes] = set()
     offset, kind = len(_PNG), b''
     while kind != b'IEND':
@@ -247,5 +298,14 @@ def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
             return None
         length, kind = _CHUNK.unpack_from(png, offset)
         kinds.add(kind)
-        offset += _CHUNK.size + length + _CHUNK_CRC_BYTES
+        end = offset + _CHUNK.size + length
+        told = view[end : end + _CHUNK_CRC_BYTES]
+        if len(told) == _CHUNK_CRC_BYTES and crc32(view[offset + 4 : end]) != int.from_bytes(
+            told, 'big'
+        ):
+            name = kind.decode('ascii', 'replace')
+            raise ValueError(
+                f'the PNG is damaged: its {name} at byte {offset} has a wrong checksum'
+            )
+        offset = end + _CHUNK_CRC_BYTES
     return (kinds, offset) if offset <= len(png) else None

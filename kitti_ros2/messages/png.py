@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 _NUMBER = struct.Struct('>I')
 _CHUNK = struct.Struct('>I4s')
 _CHUNK_END = 4
+_SIZE = struct.Struct('>II')
+_SIZE_OFFSET = 16
+_MOST_PIXEL_BYTES = 8
 _SIGNATURE_BYTES = 8
 _BLOCK = struct.Struct('<BHH')
 _BLOCK_BYTES = 0xFFFF
@@ -53,8 +56,13 @@ def inflated(png: bytes) -> bytes:
         return png
     try:
         first, last, parts = _image_data(png)
-        raw = isal_zlib.decompress(b''.join(parts))
+        inflater = isal_zlib.decompressobj()
+        # Never more than an image of the size that the header tells: a few bytes can inflate to all
+        # of the memory.
+        raw = inflater.decompress(b''.join(parts), _most_bytes(png))
     except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, whatever its stub says
+        return png
+    if not inflater.eof:
         return png
     data = b''.join(
         [b'IDAT', _STORED_HEAD, *_blocks(raw), struct.pack('>I', isal_zlib.adler32(raw))]
@@ -62,6 +70,16 @@ def inflated(png: bytes) -> bytes:
     length = struct.pack('>I', len(data) - 4)
     crc = struct.pack('>I', isal_zlib.crc32(data))
     return b''.join([memoryview(png)[:first], length, data, crc, memoryview(png)[last:]])
+
+
+def _most_bytes(png: bytes) -> int:
+    """What the image data of a PNG can be at most, filters and interlacing included.
+
+    Raises:
+        struct.error: The header is cut off.
+    """
+    width, height = _SIZE.unpack_from(png, _SIZE_OFFSET)
+    return int(2 * height * (width + 1) * _MOST_PIXEL_BYTES)
 
 
 def _image_data(png: bytes) -> tuple[int, int, list[memoryview]]:

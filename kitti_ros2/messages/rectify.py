@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .pixels import MOST_PIXELS
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -77,13 +79,14 @@ class Rectifier:
 
         Raises:
             ValueError: The model is unknown, D has another count of numbers, K, R or P is no
-                calibration (all zero, as drivers send it for a camera without one), or a size is 0
-                or beyond what OpenCV can map, 32767.
+                calibration (all zero, as drivers send it for a camera without one), or a size is 0,
+                beyond what OpenCV can map (32767), or of more than MOST_PIXELS.
         """
         self.size = size
         self.new_size = new_size or size
         for width, height in (size, self.new_size):
-            if not (0 < width <= _LARGEST and 0 < height <= _LARGEST):
+            sides = 0 < width <= _LARGEST and 0 < height <= _LARGEST
+            if not sides or width * height > MOST_PIXELS:
                 raise ValueError(f'an image of {width} x {height} pixels')
         self._maps = _maps(
             _invertible('K', np.reshape(k, (3, 3))),

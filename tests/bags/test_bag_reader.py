@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 import tarfile
@@ -15,6 +16,7 @@ import zstandard
 from bag_samples import CHANNELS, START_NS, jazzy, make_samples, write_bag
 from mcap.writer import CompressionType, IndexType, Writer
 
+from kitti_ros2.bags.decompressors import decompress_file
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.errors import BadBagError
@@ -317,3 +319,76 @@ def test_recorder_that_did_not_close_its_database(samples, tmp_path):
     summary = summarize_bag(file)
     assert not summary.complete
     assert 'did not close' in summary.warnings[0]
+
+
+@pytest.mark.parametrize('name', ['a.mcap', 'a.bag', 'a.db3', 'metadata.yaml'])
+def test_pipes_are_refused_and_not_waited_for(name, tmp_path):
+    os.mkfifo(tmp_path / name)
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(BadBagError, match=r'no regular file|without metadata'):
+            open_messages(path)
+        with pytest.raises(BadBagError, match=r'no regular file|without metadata'):
+            summarize_bag(path)
+
+
+@pytest.mark.parametrize('head', [b'\x89MCAP0\r\n', b'#ROSBAG V2.0\n', b'SQLite format 3\0'])
+@pytest.mark.parametrize('size', [0, 1, 20, 40])
+def test_a_head_alone_is_an_empty_bag_or_none(head, size, tmp_path):
+    path = tmp_path / 'bag'
+    path.write_bytes(head + bytes(size))
+    if head.startswith(b'SQLite'):
+        with pytest.raises(BadBagError, match=str(path)):
+            open_messages(path)
+        return
+    with open_messages(path) as messages:
+        assert list(messages) == []
+        assert all(str(path) in text for text in messages.losses)
+        assert messages.losses
+
+
+@pytest.mark.parametrize(
+    'text', ['[' * 50_000, 'a: &a [*a]', 'rosbag2_bagfile_information: {storage_identifier: [x]}']
+)
+def test_metadata_of_any_shape_is_no_reason_to_fail(text, samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(), samples[: len(CHANNELS)])
+    (path / 'metadata.yaml').write_text(text)
+    assert len(read(path)) == len(CHANNELS)
+    assert 'no metadata of rosbag2' in summarize_bag(path).warnings[0]
+
+
+def test_a_database_whose_topics_have_no_names_is_damaged(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples[: len(CHANNELS)])
+    (file,) = path.glob('*.db3')
+    with sqlite3.connect(file) as connection:
+        connection.execute("UPDATE topics SET name = x'ff00' WHERE id = 2")
+    connection.close()
+    assert len(read(path)) == len(CHANNELS) - 1
+    assert not summarize_bag(path).complete
+
+
+def test_a_compressed_file_is_unpacked_in_small_pieces(tmp_path):
+    """A small file can unpack to more than there is memory."""
+    packed = tmp_path / 'a.mcap.zstd'
+    packed.write_bytes(zstandard.compress(b'\x89MCAP0\r\n' + bytes(100_000_000)))
+    with packed.open('rb') as file:
+        sizes = [len(block) for block in decompress_file(file)]
+    assert sum(sizes) == 100_000_008
+    assert max(sizes) < 1_000_000
+
+
+@pytest.mark.parametrize('encoding', ['json', 'protobuf'])
+def test_what_is_not_read_among_others_is_told(encoding, tmp_path):
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
+        text = writer.register_channel('/text', 'cdr', schema)
+        other = writer.register_channel('/other', encoding, schema)
+        writer.add_message(text, 1, b'\0\1\0\0\1\0\0\0\0', 1)
+        writer.add_message(other, 2, b'{}', 2)
+        writer.finish()
+    with open_messages(path) as messages:
+        assert [each.topic for each in messages] == ['/text']
+        assert messages.warnings == (f'{path}: /other is {encoding}, which is not read',)
+        assert messages.complete

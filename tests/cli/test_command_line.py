@@ -271,3 +271,52 @@ def test_no_permission_is_one_line(recordings, tmp_path):
     )  # fmt: skip
     assert done.returncode == 2
     assert 'Permission denied' in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '>&- 2>&-', '<&-'])
+@pytest.mark.parametrize(
+    ('words', 'code'), [('info {path}', 0), ('info {path}/none', 2), ('--version', 0), ('info', 2)]
+)
+def test_streams_that_are_closed_are_done_without(recordings, closed, words, code):
+    words = words.format(path=recordings[Layout.OBJECT])
+    done = subprocess.run(
+        ['sh', '-c', f'exec "$0" "$1" "$2" {words} {closed}', *RUN],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    assert 'internal error' not in done.stderr
+
+
+def test_output_that_is_refused_is_one_line(recordings):
+    with Path('/dev/full').open('w') as full:
+        done = subprocess.run(
+            [*RUN, 'info', str(recordings[Layout.OBJECT])],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert 'standard output: No space left on device' in one_line(done.stderr)
+
+
+@pytest.mark.parametrize(
+    'name', [b'\xff\xfe', b'\x1b[31mred\x07', 'ü\u202egnp'.encode(), b'two\nlines']
+)
+@pytest.mark.parametrize('ending', [b'.mcap', b'.bag', b''])
+def test_names_of_files_may_be_any_bytes_and_none_reaches_the_terminal(
+    recordings, name, ending, tmp_path, capsys
+):
+    bag = os.fsdecode(os.fsencode(tmp_path) + b'/' + name + ending)
+    copy = os.fsdecode(os.fsencode(tmp_path) + b'/copy' + name + ending)
+    for words, code in (
+        (['to-bag', str(recordings[Layout.OBJECT]), bag], 0),
+        (['info', bag], 0),
+        (['recover', bag, copy], 0),
+        (['to-kitti', copy, f'{bag}.out'], 0),
+        (['to-kitti', f'{bag}.none', f'{bag}.out'], 2),
+    ):
+        assert main(words) == code
+        said = capsys.readouterr()
+        lines = [*said.out.splitlines(), *said.err.splitlines()]
+        assert lines
+        assert all(line.isprintable() for line in lines)
+    made, source = Path(f'{bag}.out'), recordings[Layout.OBJECT]
+    assert {path.name for path in made.iterdir()} == {path.name for path in source.iterdir()}

@@ -220,7 +220,13 @@ def test_of_a_tf_message_the_wanted_links_are_read_and_slashes_do_not_count():
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize(
     ('orientation', 'x'),
-    [((0.0, 0.0, 0.0, 0.0), 1.0), ((np.nan, 0.0, 0.0, 1.0), 1.0), ((0.0, 0.0, 0.0, 1.0), np.inf)],
+    [
+        ((0.0, 0.0, 0.0, 0.0), 1.0),
+        ((np.nan, 0.0, 0.0, 1.0), 1.0),
+        ((0.0, 0.0, 0.0, 1.0), np.inf),
+        ((1e300, 0, 0, 1e300), 1.0),
+        ((0.0, 0, 0, 1), 1e300),
+    ],
 )
 def test_what_is_no_pose_is_refused(orientation, x):
     pose = make_pose(IDENTITY)
@@ -228,7 +234,9 @@ def test_what_is_no_pose_is_refused(orientation, x):
     link = make_transform(IDENTITY, T0, 'map', 'base')
     link.transform.rotation = Quaternion(*orientation)
     link.transform.translation = Vector3(x, 0.0, 0.0)
-    with pytest.raises(ValueError, match='a pose of NaN or with an orientation of all zeros'):
+    with pytest.raises(
+        ValueError, match='a pose of NaN, of an impossible place or of an orientation'
+    ):
         poses_from_pose_stamped(PoseStamped(make_header(T0, 'map'), pose))
     with pytest.raises(ValueError, match='a pose of NaN'):
         poses_from_tf(TFMessage([link]), [('map', 'base')])

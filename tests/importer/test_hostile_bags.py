@@ -4,20 +4,26 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import foreign
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
+from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.cli import main
 from kitti_ros2.errors import KittiRos2Error, LackingError, UsageError
+from kitti_ros2.importer.plan import parse_plan
 from kitti_ros2.importer.planned import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.header import make_header
-from kitti_ros2.messages.ros_types import TFMessage
+from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
 from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.options import ImportOptions
+from kitti_ros2.options import BagOptions, ImportOptions
 from kitti_ros2.samples import Layout, Stream
 
 TRUTH = foreign.make_truth()
@@ -194,3 +200,250 @@ def test_a_plan_that_names_the_wrong_topic_says_which_there_are(tmp_path):
 
     with pytest.raises(UsageError, match=r'/velodyne.*/sensors/ouster/points'):
         convert(path, tmp_path / 'out', change=wrong)
+
+
+def command(capsys, *words):
+    """Exit code and the lines of both streams of kitti-ros2 to-kitti."""
+    code = main(['to-kitti', *map(str, words)])
+    said = capsys.readouterr()
+    assert 'internal error' not in said.err
+    return code, said.out.splitlines(), said.err.splitlines()
+
+
+@pytest.mark.parametrize(
+    ('topic', 'layout'),
+    [
+        (POINTS, 'object'),
+        (LEFT, 'object'),
+        ('/cam/left/camera_info', 'tracking'),
+        (BOXES, 'tracking'),
+        ('/imu/data', 'raw'),
+        ('/odom', 'odometry'),
+    ],
+)
+def test_a_topic_of_which_nothing_can_be_decoded_is_a_loss(topic, layout, tmp_path, capsys):
+    path = hostile(tmp_path, topic, None, cut)
+    code, _, (loss, _) = command(capsys, path, tmp_path / 'out', '--layout', layout, '-q')
+    assert code == 1
+    assert loss.startswith(f'skipped {topic} (')
+    assert 'not one of its messages can be read; the first cannot be decoded' in loss
+    assert main(['to-kitti', str(path), '--layout', layout, '--plan']) == 0
+    assert f'# {topic}: not one of its messages can be read' in capsys.readouterr().out
+
+
+def test_transforms_that_cannot_be_decoded_are_told_where_they_lack(tmp_path, capsys):
+    path = hostile(tmp_path, '/tf_static', None, cut)
+    code, _, (line,) = command(capsys, path, tmp_path / 'out', '--layout', 'object', '-q')
+    assert code == 2
+    assert '/tf_static: not one of its messages can be read' in line
+
+
+@pytest.mark.parametrize('first', [(b'',), (b'\0\1\0\0',)])
+def test_a_message_without_a_header_leaves_the_stamps_of_the_others(first, tmp_path):
+    path = hostile(tmp_path, POINTS, 0, lambda _: first)
+    report = convert(path, tmp_path / 'out', Layout.RAW)
+    assert not any('log time' in note for note in report.notes)
+    stamps = open_recording(tmp_path / 'out').streams[Stream.SCAN].stamps_ns
+    assert stamps.tolist() == [frame.stamp_ns for frame in TRUTH[1:]]
+
+
+def test_a_look_that_fails_does_not_hide_the_rest(tmp_path):
+    """Topics are told by their first messages: here only the third can be read."""
+    cut_up = {0, 1, *range(3, foreign.FRAMES)}
+
+    def change(topic, place, message):
+        return cut(message) if topic == POINTS and place in cut_up else message
+
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, change=change)
+    report = convert(path, tmp_path / 'out')
+    assert report.counts['scan'] == 1
+    assert sum(loss.count for loss in report.losses) == foreign.FRAMES - 1
+
+
+def test_a_first_cloud_without_fields_does_not_hide_the_rest(tmp_path):
+    path = hostile(tmp_path, POINTS, 0, lambda message: replace(message, fields=[]))
+    report = convert(path, tmp_path / 'out')
+    assert report.counts['scan'] == foreign.FRAMES - 1
+
+
+def with_definition(path, topic, text):
+    """The bag with a topic's type defined by a text of its own."""
+    with open_messages(foreign.write_foreign(path.with_name('plain.mcap'), TRUTH)) as messages:
+        store = messages.typestore
+        with path.open('wb') as file:
+            writer = Writer(file)
+            writer.start(profile='ros2')
+            channels = {}
+            for name, msgtype in messages.channels:
+                known = store.generate_msgdef(msgtype, ros_version=2)[0]
+                text_of = (text if name == topic else known).encode()
+                schema = writer.register_schema(msgtype, 'ros2msg', text_of)
+                channels[name] = writer.register_channel(name, 'cdr', schema)
+            for message in messages:
+                stamp, data = message.stamp_ns, bytes(message.data)
+                writer.add_message(channels[message.topic], stamp, data, stamp)
+            writer.finish()
+    return path
+
+
+HEADER = f"""std_msgs/Header header
+uint32 height
+{'=' * 80}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+
+
+@pytest.mark.parametrize('text', [HEADER, 'uint32 width\n', 'std_msgs/Header[] header\n'])
+@pytest.mark.parametrize(
+    'topic', [POINTS, LEFT, '/cam/right/image_rect/compressed', '/cam/left/camera_info', BOXES]
+)
+def test_a_type_that_lacks_what_is_read_is_a_loss(topic, text, tmp_path, capsys):
+    path = with_definition(tmp_path / 'bag.mcap', topic, text)
+    code, _, errors = command(capsys, path, tmp_path / 'out', '--layout', 'object', '-q')
+    assert code == 1
+    (loss,) = [line for line in errors if line.startswith(f'skipped {topic}')]
+    assert 'the bag defines' in loss
+    assert 'without' in loss
+
+
+def test_a_topic_in_another_encoding_is_a_loss_where_it_would_be_used(tmp_path, capsys):
+    plain = foreign.write_foreign(tmp_path / 'plain.mcap', TRUTH)
+    path = tmp_path / 'bag.mcap'
+    with open_messages(plain) as messages, path.open('wb') as file:
+        writer = Writer(file)
+        writer.start()
+        channels = {}
+        for name, msgtype in messages.channels:
+            encoding = 'json' if name in (POINTS, '/odom') else 'cdr'
+            schema = writer.register_schema(msgtype, 'ros2msg', b'')
+            channels[name] = writer.register_channel(name, encoding, schema)
+        for message in messages:
+            stamp, data = message.stamp_ns, bytes(message.data)
+            writer.add_message(channels[message.topic], stamp, data, stamp)
+        writer.finish()
+    code, notes, (loss, _) = command(capsys, path, tmp_path / 'out', '--layout', 'object')
+    assert code == 1
+    assert loss == f'skipped {POINTS} (12): {path}: {POINTS} is json, which is not read'
+    assert f'note: {path}: /odom is json, which is not read' in notes
+
+
+def test_without_camera_info_labels_are_left_out_and_that_is_said(tmp_path, capsys):
+    infos = '/cam/left/camera_info', '/cam/right/camera_info'
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, 'mcap', *infos)
+    code, notes, errors = command(capsys, path, tmp_path / 'out', '--layout', 'object')
+    assert (code, errors) == (0, [])
+    assert f'note: {BOXES}: left out, for labels need a calibration' in notes
+
+
+def test_calib_stands_in_for_a_camera_that_was_never_calibrated(tmp_path):
+    sound = foreign.write_foreign(tmp_path / 'sound.mcap', TRUTH)
+    convert(sound, tmp_path / 'sound')
+    path = hostile(
+        tmp_path,
+        '/cam/left/camera_info',
+        None,
+        lambda message: replace(message, k=np.zeros(9), p=np.zeros(12)),
+    )
+    calib = tmp_path / 'sound/training/calib/000000.txt'
+
+    def by_file(plan):
+        cameras = {index: replace(each, rectify=False) for index, each in plan.cameras.items()}
+        return replace(plan, calibration=str(calib), cameras=cameras)
+
+    report = convert(path, tmp_path / 'out', change=by_file)
+    assert report.losses == ()
+    made = tmp_path / 'out/training/calib/000003.txt'
+    assert made.read_text() == calib.read_text()
+
+
+def test_a_camera_info_that_changes_is_told(tmp_path):
+    def zoom(message):
+        return replace(message, k=message.k * 2, p=message.p * 2)
+
+    path = hostile(tmp_path, '/cam/left/camera_info', 13, zoom)
+    report = convert(path, tmp_path / 'out')
+    assert any('camera_info changes within the bag' in note for note in report.notes)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'distortion_model': 'thin_prism'},
+        {'d': np.ones(100)},
+        {'width': 100_000, 'height': 1},
+        {'width': 30_000, 'height': 30_000},
+        {'binning_x': 2**32 - 1},
+    ],
+)
+def test_a_camera_that_cannot_be_rectified_is_one_line_with_its_topic(change, tmp_path, capsys):
+    info = '/cam/left/camera_info'
+    path = hostile(tmp_path, info, None, lambda message: replace(message, **change))
+    code, _, (line,) = command(capsys, path, tmp_path / 'out', '--layout', 'object', '-q')
+    assert code == 2
+    assert f'kitti-ros2: {info}: ' in line
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('change', [{'x': 1e300}, {'x': np.nan}, {'x': -4.0}, {'x': 0.0}])
+def test_boxes_of_no_possible_size_are_left_out(change, tmp_path):
+    kind = 'vision_msgs/msg/Detection3DArray'
+
+    def resize(parts):
+        message = TYPESTORE.deserialize_cdr(join(parts), kind)
+        for detection in message.detections:
+            for name, value in change.items():
+                setattr(detection.bbox.size, name, value)
+        return (bytes(TYPESTORE.serialize_cdr(message, kind)),)
+
+    report = convert(hostile(tmp_path, BOXES, None, resize), tmp_path / 'out')
+    note = f'{foreign.FRAMES} boxes without a possible size or place were left out of the labels'
+    assert note in report.notes
+
+
+@pytest.mark.parametrize('name', ['x\ny: evil\nz', '\x1b[31mred', '../../x', '{x}[red]', ''])
+def test_a_topic_of_any_name_is_data_and_nothing_more(name, tmp_path, capsys):
+    """Neither lines of a plan, nor escape sequences, nor paths."""
+    with open_messages(foreign.write_foreign(tmp_path / 'plain.mcap', TRUTH)) as messages:
+        path = tmp_path / 'bag.mcap'
+        with open_bag(path, BagOptions(), messages.typestore) as writer:
+            channels = {
+                topic: writer.add_channel(Channel(name if topic == '/odom' else topic, msgtype))
+                for topic, msgtype in messages.channels
+            }
+            for message in messages:
+                parts = (cut((bytes(message.data),)) if message.topic == '/odom' else
+                         [bytes(message.data)])  # fmt: skip
+                writer.write(channels[message.topic], message.stamp_ns, parts)
+    code, out, errors = command(capsys, path, tmp_path / 'out', '--layout', 'odometry')
+    assert code == 1
+    assert len(errors) == 2
+    assert all(line.isprintable() for line in (*out, *errors))
+    assert main(['to-kitti', str(path), '--layout', 'odometry', '--plan']) == 0
+    text = capsys.readouterr().out
+    assert parse_plan(text, tmp_path).layout is Layout.ODOMETRY
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['bag.mcap', 'out', 'plain.mcap']
+
+
+def test_a_bag_that_is_given_twice_is_refused(tmp_path, capsys):
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH)
+    (tmp_path / 'link').symlink_to(path)
+    words = path, tmp_path / 'link', tmp_path / 'out', '--layout', 'object'
+    code, _, (line,) = command(capsys, *words)
+    assert code == 2
+    assert 'is given twice' in line
+
+
+@pytest.mark.parametrize('option', ['--plan-file', '--calib'])
+@pytest.mark.parametrize('kind', ['pipe', 'bytes'])
+def test_files_beside_the_bag_that_are_no_text_are_refused(option, kind, tmp_path, capsys):
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH)
+    beside = tmp_path / 'beside'
+    os.mkfifo(beside) if kind == 'pipe' else beside.write_bytes(bytes(range(256)))
+    words = path, tmp_path / 'out', '--layout', 'object', '-q', option, beside
+    code, _, (line,) = command(capsys, *words)
+    assert code == 2
+    assert str(beside) in line
+    assert not (tmp_path / 'out').exists()

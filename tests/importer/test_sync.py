@@ -191,6 +191,7 @@ def test_header_stamps_in_order_are_used(header):
     [
         ([5, 0, 9], '1 of 3 header stamps is 0 (the first that of message 2);'),
         ([0, 0, 0], '3 of 3 header stamps are 0 (the first that of message 1);'),
+        ([-5, -4, 3], '2 of 3 header stamps are before 1970 (the first that of message 1);'),
         (
             [5, 4, 3],
             '2 of 3 header stamps are earlier than the one before (the first that of message 2);',

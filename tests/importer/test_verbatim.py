@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
+from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.cli import main
 from kitti_ros2.convert import convert
 from kitti_ros2.errors import BadBagError, OutputExistsError, UsageError
 from kitti_ros2.importer.blueprint import FILES, RECORDING, find_blueprint
@@ -207,8 +209,11 @@ def test_file_names_that_would_escape_are_refused(name, tmp_path):
         {'files': {'scan': {**SCANS, 'numbers': [[0, 10**12]]}}},
         {'files': {'scan': {**SCANS, 'folder': '../../velodyne'}}},
         {'files': {'radar': SCANS}},
+        {'files': {'scan': {**SCANS, 'numbers': [[0, 1], [1, 2]]}}},
+        {'files': {'scan': {**SCANS, 'numbers': [[0, 999_999]]}, 'oxts': SCANS}},
         {'files': []},
         {'epoch_ns': None},
+        {'epoch_ns': float('inf')},
     ],
 )
 def test_a_description_that_cannot_be_meant_is_refused(change, tmp_path):
@@ -218,10 +223,69 @@ def test_a_description_that_cannot_be_meant_is_refused(change, tmp_path):
         find_blueprint(path)
 
 
-def test_a_description_that_is_no_json_is_refused(tmp_path):
-    write_strings(tmp_path / 'bag.mcap', [(RECORDING, 'layout: object')])
+@pytest.mark.parametrize('text', ['layout: object', '[' * 100_000, '[1, 2]', ''])
+def test_a_description_that_is_no_json_is_refused(text, tmp_path):
+    write_strings(tmp_path / 'bag.mcap', [(RECORDING, text)])
     with pytest.raises(BadBagError, match='not what kitti-ros2 writes'):
         find_blueprint(tmp_path / 'bag.mcap')
+
+
+def test_a_bag_of_an_earlier_version_says_so_and_goes_by_a_plan(recordings, tmp_path, capsys):
+    """Its description does not tell which numbers the files had."""
+
+    def change(topic, text):
+        if topic != RECORDING:
+            return text
+        values = json.loads(text)
+        for entry in values['files'].values():
+            del entry['numbers']
+        return json.dumps(values)
+
+    earlier = with_texts(to_bag(recordings[Layout.OBJECT], tmp_path), change)
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(earlier), str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'made by an earlier version' in line
+    assert 'make it again with to-bag, or give --layout' in line
+    assert main(['to-kitti', str(earlier), str(out), '--layout', 'object']) == 0
+    made = files_of(out / 'training')
+    for name, content in files_of(recordings[Layout.OBJECT] / 'training').items():
+        if name.split('/')[0] in {'image_2', 'velodyne'}:
+            assert made[name] == content
+
+
+def test_lines_of_frames_that_would_escape_are_refused_by_the_name_of_the_bag(
+    recordings, tmp_path, capsys
+):
+    def change(topic, text):
+        return '../../evil\ntext' if topic == '/kitti/source/labels' else text
+
+    hostile = with_texts(to_bag(recordings[Layout.OBJECT], tmp_path), change)
+    assert main(['to-kitti', str(hostile), str(tmp_path / 'a/b/out')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"kitti-ros2: {hostile}: names a file '../../evil'")
+    assert not (tmp_path / 'a').exists()
+
+
+def with_texts(bag, change):
+    """The bag with every text of /kitti/source changed."""
+    path = bag.with_name(f'changed_{bag.name}')
+    kind = 'std_msgs/msg/String'
+    with (
+        open_messages(bag) as messages,
+        open_bag(path, BagOptions(), messages.typestore) as writer,
+    ):
+        channels = {
+            topic: writer.add_channel(Channel(topic, msgtype, latched=topic in messages.latched))
+            for topic, msgtype in messages.channels
+        }
+        for message in messages:
+            parts = (bytes(message.data),)
+            if message.msgtype == kind:
+                text = TYPESTORE.deserialize_cdr(message.data, kind).data
+                parts = serialize(String(change(message.topic, text)))
+            writer.write(channels[message.topic], message.stamp_ns, parts)
+    return path
 
 
 def test_a_bag_of_others_has_no_blueprint(tmp_path):

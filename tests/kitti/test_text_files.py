@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from kitti_ros2.kitti.stamps_file import (
     parse_times,
     parse_timestamps,
 )
+from kitti_ros2.kitti.store import STORE
 from kitti_ros2.samples import OxtsPacket
 from kitti_ros2.stamps import LAST_NS
 
@@ -110,3 +113,10 @@ def test_bad_packet(words, said):
 def test_the_source_line_does_not_make_packets_differ():
     packet = parse_packet(' '.join(['1'] * 30), 'x')
     assert replace(packet, source=None) == packet
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    for path in (tmp_path / 'pipe', Path('/dev/zero')):
+        with pytest.raises(BadFileError, match='is no regular file'):
+            STORE.read_text(path)

@@ -259,6 +259,26 @@ class TestCompressedImage:
         with pytest.raises(ValueError, match=said):
             decode_compressed_pixels(compressed(data, 'png'))
 
+    @pytest.mark.parametrize('ending', ['.png', '.jpg'])
+    def test_too_many_pixels_are_refused_before_they_are_made(self, ending):
+        data = bytearray(encoded(ending, picture()))
+        if ending == '.png':
+            data[16:24] = struct.pack('>II', 60_000, 60_000)
+            data[29:33] = struct.pack('>I', zlib.crc32(data[12:29]))
+        else:
+            place = data.index(b'\xff\xc0') + 5
+            data[place : place + 4] = struct.pack('>HH', 60_000, 60_000)
+        with pytest.raises(ValueError, match='of 60000 x 60000 pixels'):
+            decode_compressed_pixels(compressed(bytes(data)))
+
+    @pytest.mark.parametrize('place', [20, 45, -5])
+    def test_a_png_with_a_wrong_checksum_is_not_passed_on(self, place):
+        data = bytearray(PLAIN['rgb'])
+        data[place] ^= 1
+        for decode in (decode_compressed_pixels, png_of):
+            with pytest.raises(ValueError, match=r'the PNG is damaged: its .* wrong checksum'):
+                decode(compressed(bytes(data)))
+
     @pytest.mark.parametrize(
         ('data', 'format_'),
         [

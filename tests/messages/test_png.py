@@ -76,3 +76,17 @@ def test_without_isal_opencv_does_it_all(monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'isal', None)
     data = cv2.imencode('.png', noisy((40, 60), 2))[1].tobytes()
     assert inflated(data) is data
+
+
+@pytest.mark.parametrize('size', [(1, 1), (64, 48)])
+def test_data_that_inflate_to_more_than_the_image_are_left_alone(size):
+    """A few bytes may hold all of the memory."""
+    pytest.importorskip('isal')
+
+    def chunk(body):
+        return struct.pack('>I', len(body) - 4) + body + struct.pack('>I', zlib.crc32(body))
+
+    header = b'IHDR' + struct.pack('>IIBBBBB', *size, 8, 2, 0, 0, 0)
+    data = b'IDAT' + zlib.compress(bytes(10_000_000), 9)
+    png = b'\x89PNG\r\n\x1a\n' + chunk(header) + chunk(data) + chunk(b'IEND')
+    assert inflated(png) is png

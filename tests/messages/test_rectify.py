@@ -181,7 +181,9 @@ class TestRectifier:
         with pytest.raises(ValueError, match=f'{name} is .* not calibrated'):
             Rectifier(k, np.zeros(5), r, p, 'plumb_bob', SIZE)
 
-    @pytest.mark.parametrize('size', [(0, 400), (640, 40000), (2**32 - 1, 2**32 - 1)])
+    @pytest.mark.parametrize(
+        'size', [(0, 400), (640, 40000), (30000, 30000), (2**32 - 1, 2**32 - 1)]
+    )
     def test_an_impossible_size_is_refused(self, size):
         with pytest.raises(ValueError, match=f'an image of {size[0]} x {size[1]} pixels'):
             Rectifier(K, np.zeros(5), R, P, 'plumb_bob', size)
