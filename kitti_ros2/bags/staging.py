@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING
 from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
 _REPLACED = 'replaced'
+_NAMED = 'named'
 _NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
 _MAGIC_BYTES = 8
 _MAGIC = (b'\x89MCAP0\r\n', b'#ROSBAG ')
@@ -175,7 +176,7 @@ class Staging:
     def _clear(self) -> None:
         self._restore()
         found = {entry.name for entry in self._partial.iterdir()}
-        if found - {self.content.name, _REPLACED}:
+        if found - {self.content.name, _REPLACED, _NAMED}:
             # Not made here, so not ours to delete; discard must not either.
             os.close(self._lock)
             self._lock = -1
@@ -214,6 +215,47 @@ def keep_all_but_bags(path: Path) -> str | None:
 def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
     """Why nothing that is there is replaced."""
     return 'choose another name, or pass --overwrite'
+
+
+def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Path], str | None]:
+    """A refusal of all that --overwrite does not replace: what does not begin as its kind does.
+
+    Args:
+        what: The kind, for people, such as picture.
+        beginnings: How such files begin; empty ones may be replaced as well.
+    """
+
+    def refusal(path: Path) -> str | None:
+        if path.is_file():
+            with path.open('rb') as file:
+                head = file.read(max(map(len, beginnings))).lower()
+            if not head or any(head.startswith(each.lower()) for each in beginnings):
+                return None
+        return f'it is no {what}, so --overwrite does not touch it; choose another name'
+
+    return refusal
+
+
+@contextmanager
+def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Path]:
+    """A path to write a file at, of the same name, which is at out when all went well.
+
+    Raises:
+        OutputExistsError: out is there, and may not be replaced.
+        OutputError: The disk refuses.
+    """
+    staging = Staging(out, refusal)
+    try:
+        with reported(out):
+            # Programs that write pictures and films look at the name's ending.
+            folder = staging.content.with_name(_NAMED)
+            folder.mkdir()
+            yield folder / out.name
+            (folder / out.name).rename(staging.content)
+            folder.rmdir()
+        staging.publish()
+    finally:
+        staging.discard()
 
 
 def _looks_like_bag(path: Path) -> bool:

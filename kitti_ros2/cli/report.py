@@ -4,17 +4,15 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import TYPE_CHECKING
 
 from ..pictures.report import check_output, gather, make_page, write_page
-from ..quantities import format_bytes, format_count
 from ..settings import make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import part_progress
-from .text import format_path
+from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,13 +44,13 @@ def run_report(
     size = write_page(out, make_page(report), overwrite=overwrite)
     for finding in report.findings:
         if finding.is_loss:
-            sys.stderr.write(f'{finding.where + ": " if finding.where else ""}{finding.text}\n')
+            complain(f'{finding.where + ": " if finding.where else ""}{finding.text}')
     if not quiet:
-        sys.stdout.write(
+        say(
             f'{format_path(out)}: {format_count(len(report.findings), "finding")},'
-            f' {format_bytes(size)}; took {time.monotonic() - started:.1f} s\n'
+            f' {format_bytes(size)}; took {time.monotonic() - started:.1f} s'
         )
     if report.sound:
         return EXIT_OK
-    sys.stderr.write(f'kitti-ros2: data is missing or damaged, as told; exit code {EXIT_LOSSES}\n')
+    complain(f'kitti-ros2: data is missing or damaged, as told; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES

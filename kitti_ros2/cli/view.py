@@ -4,16 +4,21 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ..bags.staging import keep_all, staged_file
 from ..errors import LackingError, UsageError
 from ..pictures.modes import MODES
 from ..pictures.movie import Movie
-from ..pictures.output import PICTURES, staged_file, staged_folder, write_picture
+from ..pictures.output import (
+    PICTURES,
+    keep_all_but_pictures,
+    staged_folder,
+    write_picture,
+)
 from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, stamps_of
 from ..pictures.sources import open_frames
@@ -22,7 +27,7 @@ from ..settings import make_view_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import count_progress
-from .text import format_bytes, format_count, format_path
+from .text import format_bytes, format_count, format_path, say
 from .to_bag import show_losses
 
 if TYPE_CHECKING:
@@ -103,9 +108,9 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     if not quiet:
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
-        sys.stdout.write(
+        say(
             f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
-            f' took {elapsed:.1f} s{pace}\n'
+            f' took {elapsed:.1f} s{pace}'
         )
     losses = tally.told()
     show_losses(losses)
@@ -158,15 +163,16 @@ def _write(
     Raises:
         LackingError: There are none.
     """
+    refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:
-        with staged_file(out, overwrite=overwrite) as path:
+        with staged_file(out, refusal) as path:
             for _, picture in pictures:
                 write_picture(path, picture)
                 shape = f'{picture.shape[1]}x{picture.shape[0]}'
             tally.check()
         return f'{shape}, {format_bytes(out.stat().st_size)}'
     if out.suffix.lower() == _MOVIE:
-        with staged_file(out, overwrite=overwrite) as path:
+        with staged_file(out, refusal) as path:
             with Movie(path, rate_hz) as movie:
                 for _, picture in pictures:
                     movie.write(picture)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..bags.staging import Staging, reported
+from ..bags.staging import Staging, keep_all_but_files, reported
 from ..errors import UsageError
 
 if TYPE_CHECKING:
@@ -16,32 +16,15 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
 
+# An MP4 file begins with the length of its first box, which is short.
+_FILMS = tuple(bytes([0, 0, 0, length]) for length in range(16, 64))
+keep_all_but_pictures = keep_all_but_files(
+    'picture or film', (b'\x89PNG', b'\xff\xd8\xff', b'RIFF', *_FILMS)
+)
+"""What --overwrite does not replace."""
+
 PICTURES = ('.png', '.jpg', '.jpeg', '.webp')
 _JPEG_QUALITY = 92
-
-
-@contextmanager
-def staged_file(out: Path, *, overwrite: bool) -> Iterator[Path]:
-    """A path to write a file at, which is at out when all went well.
-
-    Raises:
-        OutputExistsError: out is there, and may not be replaced.
-        OutputError: The disk refuses.
-    """
-    staging = Staging(out, _refuse_all_but_files if overwrite else _refuse)
-    try:
-        with reported(out):
-            staging.content.mkdir()
-            # Libraries that write pictures and films look at the ending.
-            file = staging.content / out.name
-            yield file
-            whole = staging.content.with_name('whole' + out.suffix)
-            file.rename(whole)
-            staging.content.rmdir()
-            whole.rename(staging.content)
-        staging.publish()
-    finally:
-        staging.discard()
 
 
 @contextmanager
@@ -92,16 +75,6 @@ def encode_picture(picture: Pixels, suffix: str) -> bytes:
     if not done:
         raise UsageError(f'this OpenCV writes no {suffix}; choose .png')
     return data.tobytes()
-
-
-def _refuse(path: Path) -> str:  # noqa: ARG001 - one form for all
-    return 'choose another name, or pass --overwrite'
-
-
-def _refuse_all_but_files(path: Path) -> str | None:
-    if path.is_file():
-        return None
-    return 'it is no file, so --overwrite does not touch it; choose another name'
 
 
 def _refuse_content(path: Path) -> str | None:

@@ -16,12 +16,12 @@ from ..program import RecordingProgram
 
 if TYPE_CHECKING:
     from ..program import Program
-    from ..settings import PlaySettings
+    from ..settings import PlaySettings, Settings
 
 _MOST_WORKERS = 4
 
 
-def open_program(source: str, settings: PlaySettings) -> Program:
+def open_program(source: str | Path, settings: PlaySettings | Settings) -> Program:
     """Open what is to be played.
 
     Args:

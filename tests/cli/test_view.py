@@ -133,14 +133,14 @@ def test_wrong_frames(recordings, tmp_path, frames, capsys):
 def test_what_is_there_is_kept(recordings, tmp_path, name, capsys):
     out = tmp_path / name
     if out.suffix:
-        out.write_text('mine')
+        out.write_bytes(b'\x89PNG mine')
     else:
         out.mkdir()
         (out / 'mine').touch()
     assert main(['view', str(recordings[Layout.RAW]), '-o', str(out)]) == 2
     assert f'{out}: exists already' in one_line(capsys.readouterr().err)
     if out.suffix:
-        assert out.read_text() == 'mine'
+        assert out.read_bytes() == b'\x89PNG mine'
         words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--frame', '0']
         words = words if out.suffix == '.png' else [*words[:4], '--frames', '0:1']
         assert main([*words, '--overwrite', '-q']) == 0
@@ -160,3 +160,13 @@ def test_nothing_to_draw(recordings, tmp_path, capsys):
 def test_nowhere_to_draw_to(recordings, capsys):
     assert main(['view', str(recordings[Layout.RAW])]) == 2
     assert '-o' in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('name', ['out.png', 'out.mp4'])
+def test_overwrite_touches_nothing_else(recordings, tmp_path, name, capsys):
+    out = tmp_path / name
+    out.write_text('a note of mine')
+    words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--overwrite']
+    assert main(words) == 2
+    assert 'it is no picture or film' in one_line(capsys.readouterr().err)
+    assert out.read_text() == 'a note of mine'

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ...bags.staging import Staging, keep_all, reported
+from ...bags.staging import Staging, keep_all, keep_all_but_files, staged_file
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
-_BEGINNING = b'<!doctype html'
+_KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
 
 def check_output(out: Path, *, overwrite: bool) -> None:
@@ -21,7 +22,7 @@ def check_output(out: Path, *, overwrite: bool) -> None:
         OutputExistsError: There is something that may not be replaced.
         OutputError: It cannot be written.
     """
-    _stage(out, overwrite=overwrite).discard()
+    Staging(out, _refusal(overwrite=overwrite)).discard()
 
 
 def write_page(out: Path, page: str, *, overwrite: bool) -> int:
@@ -36,24 +37,9 @@ def write_page(out: Path, page: str, *, overwrite: bool) -> int:
         OutputExistsError: There is something that may not be replaced.
         OutputError: It cannot be written; nothing is left behind.
     """
-    staging = _stage(out, overwrite=overwrite)
-    try:
-        with reported(out):
-            size = staging.content.write_bytes(page.encode())
-        staging.publish()
-    finally:
-        staging.discard()
-    return size
+    with staged_file(out, _refusal(overwrite=overwrite)) as path:
+        return path.write_bytes(page.encode())
 
 
-def _stage(out: Path, *, overwrite: bool) -> Staging:
-    return Staging(out, _keep_all_but_pages if overwrite else keep_all)
-
-
-def _keep_all_but_pages(path: Path) -> str | None:
-    """Why --overwrite does not replace what is there; None for a page."""
-    if path.is_file():
-        with path.open('rb') as file:
-            if file.read(len(_BEGINNING)).lower() == _BEGINNING:
-                return None
-    return 'it is no HTML page, so --overwrite does not touch it; choose another name'
+def _refusal(*, overwrite: bool) -> Callable[[Path], str | None]:
+    return _KEEP_ALL_BUT_PAGES if overwrite else keep_all
