@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
 
 _CONSTANT_QUALITY = '20'
-_SPEED = 'veryfast'
+_SPEED = 'superfast'
 _MOST_DENOMINATOR = 1000
 
 
