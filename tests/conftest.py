@@ -10,12 +10,17 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.samples import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip
+
+# What a test finds does not hang on how busy the machine is.
+settings.register_profile('unhurried', deadline=None)
+settings.load_profile('unhurried')
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 

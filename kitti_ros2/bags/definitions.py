@@ -59,6 +59,7 @@ class Definitions:
         self._seen.add((bag, key))
         try:
             found = parse_definition(*key)
+            _check_names(found)
         except Exception as error:  # noqa: BLE001 - a parser of any text lets anything out
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
             text = f'the definition of {channel.msgtype} cannot be read ({reason})'
@@ -149,6 +150,19 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         if body.strip():
             types.update(get_types_from_idl(body))
     return types
+
+
+def _check_names(types: Typesdict) -> None:
+    """Names become those of Python classes and their fields.
+
+    Raises:
+        ValueError: One cannot be that.
+    """
+    for name, (constants, fields) in types.items():
+        inner = [str(each[0]) for each in (*constants, *fields)]
+        for word in (*name.split('/'), *inner):
+            if not word.isidentifier():
+                raise ValueError(f'{word!r} is no name')
 
 
 def _ros2_like(types: Typesdict) -> Typesdict:

@@ -293,7 +293,11 @@ class BagMessages:
         text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {name}'
         if self._topics is not None:
             raise BadBagError(reading.bag, text, 'a definition in the bag')
-        self._leave_out(reading, text, count)
+        if reading.channel.definition.strip():
+            # There is a definition, and it cannot be read: it may be damaged.
+            self._findings.lose(f'{reading.file}: {text}', count)
+        else:
+            self._leave_out(reading, text, count)
 
 
 def _count(file: BagFile, channel_id: int) -> int:
