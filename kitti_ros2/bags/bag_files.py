@@ -60,6 +60,12 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         found.append((path, file))
     if failure is not None and not found:
         raise failure
+    if failure is None and not bag.losses:
+        known = {channel.topic for _, file in found for channel in file.channels.values()}
+        for topic in bag.topics:
+            if topic not in known:
+                text = f'metadata.yaml names the topic {topic}, which its files lack'
+                findings.lose(f'{bag.path}: {text}', 0)
     return found
 
 

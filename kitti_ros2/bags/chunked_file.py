@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -59,6 +60,8 @@ class ChunkedFile(ABC):
             found, sound = [], False
         if len(data) < piece.length:
             self._findings.lose(f'{self._file.name}: cut off at byte {end} while it was read')
+        elif sound and since_ns <= piece.start_ns:
+            self._compare(piece, wanted, found)
         if not sound or len(data) < piece.length:
             cost = sum(piece.counts[channel_id] for channel_id in piece.counts.keys() & set(wanted))
             found = [
@@ -68,6 +71,20 @@ class ChunkedFile(ABC):
             ]
         found.sort(key=itemgetter(0))  # next to nothing where it is sorted already
         return iter(found)
+
+    def _compare(
+        self, piece: Piece, wanted: Collection[int], found: Sequence[StoredMessage]
+    ) -> None:
+        """Tell where a piece holds other messages than its index tells: one is damaged."""
+        told = {key: count for key, count in piece.counts.items() if count and key in wanted}
+        there = Counter(map(itemgetter(1), found))
+        stamps = [message[0] for message in found]
+        early = min(stamps, default=piece.start_ns) < piece.start_ns
+        late = max(stamps, default=piece.end_ns) > piece.end_ns
+        if told != there or early or late:
+            lost = sum((Counter(told) - there).values())
+            place = f'{self._file.name}: the chunk at byte {piece.position}'
+            self._findings.lose(f'{place} holds other messages than its index tells', lost)
 
     def index(self) -> BagIndex:
         """The stamps of all messages, by topic and type."""

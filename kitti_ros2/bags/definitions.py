@@ -17,7 +17,6 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
-from kitti_ros2.errors import BadBagError
 from kitti_ros2.messages.ros_types import TYPESTORE
 
 if TYPE_CHECKING:
@@ -37,35 +36,29 @@ _IDL_DIVIDER = '=' * 80 + '\n'
 class Definitions:
     """The types of channels, gathered from bag after bag.
 
-    A definition that differs from an earlier one of the same bag is told and not used. Types that a
-    bag does not define are those of ROS 2 Jazzy.
+    A definition that differs from an earlier one of the same bag is told and not used; a channel
+    whose types another bag defines otherwise cannot be read along with that bag. Types that no bag
+    defines are those of ROS 2 Jazzy.
     """
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
         self._types: Typesdict = {}
         self._origins: dict[str, Path] = {}
-        self._seen: set[tuple[Path, tuple[str, str, str]]] = set()
+        self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
 
-    def add(self, bag: Path, file: Path, channel: SourceChannel) -> None:
+    def add(self, bag: Path, file: Path, channel: SourceChannel) -> str:
         """Enter what a channel of a bag's file brings.
 
-        Raises:
-            BadBagError: Another bag defines one of its types otherwise.
+        Returns:
+            Why its messages cannot be read along with those of other bags, empty if they can.
         """
         key = (channel.msgtype, channel.definition, channel.definition_encoding)
-        if not channel.definition.strip() or (bag, key) in self._seen:
-            return
-        self._seen.add((bag, key))
-        try:
-            found = parse_definition(*key)
-        except Exception as error:  # noqa: BLE001 - a parser of any text lets anything out
-            reason = ' '.join(str(error).split())[:_LONGEST_REASON]
-            text = f'the definition of {channel.msgtype} cannot be read ({reason})'
-            self._findings.note(f'{file}: {text}')
-            return
-        for name, definition in found.items():
-            self._enter(bag, file, name, definition)
+        if not channel.definition.strip():
+            return ''
+        if (bag, key) not in self._seen:
+            self._seen[bag, key] = self._enter(bag, file, key)
+        return self._seen[bag, key]
 
     def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
         """The store of everything, and those types that nobody defines."""
@@ -86,17 +79,24 @@ class Definitions:
         }
         return _OwnWords(typestore, texts)
 
-    def _enter(
-        self, bag: Path, file: Path, name: str, definition: tuple[Constdefs, Fielddefs]
-    ) -> None:
-        known = self._types.setdefault(name, definition)
-        origin = self._origins.setdefault(name, bag)
-        if known[1] == definition[1]:
-            return
-        if origin != bag:
-            expected = 'bags of one recording, which agree; give those of the other apart'
-            raise BadBagError(bag, f'defines {name} otherwise than {origin}', expected)
-        self._findings.note(f'{file}: defines {name} in two ways; messages are read by the first')
+    def _enter(self, bag: Path, file: Path, key: tuple[str, str, str]) -> str:
+        try:
+            found = parse_definition(*key)
+            _check_names(found)
+        except Exception as error:  # noqa: BLE001 - a parser of any text lets anything out
+            reason = ' '.join(str(error).split())[:_LONGEST_REASON]
+            self._findings.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
+            return ''
+        for name, (_, fields) in found.items():
+            if name in self._types and self._types[name][1] != fields:
+                if self._origins[name] != bag:
+                    return f'{name} is defined otherwise than in {self._origins[name]}'
+                text = f'defines {name} in two ways; messages are read by the first'
+                self._findings.note(f'{file}: {text}')
+        for name, definition in found.items():
+            self._types.setdefault(name, definition)
+            self._origins.setdefault(name, bag)
+        return ''
 
 
 class _OwnWords(Typestore):
@@ -149,6 +149,19 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         if body.strip():
             types.update(get_types_from_idl(body))
     return types
+
+
+def _check_names(types: Typesdict) -> None:
+    """Names become those of Python classes and their fields.
+
+    Raises:
+        ValueError: One cannot be that.
+    """
+    for name, (constants, fields) in types.items():
+        inner = [str(each[0]) for each in (*constants, *fields)]
+        for word in (*name.split('/'), *inner):
+            if not word.isidentifier():
+                raise ValueError(f'{word!r} is no name')
 
 
 def _ros2_like(types: Typesdict) -> Typesdict:

@@ -39,6 +39,7 @@ class BagFiles:
         directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
         compression_mode: rosbag2's own compression around the storage: '', file or message.
         message_count: What metadata.yaml says, None without one.
+        topics: Those that metadata.yaml names.
         losses: What is wrong with it already, one line each.
     """
 
@@ -48,6 +49,7 @@ class BagFiles:
     directory: bool = False
     compression_mode: str = ''
     message_count: int | None = None
+    topics: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
 
     @property
@@ -135,6 +137,8 @@ def _rosbag2(path: Path) -> BagFiles:
         names = [PurePath(name).name for name in information['relative_file_paths']]
         mode = _compression_mode(information)
         count = int(information['message_count'])
+        entries = information.get('topics_with_message_count') or ()
+        topics = tuple(str(entry['topic_metadata']['name']) for entry in entries)
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())
         if any(_files(path).values()):
@@ -153,6 +157,7 @@ def _rosbag2(path: Path) -> BagFiles:
         directory=True,
         compression_mode=mode,
         message_count=count,
+        topics=topics,
         losses=tuple(f'{path}: lacks {name}, which its {_METADATA} names' for name in lacking),
     )
 

@@ -163,15 +163,17 @@ class McapScan:
 def enter_description(contents: McapContents, opcode: int, body: Buffer) -> None:
     """Enter a schema or a channel; others tell nothing about messages.
 
+    The first of an id counts: chunks have a checksum, the copies in a damaged summary have none.
+
     Raises:
         RECORD_ERRORS: It is damaged.
     """
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(ReadDataStream(BytesIO(body)))
-        contents.schemas[schema.id] = schema
+        contents.schemas.setdefault(schema.id, schema)
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(ReadDataStream(BytesIO(body)))
-        contents.channels[channel.id] = channel
+        contents.channels.setdefault(channel.id, channel)
 
 
 def piece_records(

@@ -90,7 +90,8 @@ class BagMessages:
         compressions: Names of the compressions that are known from the start.
 
     Raises:
-        BadBagError: A bag cannot be read at all, or they disagree about a topic or a type.
+        BadBagError: A bag cannot be read at all, they disagree about a topic's type, or a topic was
+            asked for whose type is not defined, or by two bags in two ways.
     """
 
     def __init__(
@@ -263,37 +264,45 @@ class BagMessages:
                 self._findings.lose(text, _count(file, channel_id))
 
     def _define(self) -> None:
-        """Make the typestore, and leave out what is defined nowhere.
+        """Make the typestore, and leave out what has no definition in it.
 
         Raises:
-            BadBagError: Bags disagree about a type, or such a topic was asked for by name.
+            BadBagError: Such a topic was asked for by name.
         """
         definitions = Definitions(self._findings)
-        for channels in self._readings:
-            for reading in channels.values():
-                definitions.add(reading.bag, reading.file, reading.channel)
+        for channels, file in zip(self._readings, self._files, strict=True):
+            for channel_id, reading in list(channels.items()):
+                conflict = definitions.add(reading.bag, reading.file, reading.channel)
+                if conflict:
+                    self._leave_out_undefined(reading, conflict, _count(file, channel_id))
+                    del channels[channel_id]
         needed = {each.channel.msgtype for found in self._readings for each in found.values()}
         self.typestore, lacking = definitions.typestore(needed)
+        reasons = {
+            msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
+            for msgtype in sorted(lacking)
+        }
         if self._as_stored:
             self.typestore = definitions.in_own_words(self.typestore)
-            for msgtype in sorted(lacking):
-                name = msgtype or 'a type without a name'
-                text = f'neither the bag nor ROS 2 Jazzy defines {name}; it is copied as it is'
-                self._findings.note(f'{self._path}: {text}')
+            for reason in reasons.values():
+                self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
         for channels, file in zip(self._readings, self._files, strict=True):
             for channel_id, reading in list(channels.items()):
-                if reading.channel.msgtype in lacking:
-                    self._leave_out_undefined(reading, _count(file, channel_id))
+                reason = reasons.get(reading.channel.msgtype, '')
+                if reason:
+                    self._leave_out_undefined(reading, reason, _count(file, channel_id))
                     del channels[channel_id]
 
-    def _leave_out_undefined(self, reading: _Reading, count: int) -> None:
-        topic, msgtype = reading.channel.topic, reading.channel.msgtype
-        name = msgtype or 'a type without a name'
-        text = f'{topic} cannot be read: neither the bag nor ROS 2 Jazzy defines {name}'
+    def _leave_out_undefined(self, reading: _Reading, reason: str, count: int) -> None:
+        text = f'{reading.channel.topic} cannot be read: {reason}'
         if self._topics is not None:
-            raise BadBagError(reading.bag, text, 'a definition in the bag')
-        self._leave_out(reading, text, count)
+            raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
+        if reading.channel.definition.strip():
+            # There is a definition, and it cannot be used: it may be damaged.
+            self._findings.lose(f'{reading.file}: {text}', count)
+        else:
+            self._leave_out(reading, text, count)
 
 
 def _count(file: BagFile, channel_id: int) -> int:

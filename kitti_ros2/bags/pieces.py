@@ -145,11 +145,13 @@ class FileBytes:
         self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, position: int, length: int) -> bytes:
-        """So many bytes, fewer at the end of the file.
+        """So many bytes, fewer at the end of the file, none outside of it.
 
         Raises:
             OSError: The disk refuses.
         """
+        if length <= 0 or not 0 <= position < self.size:
+            return b''
         try:
             data = os.pread(self._file.fileno(), length, position)
             while 0 < len(data) < length:

@@ -90,8 +90,8 @@ def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMess
         topics: The topics to read; all of them by default.
 
     Raises:
-        BadBagError: A path holds no bag, or one that cannot be read at all; or bags disagree about
-            a topic's type or a type's definition.
+        BadBagError: A path holds no bag, or one that cannot be read at all; bags disagree about a
+            topic's type; or a topic was asked for whose type has no definition, or two.
         UsageError: A path is given twice.
         OSError: It cannot be read.
     """

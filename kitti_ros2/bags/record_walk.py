@@ -113,6 +113,9 @@ def find_record(form: RecordFormat, source: Source, position: int, end: int) -> 
     """The first position from which on records follow each other, None where there is none."""
     while position < end:
         window = source.read(position, min(_WINDOW, end - position) + form.longest)
+        if not bytes(window).strip(b'\0'):
+            position += _WINDOW  # what a crash leaves of a file that was not yet filled
+            continue
         for match in form.candidate.finditer(window):
             start = position + match.start()
             if start < end and _begins_row(form, source, start, end):

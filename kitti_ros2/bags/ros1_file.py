@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import StoredMessage
+    from .pieces import Buffer, StoredMessage
 
 _HEAD_READ = 4096
 _COUNT = struct.Struct('<II')
@@ -81,8 +81,21 @@ class Ros1File(ChunkedFile):
         self, data: bytes, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], bool]:
         records, whole = unpack_chunk(data) if is_chunk(data) else (data, True)
-        found, end = messages_in(records, wanted, since_ns)
+        found, end = messages_in(records, wanted, since_ns, self._compare_connection)
         return found, whole and end == len(records)
+
+    def _compare_connection(self, fields: dict[bytes, bytes], body: Buffer) -> None:
+        """Tell where a chunk describes a connection otherwise than the index does."""
+        try:
+            channel_id, channel = parse_connection(fields, body)
+        except ValueError as error:
+            self._findings.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
+            return
+        known = self.channels.get(channel_id)
+        if known is not None and known != channel:
+            both = f'{known.topic} ({known.msgtype}) and {channel.topic} ({channel.msgtype})'
+            text = f'connection {channel_id} is described in two ways, {both}; the first counts'
+            self._findings.lose(f'{self._file.name}: {text}', 0)
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
         for fields, body in piece_records(self._file, position, data, self._findings, cost):

@@ -18,7 +18,7 @@ from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
 from .record_walk import Kind, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from .pieces import Buffer, StoredMessage
     from .record_walk import Source
@@ -140,9 +140,19 @@ def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
 
 
 def messages_in(
-    records: Buffer, wanted: Collection[int], since_ns: int
+    records: Buffer,
+    wanted: Collection[int],
+    since_ns: int,
+    describe: Callable[[dict[bytes, bytes], Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
-    """The messages of some connections among records, and where what can be split ends."""
+    """The messages of some connections among records, and where what can be split ends.
+
+    Args:
+        records: Those of a chunk.
+        wanted: Ids of connections.
+        since_ns: The first stamp that is wanted.
+        describe: Told of each connection that is described among them: its header and data.
+    """
     view = memoryview(records)
     found: list[StoredMessage] = []
     position, end = 0, len(view)
@@ -160,19 +170,27 @@ def messages_in(
                 found.append((stamp_ns, channel_id, view[start:following]))
             position = following
             continue
-        try:
-            fields, start, following = split_record(view, position)
-        except ValueError:
+        record = _record_at(view, position)
+        if record is None:
             break
-        opcode = opcode_of(fields)
-        if opcode == 0 or following > end:
-            break
-        if opcode == MESSAGE:
+        fields, start, following = record
+        if opcode_of(fields) == MESSAGE:
             channel_id, stamp_ns = parse_message(fields)
             if channel_id in wanted and stamp_ns >= since_ns:
                 found.append((stamp_ns, channel_id, view[start:following]))
+        elif opcode_of(fields) == CONNECTION:
+            describe(fields, view[start:following])
         position = following
     return found, position
+
+
+def _record_at(view: memoryview, position: int) -> tuple[dict[bytes, bytes], int, int] | None:
+    """The record at a position, as split_record gives it; None where there is no whole one."""
+    try:
+        fields, start, following = split_record(view, position)
+    except ValueError:
+        return None
+    return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
 
 
 def parse_message(fields: dict[bytes, bytes]) -> tuple[int, int]:

@@ -18,6 +18,7 @@ import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from kitti_ros2.errors import BadBagError
+from kitti_ros2.one_line import one_line
 
 from .offered_qos import latched_depth
 from .pieces import FileBytes, Piece, SourceChannel
@@ -143,7 +144,7 @@ class SqliteFile:
                 if self._connection is not None:
                     self._connection.close()
                     self._connection = None
-                self._lose(f'is damaged ({error})', None)
+                self._lose(f'is damaged ({one_line(str(error))})', None)
         self.channels = _scanned_channels(self._pages)
         if not self.channels:
             raise ValueError('it has no list of topics')
