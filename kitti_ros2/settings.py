@@ -42,6 +42,7 @@ _Parser: TypeAlias = Callable[[str, object], Any]
 
 DEFAULT_READ_AHEAD = 8
 MOST_READ_AHEAD = 1000
+MOST_FPS = 240.0
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
@@ -192,8 +193,8 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     )
     if parsed.get('frame') is not None and parsed.get('frames') is not None:
         raise UsageError('--frame and --frames exclude each other')
-    if parsed.get('fps', 1) <= 0:
-        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected more than 0')
+    if not 0 < parsed.get('fps', 1) <= MOST_FPS:
+        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected 0 to {MOST_FPS:g}')
     return ViewSettings(
         read=_read_options(parsed),
         pictures=pictures,

@@ -289,7 +289,9 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[Path],
         typer.Option('--out', '-o', help='Picture (.png, .jpg, .webp), film (.mp4) or folder'),
     ] = None,
-    mode: Annotated[str, typer.Option(help='camera, boxes, lidar, bev or panel')] = 'panel',
+    mode: Annotated[
+        Optional[str], typer.Option(help='camera, boxes, lidar, bev or panel [default: panel]')
+    ] = None,
     frame: Annotated[
         Optional[int], typer.Option(help='Frame number of a picture [default: the first]')
     ] = None,
@@ -353,9 +355,25 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
     boxes from above. panel: all of these on one page.
     """
-    if rerun and out is not None:
-        raise UsageError('-o draws, --rerun shows; give one of them (--save FILE.rrd for a file)')
+    drawn = {
+        'mode': mode,
+        'frame': frame,
+        'frames': frames,
+        'camera': camera,
+        'color_by': color_by,
+        'color_map': color_map,
+        'point_size': point_size,
+        'range': range_,
+        'resolution': resolution,
+        'classes': classes or None,
+        'predictions': None if predictions is None else str(predictions),
+        'fps': fps,
+    }
     if rerun:
+        taken = [name for name, value in {'out': out, **drawn}.items() if value is not None]
+        if taken:
+            option = taken[0].replace('_', '-')
+            raise UsageError(f'--{option} is for pictures and does not go with --rerun')
         from .view_rerun import run_rerun
 
         return run_rerun(
@@ -376,23 +394,7 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
         raise UsageError('view needs -o OUT (a picture, a film, a folder), or --rerun')
     from .view import run_view
 
-    given = {
-        'layout': layout,
-        'sequence': sequence,
-        'mode': mode,
-        'frame': frame,
-        'frames': frames,
-        'camera': camera,
-        'color_by': color_by,
-        'color_map': color_map,
-        'point_size': point_size,
-        'range': range_,
-        'resolution': resolution,
-        'classes': classes or None,
-        'predictions': None if predictions is None else str(predictions),
-        'fps': fps,
-        'overwrite': overwrite,
-    }
+    given = {'layout': layout, 'sequence': sequence, 'overwrite': overwrite, **drawn}
     return run_view(src, out, given, quiet=quiet)
 
 

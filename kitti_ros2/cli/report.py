@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from ..errors import UsageError
 from ..pictures.report import check_output, gather, make_page, write_page
 from ..settings import make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -17,6 +18,8 @@ from .text import complain, format_bytes, format_count, format_path, say
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+_ENDINGS = ('.html', '.htm')
 
 
 def run_report(
@@ -38,6 +41,8 @@ def run_report(
     keep_freed_memory()
     started = time.monotonic()
     options = make_settings(given).read
+    if out.suffix.lower() not in _ENDINGS:
+        raise UsageError(f'{out}: a report is a page; expected a name that ends in .html')
     check_output(out, overwrite=overwrite)
     with part_progress('looking', show=not quiet) as progress:
         report = gather(src, options, progress)

@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..bags.staging import keep_all, staged_file
@@ -22,16 +20,16 @@ from ..pictures.output import (
 from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, stamps_of
 from ..pictures.sources import open_frames
-from ..samples import Loss
+from ..samples import Loss, Stream
 from ..settings import make_view_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import count_progress
 from .text import format_bytes, format_count, format_path, say
-from .to_bag import show_losses
+from .to_bag import refuse_inside, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
@@ -41,19 +39,20 @@ if TYPE_CHECKING:
 _MOVIE = '.mp4'
 
 
-@dataclass
 class _Tally:
     """What came of a series of frames."""
 
-    drawn: int = 0
-    losses: Counter[str] = field(default_factory=Counter)
+    def __init__(self) -> None:
+        self.drawn = 0
+        self._lacks: dict[tuple[str, str], list[int]] = {}
 
     def pictures(
         self, series: Iterable[Drawn], progress: Callable[[int], None]
     ) -> Iterator[tuple[int, Pixels]]:
         """The pictures with their frames' numbers; what lacks is counted."""
         for done, each in enumerate(series, 1):
-            self.losses.update(each.losses)
+            for name, reason in each.lacks.items():
+                self._lacks.setdefault((name.split()[0], reason), []).append(each.number)
             if each.picture is not None:
                 self.drawn += 1
                 yield each.number, each.picture
@@ -66,11 +65,34 @@ class _Tally:
             LackingError: Says why nothing was drawn.
         """
         if not self.drawn:
-            raise LackingError(f'nothing to draw: {next(reversed(self.losses), "no frames")}')
+            losses = self.losses() or (Loss('picture', 0, 'no frames'),)
+            raise LackingError(f'nothing to draw: {losses[-1].text()}')
 
-    def told(self) -> tuple[Loss, ...]:
-        """The losses, as other commands tell them."""
-        return tuple(Loss('view', count, text) for text, count in self.losses.items())
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lacking; what has one reason is one of them."""
+        return tuple(
+            Loss(name, len(numbers), reason, tuple(numbers))
+            for (name, reason), numbers in self._lacks.items()
+        )
+
+
+def _concerned(
+    source: FrameSource, settings: ViewSettings, numbers: Sequence[int]
+) -> tuple[Loss, ...]:
+    """What of the source is missing or damaged from the start and was wanted for these frames."""
+    wanted = MODES[settings.mode].streams(source.cameras, settings.pictures)
+    others = {stream.value for stream in Stream} - wanted - {Stream.CALIBRATION.value}
+    drawn = set(numbers)
+    found = []
+    for loss in source.losses:
+        if loss.stream in others:
+            continue
+        lost = tuple(number for number in loss.numbers if number in drawn)
+        if lost:
+            found.append(Loss(loss.stream, len(lost), loss.message, lost))
+        elif not loss.numbers:
+            found.append(loss)
+    return tuple(found)
 
 
 def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) -> int:
@@ -93,6 +115,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     keep_freed_memory()
     settings = make_view_settings(given)
     single = out.suffix.lower() in PICTURES
+    refuse_inside(src, out)
     _check(out, settings, single=single)
     refine = _keep if settings.predictions is None else Predictions(settings.predictions).add_to
     source = open_frames(src, settings.read)
@@ -112,7 +135,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
             f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
             f' took {elapsed:.1f} s{pace}'
         )
-    losses = tally.told()
+    losses = (*_concerned(source, settings, numbers), *tally.losses())
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
 

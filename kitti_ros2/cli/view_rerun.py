@@ -71,6 +71,8 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
     """
     if web and save is not None:
         raise UsageError('--web and --save exclude each other; open the saved file with rerun')
+    if save is not None and save.suffix != '.rrd':
+        raise UsageError(f'{save}: expected a name that ends in .rrd')
     check_installed()
     given = {
         'layout': layout,

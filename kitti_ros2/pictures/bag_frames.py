@@ -23,10 +23,11 @@ from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.planned import look
 from ..importer.poses import read_track
-from ..importer.report import LossTally
+from ..importer.report import LossTally, damage
 from ..importer.rigging import Rigging
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
+from ..kitti.calib_file import NOMINAL_CAM0_T_VELO
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
 from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream
@@ -39,7 +40,10 @@ if TYPE_CHECKING:
     from ..importer.frames import Frames
     from ..importer.plan import Plan
     from ..importer.survey import Survey
-    from ..samples import Int64Array
+    from ..samples import Int64Array, Loss
+
+
+_OPTICAL = '_optical_frame'
 
 
 class _Place(NamedTuple):
@@ -75,7 +79,8 @@ class BagFrames:
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
-        self._plan, self._rigging = _rigged(plan, survey, notes)
+        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, notes)
+        self._velo_t_scan = _axes(self._plan, notes)
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = ego_track(path, survey, notes)
@@ -92,7 +97,8 @@ class BagFrames:
         }
         self._messages = open_messages(path, set(frame_topics(self._plan).values()))
         self._lock = Lock()
-        self.notes: Sequence[str] = (*notes, *frames.notes, *self._messages.warnings)
+        self.losses: Sequence[Loss] = damage(survey.losses, path.name)
+        self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
     def _find_unit(self, survey: Survey) -> Transform:
         """body_T_imu, where static transforms tell it; else the body stands for the unit."""
@@ -113,7 +119,7 @@ class BagFrames:
             if (place := found[number]) is not None and (wanted is None or stream.value in wanted)
         }
         stamp_ns = int(self.stamps_ns[number])
-        lacks: dict[str, str] = {}
+        lacks = dict(self._no_calibration)
         with self._lock:
             stored = {stream: self._read(place) for stream, place in places.items()}
         made: dict[Stream, Any] = {}
@@ -157,7 +163,10 @@ class BagFrames:
         if isinstance(message, Exception):
             raise message
         if stream is Stream.SCAN:
-            return self._rigging.scan(message)[0].points
+            points = self._rigging.scan(message)[0].points
+            if self._velo_t_scan is not None:
+                points[:, :3] = self._velo_t_scan.apply(points[:, :3])
+            return points
         if stream is Stream.LABELS and self._own_lines:
             text = decode_text(message)
             return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
@@ -185,14 +194,29 @@ def _to_look_at(plan: Plan) -> Plan:
     return replace(plan, incomplete=Incomplete.KEEP, labels=labels)
 
 
-def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging]:
-    """The rigging of a plan; where its calibration cannot be had, of the same without."""
+def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging, dict[str, str]]:
+    """The rigging of a plan, without calibration and labels where that cannot be had, and why."""
     try:
-        return plan, Rigging(plan, survey)
+        return plan, Rigging(plan, survey), {}
     except KittiRos2Error as error:
         notes.append(f'no calibration: {error}')
+        lacks = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
-    return plan, Rigging(plan, survey)
+    return plan, Rigging(plan, survey), lacks
+
+
+def _axes(plan: Plan, notes: list[str]) -> Transform | None:
+    """What turns points with z forward (REP 103's optical frames) to KITTI's axes, None for none.
+
+    A cloud of a depth camera is in such a frame; where a calibration tells where that is, points
+    come from it in the right place already.
+    """
+    if plan.scan is None or not plan.scan.frame.endswith(_OPTICAL):
+        return None
+    if plan.calibration != NO_CALIBRATION:
+        return None
+    notes.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
+    return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
 
 def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
-    from ..samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose
+    from ..samples import Calibration, Float32Array, Int64Array, Loss, OxtsPacket, Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +57,15 @@ class FrameSource(Protocol):
         numbers: (N,) int64, ascending.
         stamps_ns: (N,) int64, of the frames.
         cameras: KITTI camera index to name, those that have images.
-        notes: What is worth a word, and what is missing from the start; a line each.
+        losses: What is missing or damaged from the start, by stream or topic.
+        notes: What is worth a word and no loss; a line each.
     """
 
     name: str
     numbers: Int64Array
     stamps_ns: Int64Array
     cameras: Mapping[int, str]
+    losses: Sequence[Loss]
     notes: Sequence[str]
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:

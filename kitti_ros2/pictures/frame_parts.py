@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from .frame import Frame
 
 
+_CALIBRATION = Stream.CALIBRATION.value
+
+
 def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:
     """The camera that is asked for; else camera 2, or the first there is; None without any."""
     if options.camera is not None:
@@ -72,11 +75,12 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
         LackingError: The calibration is not there or not whole.
     """
     if frame.calibration is None:
-        raise _lacking(frame, 'calibration', Stream.CALIBRATION.value)
+        raise _lacking(frame, 'calibration', _CALIBRATION)
     try:
         return Projection.of(frame.calibration, camera)
     except ValueError as error:
-        raise LackingError(f'{name_of(frame)}: {error}') from None
+        reasons = [r for name, r in frame.lacks.items() if name.startswith(_CALIBRATION)]
+        raise LackingError(f'{name_of(frame)}: {reasons[0] if reasons else error}') from None
 
 
 def needed_projection(frame: Frame, camera: int) -> Projection | None:

@@ -63,7 +63,7 @@ class Predictions:
             return self._tracks.get(number, [])
         path = self._folder / file_name(number, FRAME_DIGITS, TXT)
         if not STORE.is_file(path):
-            lacks['predictions'] = f'{path}: no such file'
+            lacks['predictions'] = f'{self._folder}: no label file for frames {{}}'
             return []
         lines = parse_labels(STORE.read_text(path), path)
         lacks |= {f'predictions {row}': str(error) for row, error in lines.errors.items()}

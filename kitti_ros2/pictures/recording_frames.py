@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.pixels import Pixels
-    from ..samples import Int64Array, Recording, Sample
+    from ..samples import Int64Array, Loss, Recording, Sample
 
 _OF_FRAMES = (
     Stream.SCAN,
@@ -61,10 +61,8 @@ class RecordingFrames:
 
     def __init__(self, recording: Recording) -> None:
         self.name = f'{recording.layout.value} {recording.name}'
-        self.notes: Sequence[str] = (
-            *(f'{loss.stream}: {loss.text()}' for loss in recording.losses),
-            *recording.notes,
-        )
+        self.losses: Sequence[Loss] = recording.losses
+        self.notes: Sequence[str] = recording.notes
         self._recording = recording
         self.cameras: Mapping[int, str] = recording.cameras
         streams = [each for each in _OF_FRAMES if each in recording.streams]

@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import LackingError, UsageError
 from ..ordered_map import ordered_map
 from ..stamps import NS_PER_S
+from .frame_parts import name_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..drawing.pixels import Pixels
     from ..options import PictureOptions
@@ -32,12 +33,13 @@ class Drawn(NamedTuple):
     Attributes:
         number: The frame's.
         picture: (H, W, 3) uint8 BGR.
-        losses: What was wanted of the frame and cannot be had, a line each.
+        lacks: What was wanted of the frame and cannot be had: name to the reason, a line; {} stands
+            for frame numbers.
     """
 
     number: int
     picture: Pixels | None
-    losses: tuple[str, ...]
+    lacks: Mapping[str, str]
 
 
 def draw_frames(
@@ -63,11 +65,12 @@ def draw_frames(
 
     def draw(number: int) -> Drawn:
         frame = refine(source.frame(number, wanted))
-        losses = tuple(frame.lacks.values())
         try:
-            return Drawn(number, mode.draw(frame, options), losses)
+            return Drawn(number, mode.draw(frame, options), frame.lacks)
         except LackingError as error:
-            return Drawn(number, None, (*losses, str(error)))
+            # Of one reason there is one line, whatever the number of frames.
+            reason = str(error).removeprefix(name_of(frame)).lstrip(': ')
+            return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'})
 
     workers = len(os.sched_getaffinity(0))
     return ordered_map(draw, numbers, workers)

@@ -98,7 +98,7 @@ def test_frames_that_lack_something_are_named_and_counted(drive, tmp_path, capsy
     out = tmp_path / 'out'
     assert main(['view', str(drive), '-o', str(out), '--mode', 'lidar']) == 1
     said = capsys.readouterr()
-    assert 'frame 1' in said.err
+    assert said.err.splitlines()[0].endswith('frames not drawn: 1')
     assert '0000000001.bin' in said.err
     assert '4 pictures' in said.out
     assert len(list(out.iterdir())) == 4
@@ -170,3 +170,61 @@ def test_overwrite_touches_nothing_else(recordings, tmp_path, name, capsys):
     assert main(words) == 2
     assert 'it is no picture or film' in one_line(capsys.readouterr().err)
     assert out.read_text() == 'a note of mine'
+
+
+def test_the_source_is_left_as_it_is(drive, capsys):
+    out = drive / 'image_02/data/0000000001.png'
+    before = out.read_bytes()
+    assert main(['view', str(drive), '-o', str(out), '--overwrite']) == 2
+    assert 'lies inside' in one_line(capsys.readouterr().err)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
+def test_labels_that_cannot_be_read_at_all_are_named(drive, tmp_path, mode, capsys):
+    (drive / 'tracklet_labels.xml').write_text('no XML')
+    assert main(['view', str(drive), '-o', str(tmp_path / 'out.png'), '--mode', mode]) == 1
+    assert 'tracklet_labels.xml' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('mode', list(NEEDS))
+def test_a_gap_is_named_in_every_mode_that_it_concerns(drive, tmp_path, mode, capsys):
+    (drive / 'velodyne_points/data/0000000001.bin').unlink()
+    words = ['view', str(drive), '-o', str(tmp_path / 'out'), '--mode', mode, '-q']
+    concerned = NEEDS[mode] != 'image'
+    assert main(words) == int(concerned)
+    assert ('velodyne_points' in capsys.readouterr().err) == concerned
+    words[3] = str(tmp_path / 'other.png')
+    assert main([*words, '--frame', '3']) == 0
+
+
+def test_a_bag_that_is_cut_off_is_said_to_be(recordings, tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(recordings[Layout.RAW]), str(bag), '-q']) == 0
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size * 2 // 3])
+    capsys.readouterr()
+    assert main(['view', str(bag), '-o', str(tmp_path / 'out.png'), '-q']) == 1
+    assert 'bag.mcap' in capsys.readouterr().err
+
+
+def test_a_calibration_that_cannot_be_read_is_named(drive, tmp_path, capsys):
+    (drive.parent / 'calib_cam_to_cam.txt').write_text('P_rect_02: one two\n')
+    assert main(['view', str(drive), '-o', str(tmp_path / 'o.png'), '--mode', 'boxes']) == 2
+    assert 'calib_cam_to_cam.txt' in one_line(capsys.readouterr().err)
+
+
+def test_one_reason_is_one_line(recordings, tmp_path, capsys):
+    predictions = tmp_path / 'predictions'
+    predictions.mkdir()
+    (predictions / '000000.txt').touch()
+    words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out')]
+    assert main([*words, '--mode', 'bev', '--predictions', str(predictions), '-q']) == 1
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.endswith('no label file for frames 1-4')
+    assert '4 skipped in all' in second
+
+
+@pytest.mark.parametrize('words', [['--mode', 'bev'], ['--frame', '1'], ['-o', 'x.png']])
+def test_options_of_pictures_do_not_go_with_rerun(recordings, words, capsys):
+    assert main(['view', str(recordings[Layout.RAW]), '--rerun', *words]) == 2
+    assert 'does not go with --rerun' in one_line(capsys.readouterr().err)

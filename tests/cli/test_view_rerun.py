@@ -56,7 +56,7 @@ def test_a_file_is_written_once_and_replaced_on_request(raw, tmp_path, capsys):
 
 @needs_sdk
 def test_overwrite_spares_what_is_no_rrd_file(raw, tmp_path):
-    for name, text in (('notes.txt', 'mine'), ('notes.rrd', 'mine as well')):
+    for name, text in (('notes.rrd', 'mine'), ('other.rrd', 'mine as well')):
         path = tmp_path / name
         path.write_text(text)
         with pytest.raises(OutputExistsError, match=r'it is no \.rrd file'):

@@ -95,7 +95,7 @@ def test_a_gap_shifts_nothing(drive):
     assert set(source.frame(2).images) == {0, 1, 2, 3}
     before = open_recording(drive).read(Stream.SCAN, 3)
     np.testing.assert_array_equal(source.frame(3).points, before.points)
-    assert any('no file for frames 2' in note for note in source.notes)
+    assert any('no file for frames 2' in loss.text() for loss in source.losses)
 
 
 def test_what_cannot_be_read_costs_itself(drive):
@@ -154,7 +154,7 @@ class TestPredictions:
         assert first.cuboid is not None
         frame = found.add_to(source.frame(2))
         assert not frame.predictions
-        assert '000002.txt: no such file' in frame.lacks['predictions']
+        assert frame.lacks['predictions'].endswith('no label file for frames {}')
 
     def test_a_file_of_tracks(self, recordings, tmp_path):
         path = tmp_path / '0000.txt'
