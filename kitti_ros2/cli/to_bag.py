@@ -53,7 +53,7 @@ def run_to_bag(
     settings = make_settings(chosen)
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_recording(src, settings.read)
-    _refuse_inside(src, out)
+    refuse_inside(src, out)
     if settings.read.layout is None and not quiet:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')
     schedule = make_schedule(recording, settings.selection)
@@ -77,8 +77,8 @@ def run_to_bag(
     return EXIT_LOSSES if report.losses else EXIT_OK
 
 
-def _refuse_inside(src: Path, out: Path) -> None:
-    """Keep the bag out of the recording: a KITTI tree stays as it was."""
+def refuse_inside(src: Path, out: Path) -> None:
+    """Keep what is made out of what it is made from: that stays as it was."""
     source, target = src.resolve(), out.resolve()
     if target == source or source in target.parents:
         raise UsageError(f'{out}: lies inside the recording {src}; give a path outside of it')
