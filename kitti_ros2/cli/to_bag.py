@@ -78,7 +78,7 @@ def run_to_bag(
 
 
 def refuse_inside(src: Path, out: Path) -> None:
-    """Keep outputs out of the recording: a KITTI tree stays as it was.
+    """Keep what is made out of what it is made from: that stays as it was.
 
     Raises:
         UsageError: The output lies inside.

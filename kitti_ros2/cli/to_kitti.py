@@ -16,7 +16,7 @@ from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path, say
-from .to_bag import show_losses
+from .to_bag import refuse_inside, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,6 +58,8 @@ def run_to_kitti(
     if len(paths) < 2:
         raise UsageError('to-kitti needs a bag and a folder to make: kitti-ros2 to-kitti BAG OUT')
     *bags, out = paths
+    for bag in bags:
+        refuse_inside(bag, out)
     keep_freed_memory()
     started = time.monotonic()
     reports = _convert(bags, out, options, plan_file, quiet=quiet)

@@ -129,6 +129,8 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
         rate_hz = settings.rate_hz or rate_of(stamps_of(source, numbers))
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
+        for caution in source.cautions:
+            say(f'note: {caution}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
         say(

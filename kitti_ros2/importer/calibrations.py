@@ -73,6 +73,13 @@ def make_calibrations(
     """
     if plan.calibration == NONE:
         return Calibrations((), ())
+    straightened = [index for index, camera in plan.cameras.items() if camera.rectify]
+    if is_extract(plan) and straightened and plan.calibration != TF:
+        raise UsageError(
+            f'camera {straightened[0]} has rectify: true, and {plan.name} is of unrectified images:'
+            f' a calibration other than tf does not tell the lens of its rectified ones; set'
+            f' rectify: false, or name a drive that ends in _sync'
+        )
     if plan.calibration == SOURCE:
         return _from_source(plan, survey)
     if plan.calibration != TF:
@@ -81,7 +88,12 @@ def make_calibrations(
         raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
     scan_frame = plan.scan.frame if plan.scan is not None else None
     calibration, notes = make_calibration(
-        tree, scan_frame, cameras, plan.imu_frame or None, rectified=not is_extract(plan)
+        tree,
+        scan_frame,
+        cameras,
+        plan.imu_frame or None,
+        rectified=not is_extract(plan),
+        straightened=straightened if is_extract(plan) else (),
     )
     if survey.changing:
         links = ', '.join(f'{parent} -> {child}' for parent, child in survey.changing)

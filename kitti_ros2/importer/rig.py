@@ -8,6 +8,7 @@ R of its CameraInfo. P_i projects points of that frame to camera i's rectified p
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from .camera_model import CameraModel, camera_model
 from .viewpoints import angle_of, viewpoints
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from ..geometry import Float64Array
     from .frame_tree import FrameTree
@@ -43,6 +44,7 @@ def make_calibration(
     imu_frame: str | None,
     *,
     rectified: bool,
+    straightened: Collection[int] = (),
 ) -> tuple[Calibration, tuple[str, ...]]:
     """The calibration of a rig, and what its user should know, a line each.
 
@@ -52,6 +54,8 @@ def make_calibration(
         cameras: By KITTI index.
         imu_frame: KITTI's imu frame; None for a rig without one.
         rectified: Whether the images are; without, KITTI must have a place for their distortion.
+        straightened: Cameras whose images are rectified among others that are not: KITTI's
+            unrectified camera is then the rectified one, with its K and without distortion.
 
     Raises:
         LackingError: There is no camera; the tree does not join the frames; a distortion has no
@@ -72,7 +76,7 @@ def make_calibration(
             cam_t_cam0 = _between(tree, views[index], views[first])
         turn = model.r @ cam_t_cam0.rotation @ cameras[first].r.T
         p_rect = _projection(views[index].p, Transform(turn, model.r @ cam_t_cam0.translation))
-        k, d = _distorted(index, model, rectified=rectified)
+        k, d = _distorted(index, model, rectified=rectified or index in straightened)
         found[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
         if angle_of(turn) > _WORTH_A_WORD_RAD:
             notes.append(
@@ -87,7 +91,34 @@ def make_calibration(
         rectified=rectified,
         nominal=nominal,
     )
+    if straightened:
+        calibration = _straightened(calibration, cameras, straightened)
     return calibration, tuple(notes)
+
+
+def _straightened(
+    rig: Calibration, models: Mapping[int, CameraModel], which: Collection[int]
+) -> Calibration:
+    """The rig with rectified cameras in place of some unrectified ones: their images are those."""
+    image_t_cam = {
+        index: Transform(model.r if index in which else np.eye(3), np.zeros(3))
+        for index, model in models.items()
+    }
+    first = image_t_cam[min(models)]
+    cameras = {}
+    for index, camera in rig.cameras.items():
+        place = None if camera.cam_T_cam0 is None else camera.cam_T_cam0 @ first.inverse()
+        cameras[index] = replace(
+            camera,
+            cam_T_cam0=None if place is None else image_t_cam[index] @ place,
+            r_rect=models[index].r @ image_t_cam[index].rotation.T,
+        )
+        if index in which:
+            k, d = models[index].p[:, :3], np.zeros(_PLUMB_BOB_NUMBERS)
+            cameras[index] = replace(cameras[index], k=k, d=d)
+    cam0_t_velo = None if rig.cam0_T_velo is None else first @ rig.cam0_T_velo
+    r0_rect = cameras[min(models)].r_rect
+    return replace(rig, cameras=cameras, r0_rect=r0_rect, cam0_T_velo=cam0_t_velo)
 
 
 def rect_in_frame(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> tuple[str, Transform]:

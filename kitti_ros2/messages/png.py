@@ -49,7 +49,11 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
 
 
 def inflated(png: bytes) -> bytes:
-    """The same PNG with its image data stored instead of compressed, or png itself."""
+    """The same PNG with its image data stored instead of compressed, or png itself.
+
+    Raises:
+        ValueError: The data inflate to more than an image of the size that the header tells.
+    """
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
     except ImportError:
@@ -57,13 +61,15 @@ def inflated(png: bytes) -> bytes:
     try:
         first, last, parts = _image_data(png)
         inflater = isal_zlib.decompressobj()
-        # Never more than an image of the size that the header tells: a few bytes can inflate to all
-        # of the memory.
-        raw = inflater.decompress(b''.join(parts), _most_bytes(png))
+        # A few bytes can inflate to all of the memory.
+        most = _most_bytes(png)
+        raw = inflater.decompress(b''.join(parts), most)
     except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, whatever its stub says
         return png
     if not inflater.eof:
-        return png
+        if len(raw) < most:
+            return png
+        raise ValueError('a PNG with more image data than its size tells')
     data = b''.join(
         [b'IDAT', _STORED_HEAD, *_blocks(raw), struct.pack('>I', isal_zlib.adler32(raw))]
     )

@@ -79,8 +79,10 @@ class BagFrames:
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
-        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, notes)
-        self._velo_t_scan = _axes(self._plan, notes)
+        cautions: list[str] = []
+        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, cautions)
+        self._velo_t_scan = _axes(self._plan, cautions)
+        self.cautions: Sequence[str] = cautions
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = ego_track(path, survey, notes)
@@ -194,18 +196,20 @@ def _to_look_at(plan: Plan) -> Plan:
     return replace(plan, incomplete=Incomplete.KEEP, labels=labels)
 
 
-def _rigged(plan: Plan, survey: Survey, notes: list[str]) -> tuple[Plan, Rigging, dict[str, str]]:
+def _rigged(
+    plan: Plan, survey: Survey, cautions: list[str]
+) -> tuple[Plan, Rigging, dict[str, str]]:
     """The rigging of a plan, without calibration and labels where that cannot be had, and why."""
     try:
         return plan, Rigging(plan, survey), {}
     except KittiRos2Error as error:
-        notes.append(f'no calibration: {error}')
+        cautions.append(f'no calibration: {error}')
         lacks = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
     return plan, Rigging(plan, survey), lacks
 
 
-def _axes(plan: Plan, notes: list[str]) -> Transform | None:
+def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
     """What turns points with z forward (REP 103's optical frames) to KITTI's axes, None for none.
 
     A cloud of a depth camera is in such a frame; where a calibration tells where that is, points
@@ -215,7 +219,7 @@ def _axes(plan: Plan, notes: list[str]) -> Transform | None:
         return None
     if plan.calibration != NO_CALIBRATION:
         return None
-    notes.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
+    cautions.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
     return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
 

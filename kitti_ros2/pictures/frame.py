@@ -58,7 +58,8 @@ class FrameSource(Protocol):
         stamps_ns: (N,) int64, of the frames.
         cameras: KITTI camera index to name, those that have images.
         losses: What is missing or damaged from the start, by stream or topic.
-        notes: What is worth a word and no loss; a line each.
+        cautions: What pictures are to be seen with caution for, such as guessed axes; a line each.
+        notes: What else is worth a word and no loss; a line each.
     """
 
     name: str
@@ -66,6 +67,7 @@ class FrameSource(Protocol):
     stamps_ns: Int64Array
     cameras: Mapping[int, str]
     losses: Sequence[Loss]
+    cautions: Sequence[str]
     notes: Sequence[str]
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:

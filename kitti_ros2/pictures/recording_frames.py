@@ -62,6 +62,7 @@ class RecordingFrames:
     def __init__(self, recording: Recording) -> None:
         self.name = f'{recording.layout.value} {recording.name}'
         self.losses: Sequence[Loss] = recording.losses
+        self.cautions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self._recording = recording
         self.cameras: Mapping[int, str] = recording.cameras

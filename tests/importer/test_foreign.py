@@ -12,6 +12,8 @@ import foreign
 import numpy as np
 import pytest
 
+from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.boxes import box_corners, box_of, project_corners
 from kitti_ros2.errors import BadFileError, LackingError, UsageError
 from kitti_ros2.geometry import Transform
@@ -20,11 +22,13 @@ from kitti_ros2.importer.planned import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.labels import rect_from_velo
+from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.png import decode_png
-from kitti_ros2.options import ImportOptions, ReadOptions
+from kitti_ros2.options import BagOptions, ImportOptions, ReadOptions
 from kitti_ros2.samples import Layout, Stream
 
 TRUTH = foreign.make_truth()
+SIZE = np.array(foreign.SIZE)
 STREAMS = {
     Layout.RAW: {'scan', 'image_2', 'image_3', 'oxts', 'labels', 'pose'},
     Layout.OBJECT: {'scan', 'image_2', 'image_3', 'labels', 'calibration'},
@@ -360,3 +364,69 @@ def test_a_plan_for_another_layout_is_wrong_usage(bag):
     survey = look([bag])
     with pytest.raises(UsageError, match='which layout is wanted'):
         guess([bag], survey, ImportOptions())
+
+
+FISHEYE = np.array([-0.02, 0.01, 0.003, -0.002])
+
+
+def fisheye_pixels(points):
+    """Of the left camera, through another lens than that of the foreign rig."""
+    places = foreign.lidar_t_camera().inverse().apply(points)
+    lens = np.zeros(3), np.zeros(3), foreign.K, FISHEYE
+    return cv2.fisheye.projectPoints(places[:, None], *lens)[0][:, 0]
+
+
+def mixed(topic, place, message):
+    """A fisheye, for which KITTI has no place, beside a lens for which it has one."""
+    if topic == '/cam/left/image_raw':
+        grey = foreign.draw(fisheye_pixels(TRUTH[place // 2].blobs))
+        return foreign.rgb_image(grey, stamp_ns_of(message.header), message.header.frame_id)
+    if topic == '/cam/left/camera_info':
+        return replace(message, distortion_model='equidistant', d=FISHEYE)
+    if topic == '/cam/right/camera_info':
+        # So little that nobody sees it in the images; it makes the drive an extract.
+        return replace(message, d=np.array([1e-9, 0, 0, 0, 0]), k=foreign.K_RECT.ravel())
+    return message
+
+
+@pytest.mark.parametrize('order', [(2, 3), (1, 0)])
+def test_an_extract_of_which_one_camera_is_rectified_has_the_lens_of_its_pixels(order, tmp_path):
+    plain = foreign.write_foreign(tmp_path / 'plain.mcap', TRUTH, change=mixed)
+    path = tmp_path / 'bag.mcap'
+    with (
+        open_messages(plain) as messages,
+        open_bag(path, BagOptions(), messages.typestore) as copy,
+    ):
+        ids = {
+            topic: copy.add_channel(Channel(topic.replace('image_rect', 'image_raw'), msgtype))
+            for topic, msgtype in messages.channels
+        }
+        for message in messages:
+            copy.write(ids[message.topic], message.stamp_ns, [bytes(message.data)])
+
+    def change(plan):
+        assert plan.name.endswith('_extract')
+        assert [plan.cameras[index].rectify for index in (2, 3)] == [True, False]
+        cameras = {new: plan.cameras[old] for old, new in zip((2, 3), order, strict=True)}
+        return replace(plan, cameras=cameras, labels=None)
+
+    report = convert(path, tmp_path / 'out', Layout.RAW, change)
+    assert report.losses == ()
+    recording = open_recording(tmp_path / 'out')
+    calibration = recording.calibration(0)
+    for camera in order:
+        pixels = decode_png(recording.read(Stream(f'image_{camera}'), 0))
+        places = project(calibration, camera, TRUTH[0].blobs, rectified='image_raw')
+        near = [each for each in places if (each > 12).all() and (each < SIZE - 12).all()]
+        assert len(near) >= 6
+        for place in near:
+            assert np.abs(centre(pixels, place) - place).max() < 0.15
+
+
+def test_an_extract_with_a_rectified_camera_needs_the_bags_own_calibration(bag, tmp_path):
+    def change(plan):
+        cameras = {index: replace(each, rectify=True) for index, each in plan.cameras.items()}
+        return replace(plan, cameras=cameras, calibration=str(tmp_path))
+
+    with pytest.raises(UsageError, match='rectify: true'):
+        convert(bag, tmp_path / 'out', Layout.RAW, change)

@@ -96,8 +96,9 @@ def pixels_of(calibration: Calibration, index: int, points=POINTS):
     return project(calibration.cameras[index].p_rect, rect)
 
 
-def make(links, cameras, lidar='lidar', imu=None, *, rectified=True):
-    return make_calibration(FrameTree(links), lidar, cameras, imu, rectified=rectified)
+def make(links, cameras, lidar='lidar', imu=None, *, rectified=True, **options):
+    tree = FrameTree(links)
+    return make_calibration(tree, lidar, cameras, imu, rectified=rectified, **options)
 
 
 # Of CameraInfo.
@@ -172,7 +173,7 @@ def test_binning_and_region_bring_pixels_of_the_sensor_to_those_of_the_image(bx,
 # Of our own bags.
 
 
-def through_messages(calibration: Calibration, *, rectified: bool, only=None):
+def through_messages(calibration: Calibration, *, rectified: bool, only=None, **options):
     """What our own bag of a calibration tells, read as anyone's."""
     frames = make_frames(Preset.DEFAULT, {})
     links = static_links(calibration, Transform.from_translation((-0.05, 0.32, 0.93)), frames)
@@ -185,7 +186,7 @@ def through_messages(calibration: Calibration, *, rectified: bool, only=None):
         cameras[index] = camera_model(encode_camera_info(calibration, index, size, 0, frame))
     if only is not None:
         cameras = {index: cameras[index] for index in only}
-    return make(links, cameras, frames.velo, frames.imu, rectified=rectified)
+    return make(links, cameras, frames.velo, frames.imu, rectified=rectified, **options)
 
 
 def assert_same(made: Calibration, true: Calibration, tolerance: float):
@@ -267,6 +268,28 @@ def test_the_synthetic_extract_comes_back_from_its_messages(recordings):
     assert_same(made, rig, 1e-4)  # its P and its T have seven digits each
     assert_same_lenses(made, rig, SEVEN_DIGITS)
     assert notes == ()
+
+
+@given(rigs(), st.sets(st.integers(0, 3)))
+def test_rectified_images_among_others_have_the_lens_of_their_pixels(rig, straightened):
+    rig = replace(rig, rectified=False)
+    made, _ = through_messages(rig, rectified=False, straightened=straightened)
+    places = POINTS * [4, 4, 1] + [0, 0, 30]  # in front of every camera, in camera 0
+    velo = rig.cam0_T_velo.inverse().apply(places)
+    for index, camera in made.cameras.items():
+        true = rig.cameras[index]
+        seen = (camera.cam_T_cam0 @ made.cam0_T_velo).apply(velo)
+        if index in straightened:
+            assert not camera.d.any()
+            rect = Transform(true.r_rect, np.zeros(3)) @ true.cam_T_cam0 @ rig.cam0_T_velo
+            expected = rect.apply(velo) @ true.p_rect[:, :3].T
+            np.testing.assert_allclose(seen @ camera.k.T, expected, rtol=1e-6, atol=1e-3)
+        else:
+            np.testing.assert_array_equal(camera.d, true.d)
+            expected = (true.cam_T_cam0 @ rig.cam0_T_velo).apply(velo)
+            np.testing.assert_allclose(seen @ camera.k.T, expected @ true.k.T, rtol=1e-6, atol=1e-6)
+    rect_t_velo = rect_from_velo(rig).matrix()
+    np.testing.assert_allclose(rect_from_velo(made).matrix(), rect_t_velo, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize('rectified', [True, False])

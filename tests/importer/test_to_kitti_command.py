@@ -98,6 +98,10 @@ def test_what_is_lost_is_named_and_the_exit_code_says_so(tmp_path, capsys):
         (['{bag}', '{out}', '--plan-file', '{none}'], 'No such file'),
         (['{none}', '{out}', '--layout', 'object'], 'there is no such file'),
         (['{bag}', '{full}', '--layout', 'object'], 'exists already'),
+        (['{bag}', '{bag}', '--layout', 'object'], 'lies inside the recording'),
+        (['{bag}', '{bag}/out', '--layout', 'object'], 'lies inside the recording'),
+        (['{bag}', '{full}/kept', '--layout', 'object', '--append'], 'it is no folder'),
+        (['{bag}', '{out}', '--layout', 'odometry', '--name', '٣'], 'is no sequence'),
         (['{bag}', '{full}', '--layout', 'object', '--append'], 'no object set to append to'),
     ],
 )

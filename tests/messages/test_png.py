@@ -79,7 +79,7 @@ def test_without_isal_opencv_does_it_all(monkeypatch):
 
 
 @pytest.mark.parametrize('size', [(1, 1), (64, 48)])
-def test_data_that_inflate_to_more_than_the_image_are_left_alone(size):
+def test_data_that_inflate_to_more_than_the_image_are_refused(size):
     """A few bytes may hold all of the memory."""
     pytest.importorskip('isal')
 
@@ -89,4 +89,5 @@ def test_data_that_inflate_to_more_than_the_image_are_left_alone(size):
     header = b'IHDR' + struct.pack('>IIBBBBB', *size, 8, 2, 0, 0, 0)
     data = b'IDAT' + zlib.compress(bytes(10_000_000), 9)
     png = b'\x89PNG\r\n\x1a\n' + chunk(header) + chunk(data) + chunk(b'IEND')
-    assert inflated(png) is png
+    with pytest.raises(ValueError, match='more image data than its size tells'):
+        inflated(png)

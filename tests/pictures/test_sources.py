@@ -136,7 +136,8 @@ def test_a_calibration_that_cannot_be_had_is_noted(tmp_path):
     frame = source.frame(0)
     assert frame.images
     assert frame.calibration is None
-    assert any(note.startswith('no calibration: ') for note in source.notes)
+    assert any(note.startswith('no calibration: ') for note in source.cautions)
+    assert frame.lacks['calibration']
 
 
 LINE = 'Car 0.00 0 -1.57 100.00 50.00 200.00 90.00 1.50 1.60 3.90 1.00 1.60 12.00 -1.57 0.91\n'
@@ -176,3 +177,31 @@ class TestPredictions:
             Predictions(tmp_path)
         with pytest.raises(UsageError, match='no such file or folder'):
             Predictions(tmp_path / 'none')
+
+
+ALL_BUT_POINTS = (
+    '/tf_static',
+    '/perception/objects',
+    *(f'/cam/left/{name}' for name in ('image_raw', 'camera_info')),
+    *(f'/cam/right/{name}' for name in ('image_rect/compressed', 'camera_info')),
+)
+
+
+def test_a_cloud_of_a_depth_camera_has_z_forward(tmp_path):
+    def in_a_camera(topic, _place, message):
+        if topic == '/sensors/ouster/points':
+            message.header.frame_id = 'depth_optical_frame'
+        return message
+
+    truth = foreign.make_truth()
+    found = {}
+    for name, change in (('plain', lambda _topic, _place, message: message), ('z', in_a_camera)):
+        path = tmp_path / f'{name}.mcap'
+        foreign.write_foreign(path, truth, 'mcap', *ALL_BUT_POINTS, change=change)
+        found[name] = open_frames(path, ANY)
+    before, after = (found[name].frame(0).points for name in ('plain', 'z'))
+    np.testing.assert_array_equal(after[:, 0], before[:, 2])
+    np.testing.assert_array_equal(after[:, 1], -before[:, 0])
+    np.testing.assert_array_equal(after[:, 2], -before[:, 1])
+    assert any('z axis is taken as forward' in each for each in found['z'].cautions)
+    assert not found['plain'].cautions

@@ -130,7 +130,7 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
         seen = _Frames(route=_route_alone(path, survey))
     else:
-        findings += [Finding(Severity.NOTE, '', note) for note in source.notes]
+        findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
         seen = _look_through(source, source.numbers.tolist(), findings, steps)
     return _report(overview, Clock.UTC, streams, findings, seen)
 
