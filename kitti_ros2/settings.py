@@ -42,7 +42,7 @@ _Parser: TypeAlias = Callable[[str, object], Any]
 
 DEFAULT_READ_AHEAD = 8
 MOST_READ_AHEAD = 1000
-MOST_FPS = 240.0
+FPS = (0.1, 240.0)
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
@@ -193,8 +193,8 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     )
     if parsed.get('frame') is not None and parsed.get('frames') is not None:
         raise UsageError('--frame and --frames exclude each other')
-    if not 0 < parsed.get('fps', 1) <= MOST_FPS:
-        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected 0 to {MOST_FPS:g}')
+    if not FPS[0] <= parsed.get('fps', 1) <= FPS[1]:
+        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected {FPS[0]:g} to {FPS[1]:g}')
     return ViewSettings(
         read=_read_options(parsed),
         pictures=pictures,

@@ -18,6 +18,7 @@ from foxglove.websocket import (
 )
 
 from ..errors import UsageError
+from ..one_line import one_line
 from ..options import RATES
 from ..playing.session import Session
 from ..playing.state import encode_state
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 HOST = '127.0.0.1'
 NAME = '/kitti_player'
 
+_GOODBYE_S = 1.0
 _BACKLOG = 256
 """Messages that may wait for a viewer, a second of a drive with all its topics.
 
@@ -88,6 +90,7 @@ class ViewerServer(ServerListener):
         self._asked_to_seek = False
         self._told: tuple[Any, float] | None = None
         self._state_ns = 0
+        self._stopped = False
         self._context = Context()  # the SDK does not hold it
         self._channels = Channels(program, self._context, self._tell_time, self._tell_jump)
         self.session = Session(
@@ -99,7 +102,7 @@ class ViewerServer(ServerListener):
         first, last = program.stamps_ns[0], program.stamps_ns[-1]
         try:
             return start_server(
-                name=program.name,
+                name=one_line(program.name),
                 host=HOST,
                 port=port,
                 capabilities=[Capability.Time] if told else [],
@@ -132,9 +135,15 @@ class ViewerServer(ServerListener):
         self.session.start(self._end)
 
     def stop(self) -> None:
-        """End it, and disconnect viewers."""
+        """End it, and disconnect viewers; nothing happens the second time."""
+        if self._stopped:
+            return
+        self._stopped = True
         self.session.stop()
-        self._server.stop()
+        # The SDK waits until every viewer has read the goodbye, and one that sleeps never does.
+        goodbye = threading.Thread(target=self._server.stop, daemon=True)
+        goodbye.start()
+        goodbye.join(_GOODBYE_S)
 
     def _end(self, error: BaseException | None) -> None:
         self._tell_changes()

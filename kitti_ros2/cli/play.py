@@ -13,6 +13,7 @@ from ..settings import PLAY_OPTIONS, make_play_settings
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
+from .text import complain, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -121,14 +122,10 @@ def _play_for_viewers(
 
     keep_imports()
     keep_freed_memory()
-    failures = run_bridge(str(src), settings, port, ending, _say, _complain, keyboard=keyboard)
+    failures = run_bridge(str(src), settings, port, ending, _say, complain, keyboard=keyboard)
     return EXIT_LOSSES if failures else EXIT_OK
 
 
 def _say(text: str) -> None:
-    sys.stdout.write(f'{text}\n')
+    say(text)
     sys.stdout.flush()
-
-
-def _complain(text: str) -> None:
-    sys.stderr.write(f'{text}\n')

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..bags.staging import keep_all, staged_file
@@ -118,7 +119,22 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     refuse_inside(src, out)
     _check(out, settings, single=single)
     refine = _keep if settings.predictions is None else Predictions(settings.predictions).add_to
-    source = open_frames(src, settings.read)
+    with closing(open_frames(src, settings.read)) as source:
+        losses = _draw(source, settings, out, refine, quiet=quiet)
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _draw(
+    source: FrameSource,
+    settings: ViewSettings,
+    out: Path,
+    refine: Callable[[Frame], Frame],
+    *,
+    quiet: bool,
+) -> tuple[Loss, ...]:
+    """Draw and write what is asked for; returns what was lost."""
+    single = out.suffix.lower() in PICTURES
     _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
     series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
@@ -137,9 +153,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
             f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
             f' took {elapsed:.1f} s{pace}'
         )
-    losses = (*_concerned(source, settings, numbers), *tally.losses())
-    show_losses(losses)
-    return EXIT_LOSSES if losses else EXIT_OK
+    return (*_concerned(source, settings, numbers), *tally.losses())
 
 
 def _keep(frame: Frame) -> Frame:

@@ -33,7 +33,7 @@ from .report import undecoded
 from .rig import CameraModel, camera_model, rect_in_frame
 
 if TYPE_CHECKING:
-    from ..boxes import Box
+    from ..boxes import Box, Cuboid
     from ..messages.pixels import Pixels
     from .survey import Survey
 
@@ -196,10 +196,7 @@ class Rigging:
         size = self._sizes.get(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
-        if hasattr(message, 'detections'):
-            cuboids, left_out = cuboids_of_detections(message, self._to_velo, scores=self._scores)
-        else:
-            cuboids, left_out = cuboids_of_markers(message, self._to_velo)
+        cuboids, left_out = self.cuboids(message)
         boxes, unseen = make_boxes(
             cuboids,
             calibration,
@@ -212,6 +209,16 @@ class Rigging:
         self.boxes_left_out[OUT_OF_VIEW] += unseen
         self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
         return boxes
+
+    def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
+        """The boxes of a Detection3DArray or MarkerArray in velo_link; why others are left out.
+
+        Raises:
+            ValueError: They cannot be read.
+        """
+        if hasattr(message, 'detections'):
+            return cuboids_of_detections(message, self._to_velo, scores=self._scores)
+        return cuboids_of_markers(message, self._to_velo)
 
     def body_t_rect(self) -> Transform:
         """The rectified camera 0 on the body whose poses the plan has.

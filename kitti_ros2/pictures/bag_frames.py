@@ -19,6 +19,7 @@ from ..geometry import Transform
 from ..importer.frame_tree import FrameTree
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
+from ..importer.labels import class_name
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.planned import look
@@ -36,6 +37,7 @@ from .frame import Frame
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from ..boxes import Cuboid
     from ..importer.ego import PoseTrack
     from ..importer.frames import Frames
     from ..importer.plan import Plan
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 
 _OPTICAL = '_optical_frame'
+_LONGEST_NUMBER = 9
 
 
 class _Place(NamedTuple):
@@ -102,6 +105,10 @@ class BagFrames:
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
+    def close(self) -> None:
+        """As FrameSource has it."""
+        self._messages.close()
+
     def _find_unit(self, survey: Survey) -> Transform:
         """body_T_imu, where static transforms tell it; else the body stands for the unit."""
         pose, unit = self._track, self._plan.imu_frame
@@ -127,7 +134,7 @@ class BagFrames:
         made: dict[Stream, Any] = {}
         for stream, data in stored.items():
             try:
-                made[stream] = self._make(stream, data, stamp_ns)
+                made[stream] = self._make(stream, data)
             except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
                 topic = places[stream].topic
                 lacks[stream.value] = f'{topic}: the message of frame {number}: {error}'
@@ -161,7 +168,7 @@ class BagFrames:
             return error
         return LackingError('it is not there any more')
 
-    def _make(self, stream: Stream, message: Any, stamp_ns: int) -> Any:  # noqa: ANN401
+    def _make(self, stream: Stream, message: Any) -> Any:  # noqa: ANN401
         if isinstance(message, Exception):
             raise message
         if stream is Stream.SCAN:
@@ -173,7 +180,8 @@ class BagFrames:
             text = decode_text(message)
             return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
         if stream is Stream.LABELS:
-            return FrameLabels(boxes=self._rigging.boxes(message, stamp_ns))
+            cuboids, _ = self._rigging.cuboids(message)
+            return FrameLabels(cuboids=[_identified(each) for each in cuboids])
         return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
 
     def _pose(self, stamp_ns: int) -> Pose | None:
@@ -223,6 +231,13 @@ def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
     return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
 
+def _identified(cuboid: Cuboid) -> Cuboid:
+    """The box with its class as labels have it, and its track where its name is a number."""
+    word = cuboid.identity.rpartition('/')[2]
+    track = int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
+    return replace(cuboid, kind=class_name(cuboid.kind), track_id=track)
+
+
 def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """The poses that odometry would be made of, if any."""
     try:
@@ -247,5 +262,6 @@ def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[
             found.append(None)
             continue
         stamp_ns = int(log_ns[place])
-        found.append(_Place(topic, stamp_ns, int(np.count_nonzero(log_ns[:place] == stamp_ns))))
+        before = place - int(np.searchsorted(log_ns, stamp_ns))
+        found.append(_Place(topic, stamp_ns, before))
     return found

@@ -81,3 +81,6 @@ class FrameSource(Protocol):
         Raises:
             UsageError: There is no such frame.
         """
+
+    def close(self) -> None:
+        """Let go of files."""

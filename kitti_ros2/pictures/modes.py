@@ -19,6 +19,7 @@ from .frame_parts import (
     chosen_camera,
     frame_points,
     frame_projection,
+    needed_projection,
     of_classes,
 )
 from .panel import draw_panel
@@ -61,12 +62,7 @@ def draw_camera(frame: Frame, options: PictureOptions) -> Pixels:
     camera, image = camera_image(frame, options)
     frame = of_classes(frame, options)
     labelled = is_labelled(frame.calibration, camera)
-    projection = None
-    if any(
-        each.cuboid and not (labelled and each.box_2d)
-        for each in (*frame.objects, *frame.predictions)
-    ):
-        projection = frame_projection(frame, camera)
+    projection = needed_projection(frame, camera)
     picture: Pixels = image.copy()
     draw_boxes_2d(
         picture,

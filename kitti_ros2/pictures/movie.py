@@ -33,7 +33,7 @@ class MovieError(KittiRos2Error):
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(
-            f'{path}: {reason}; give a folder instead of a film, for a PNG of each frame'
+            f'{path.name}: {reason}; give a folder instead of a film, for a PNG of each frame'
         )
 
 
@@ -72,7 +72,7 @@ class Movie:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._encoder is not None:
+        if self._encoder is not None and error is None:
             self._encoder.close()
 
     def write(self, picture: Pixels) -> None:
@@ -147,12 +147,25 @@ class _Mpeg4:
         import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
 
         code = cv2.VideoWriter.fourcc(*'mp4v')
+        self._path = path
+        self._written = 0
         self._writer = cv2.VideoWriter(str(path), code, rate_hz, size)
         if not self._writer.isOpened():
             raise MovieError(path, 'this OpenCV encodes no MPEG-4 (pip install av does)')
 
     def write(self, picture: Pixels) -> None:
         self._writer.write(picture)
+        self._written += 1
 
     def close(self) -> None:
+        import cv2  # noqa: PLC0415 - as above
+
         self._writer.release()
+        # Neither writing nor closing tells of a full disk: what is there is counted.
+        film = cv2.VideoCapture(str(self._path))
+        found = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
+        film.release()
+        if found != self._written:
+            raise MovieError(
+                self._path, f'only {found} of {self._written} pictures could be written'
+            )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import KittiRos2Error, LackingError, UsageError
+from ..errors import BadFileError, KittiRos2Error, LackingError, UsageError
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..messages.png import decode_png
 from ..samples import (
@@ -102,7 +102,7 @@ class RecordingFrames:
             source=self.name,
             number=number,
             stamp_ns=int(self.stamps_ns[place]),
-            images=_decoded(samples, lacks),
+            images=self._decoded(samples, number, lacks),
             points=None if scan is None else scan.points,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
@@ -111,6 +111,24 @@ class RecordingFrames:
             timed=self._recording.layout is Layout.RAW,
             lacks=lacks,
         )
+
+    def close(self) -> None:
+        """As FrameSource has it: nothing stays open between two frames."""
+
+    def _decoded(
+        self, samples: Mapping[Stream, Sample], number: int, lacks: dict[str, str]
+    ) -> dict[int, Pixels]:
+        """The pixels of the images, by camera."""
+        images: dict[int, Pixels] = {}
+        for stream, sample in samples.items():
+            if stream.camera is None or not isinstance(sample, Image):
+                continue
+            try:
+                images[stream.camera] = colour_pixels(decode_png(sample))
+            except ValueError as error:
+                path = self._recording.path(stream, self._samples[stream][number])
+                lacks[stream.value] = str(BadFileError(path, str(error), 'a whole PNG'))
+        return images
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:
@@ -141,19 +159,6 @@ def _common(recording: Recording, streams: Sequence[Stream]) -> tuple[Int64Array
     stamps = np.concatenate([index[stream].stamps_ns for stream in streams])
     numbers, first = np.unique(every, return_index=True)
     return numbers, stamps[first]
-
-
-def _decoded(samples: Mapping[Stream, Sample], lacks: dict[str, str]) -> dict[int, Pixels]:
-    """The pixels of the images, by camera."""
-    images: dict[int, Pixels] = {}
-    for stream, sample in samples.items():
-        if stream.camera is None or not isinstance(sample, Image):
-            continue
-        try:
-            images[stream.camera] = colour_pixels(decode_png(sample))
-        except ValueError as error:
-            lacks[stream.value] = str(error)
-    return images
 
 
 def _is_empty(calibration: Calibration) -> bool:

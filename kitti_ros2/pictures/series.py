@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .modes import Mode
 
 _NOMINAL_HZ = 10.0
-_MOST_HZ = 60.0
+_LEAST_HZ, _MOST_HZ = 0.1, 60.0
 
 
 class Drawn(NamedTuple):
@@ -108,4 +108,4 @@ def rate_of(stamps_ns: Int64Array) -> float:
     """How many frames a second they were recorded at, from the median of their distances."""
     periods = np.diff(stamps_ns)
     period = float(np.median(periods)) if len(periods) else 0.0
-    return min(NS_PER_S / period, _MOST_HZ) if period > 0 else _NOMINAL_HZ
+    return min(max(NS_PER_S / period, _LEAST_HZ), _MOST_HZ) if period > 0 else _NOMINAL_HZ

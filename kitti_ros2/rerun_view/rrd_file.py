@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
+import tempfile
 import threading
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .show import make_recording, show
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from ..program import Program
     from .show import Report
@@ -31,7 +33,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
 
     Args:
         program: Not closed.
-        path: The file; beside it a pipe is made for the time being, and removed.
+        path: The file.
         progress: As show has it.
 
     Raises:
@@ -43,15 +45,17 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
         writer.check()
         progress(done, size_bytes)
 
-    pipe = path.with_name(f'{path.name}.pipe')
-    os.mkfifo(pipe)
+    # Not beside the file: FAT and many network shares have no pipes.
+    folder = Path(tempfile.mkdtemp(prefix='kitti_ros2_'))
+    pipe = folder / 'rrd'
     try:
+        os.mkfifo(pipe)
         # Somebody must read before the SDK opens the pipe, or that waits.
         source = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
         stream = make_recording(program)
         stream.save(pipe)
     finally:
-        pipe.unlink()
+        shutil.rmtree(folder, ignore_errors=True)
     os.set_blocking(source, True)
     with suppress(AttributeError, OSError):  # Linux, and no more than an ordinary user may have
         fcntl.fcntl(source, fcntl.F_SETPIPE_SZ, _BLOCK_BYTES)

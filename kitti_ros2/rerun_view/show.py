@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
+from ..one_line import one_line
 from ..readahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
@@ -55,7 +56,7 @@ def make_recording(program: Program) -> rr.RecordingStream:
     stream = rr.RecordingStream(APPLICATION)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    stream.send_recording_name(program.name)
+    stream.send_recording_name(one_line(program.name))
     return stream
 
 

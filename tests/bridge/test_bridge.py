@@ -2,6 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server as a real WebSocket client meets it."""
 
+import base64
+import json
+import re
+import socket
+import struct
+import threading
 from collections import defaultdict
 
 import numpy as np
@@ -320,6 +326,35 @@ def test_a_viewer_that_does_not_read_harms_nobody(raw):
         asleep.listen_to_the_end()
         assert 'backlog' in asleep.statuses[-1]['message']
         assert len(asleep.of(OXTS)) < len(stamps) / 2
+
+
+def test_a_viewer_that_sleeps_keeps_nobody_from_ending(raw):
+    """Its socket is open, and nobody reads what comes: a closed laptop, a frozen tab."""
+    server = raw(loop=0, rate=20)
+    port = int(server.url.rpartition(':')[2])
+    with socket.socket() as asleep:
+        asleep.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+        asleep.connect(('127.0.0.1', port))
+        asleep.sendall(
+            f'GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\n'
+            f'Connection: Upgrade\r\nSec-WebSocket-Key: {base64.b64encode(bytes(16)).decode()}\r\n'
+            f'Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n'.encode()
+        )
+        heard = b''
+        for _ in range(30):  # what there is comes first, then the time, again and again
+            heard += asleep.recv(1 << 20)
+        channels = sorted({int(each) for each in re.findall(rb'"id":(\d+)', heard)})
+        wanted = [{'id': each, 'channelId': each} for each in channels]
+        text = json.dumps({'op': 'subscribe', 'subscriptions': wanted}).encode()
+        # A frame of text, masked with zeros (RFC 6455 section 5.2).
+        asleep.sendall(struct.pack('>BBHI', 0x81, 0xFE, len(text), 0) + text)
+        with Viewer(server.url) as awake:  # until the other's buffers are full
+            awake.subscribe(OXTS)
+            awake.until(lambda: len(awake.of(OXTS)) > 20 * FRAMES)
+        ending = threading.Thread(target=server.stop, daemon=True)
+        ending.start()
+        ending.join(timeout=20)
+        assert not ending.is_alive()
 
 
 def test_a_file_that_fails_is_told_to_viewers(serve, drive):

@@ -228,3 +228,29 @@ def test_one_reason_is_one_line(recordings, tmp_path, capsys):
 def test_options_of_pictures_do_not_go_with_rerun(recordings, words, capsys):
     assert main(['view', str(recordings[Layout.RAW]), '--rerun', *words]) == 2
     assert 'does not go with --rerun' in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('fps', ['0', 'nan', 'inf', '1e9', '-5', '0.0001'])
+def test_a_pace_that_no_film_has(recordings, tmp_path, fps, capsys):
+    out = tmp_path / 'out.mp4'
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(out), f'--fps={fps}']) == 2
+    one_line(capsys.readouterr().err)
+
+
+def test_a_film_that_is_not_whole_is_no_film(recordings, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(movie, 'has_h264', lambda: False)
+    monkeypatch.setattr(movie._Mpeg4, 'write', lambda self, _: setattr(self, '_written', 1))
+    out = tmp_path / 'out.mp4'
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(out), '--mode', 'bev']) == 2
+    assert 'only 0 of 1 pictures could be written' in one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_picture_is_named(drive, tmp_path, capsys):
+    path = drive / 'image_02/data/0000000002.png'
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : -20] = bytes(len(data) - len(data) // 2 - 20)
+    path.write_bytes(data)
+    words = ['view', str(drive), '-o', str(tmp_path / 'o.png'), '--mode', 'camera']
+    assert main([*words, '--frame', '2']) == 2
+    assert str(path) in one_line(capsys.readouterr().err)

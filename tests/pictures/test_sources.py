@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import shutil
+from copy import copy
 
 import foreign
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from kitti_ros2.convert import convert
 from kitti_ros2.errors import UsageError
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import join
+from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options import BagOptions, Images, MessageOptions, ReadOptions, SelectionOptions
 from kitti_ros2.pictures.predictions import Predictions
 from kitti_ros2.pictures.sources import open_frames
@@ -205,3 +208,24 @@ def test_a_cloud_of_a_depth_camera_has_z_forward(tmp_path):
     np.testing.assert_array_equal(after[:, 2], -before[:, 1])
     assert any('z axis is taken as forward' in each for each in found['z'].cautions)
     assert not found['plain'].cautions
+
+
+@pytest.mark.parametrize(
+    ('names', 'expected'),
+    [(['7', '8'], [7, 8]), (['box/7', 'a-b-c'], [7, None]), (['', ''], [None, None])],
+)
+def test_tracks_of_others_are_what_the_bag_says(tmp_path, names, expected):
+    def named(topic, _place, message):
+        if topic == '/perception/objects':
+            message = TYPESTORE.deserialize_cdr(join(message), 'vision_msgs/msg/Detection3DArray')
+            first = message.detections[0]
+            message.detections = [copy(first) for _ in names]
+            for detection, name in zip(message.detections, names, strict=True):
+                detection.id = name
+        return message
+
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth(), change=named)
+    source = open_frames(path, ANY)
+    for number in (3, 0, 3):
+        assert [each.track_id for each in source.frame(number).objects] == expected
+    source.close()

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from contextlib import closing
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from ...samples import Layout, Stream, format_numbers
 from ..bag_frames import BagFrames, ego_track
 from ..recording_frames import RecordingFrames
 from .contents import Clock, Finding, Report, Severity, StreamFacts
+from .rig import is_finite
 from .scenes import draw_projections, draw_scenes
 from .statistics import ClassTally, route_of
 from .streams import bag_streams, recording_streams
@@ -124,6 +126,10 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
     for parent, child in survey.changing:
         text = f'the static transform {parent} -> {child} is told anew and differently'
         findings.append(Finding(Severity.WARNING, '/tf_static', text))
+    for link in overview.links:
+        if not is_finite(link):
+            text = f'the static transform {link.parent} -> {link.child} is no transform'
+            findings.append(Finding(Severity.WARNING, '/tf_static', text))
     try:
         source = BagFrames(path, survey)
     except KittiRos2Error as error:
@@ -131,7 +137,8 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
         seen = _Frames(route=_route_alone(path, survey))
     else:
         findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
-        seen = _look_through(source, source.numbers.tolist(), findings, steps)
+        with closing(source):
+            seen = _look_through(source, source.numbers.tolist(), findings, steps)
     return _report(overview, Clock.UTC, streams, findings, seen)
 
 

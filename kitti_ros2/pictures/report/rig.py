@@ -59,12 +59,18 @@ class Mount:
 
 def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
     """The frames of the largest tree that links make, parents before children; roots first."""
+    links = [link for link in links if is_finite(link)]
     children: dict[str, list[LinkGlance]] = defaultdict(list)
     for link in links:
         children[link.parent].append(link)
     placed = {link.child for link in links}
     trees = [_tree(root, children) for root in children if root not in placed]
     return max(trees, key=len, default=[])
+
+
+def is_finite(link: LinkGlance) -> bool:
+    """Whether a link tells a place and an attitude; a rotation of zeros tells none."""
+    return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
 
 
 def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
