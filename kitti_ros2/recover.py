@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bags.locate import locate_bag
@@ -17,7 +19,6 @@ from .options import COMPRESSIONS, BagOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from .bags.locate import BagFiles
     from .bags.message_source import BagMessage
@@ -188,6 +189,6 @@ def _compression(messages: BagMessages, storage: str) -> str:
 
 
 def _refuse_itself(path: Path, out: Path) -> None:
-    source, target = path.resolve(), out.resolve()
+    source, target = (Path(os.path.realpath(each)) for each in (path, out))
     if target == source or source in target.parents:
         raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')

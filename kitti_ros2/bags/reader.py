@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -101,9 +102,10 @@ def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMess
 def _locate(paths: Bags) -> list[BagFiles]:
     if isinstance(paths, Path):
         return [locate_bag(paths)]
-    known: set[Path] = set()
+    known: set[str] = set()
     for path in paths:
-        if path.resolve() in known:
+        place = os.path.realpath(path)
+        if place in known:
             raise UsageError(f'{path}: is given twice; give each bag once')
-        known.add(path.resolve())
+        known.add(place)
     return [locate_bag(path) for path in paths]

@@ -15,13 +15,13 @@ import fcntl
 import os
 import shutil
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
-    from pathlib import Path
 
 _REPLACED = 'replaced'
 _NAMED = 'named'
@@ -201,7 +201,7 @@ class Staging:
 
 def _named(path: Path) -> Path:
     if path.name in {'', '..'}:
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
     if not path.name:
         raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
     return path

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.writer import guess_storage
@@ -21,7 +23,6 @@ from .text import complain, format_bytes, format_count, format_duration, format_
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from ..convert import Report
     from ..samples import Loss, Recording
@@ -83,7 +84,8 @@ def refuse_inside(src: Path, out: Path) -> None:
     Raises:
         UsageError: The output lies inside.
     """
-    source, target = src.resolve(), out.resolve()
+    # Unlike Path.resolve, this takes links that go in a circle.
+    source, target = (Path(os.path.realpath(path)) for path in (src, out))
     if target == source or source in target.parents:
         raise UsageError(f'{out}: lies inside the recording {src}; give a path outside of it')
 

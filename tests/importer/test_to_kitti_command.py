@@ -97,6 +97,9 @@ def test_what_is_lost_is_named_and_the_exit_code_says_so(tmp_path, capsys):
         (['{bag}', '{out}', '--layout', 'object', '--calib', '{none}'], 'No such file'),
         (['{bag}', '{out}', '--plan-file', '{none}'], 'No such file'),
         (['{none}', '{out}', '--layout', 'object'], 'there is no such file'),
+        (['{circle}', '{out}', '--layout', 'object'], 'there is no such file'),
+        (['{bag}', '{circle}', '--layout', 'object'], 'it is a symbolic link'),
+        (['{bag}', '{circle}/x', '--layout', 'object'], 'cannot be written'),
         (['{bag}', '{full}', '--layout', 'object'], 'exists already'),
         (['{bag}', '{bag}', '--layout', 'object'], 'lies inside the recording'),
         (['{bag}', '{bag}/out', '--layout', 'object'], 'lies inside the recording'),
@@ -109,10 +112,18 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(bag, words, said, tmp_path, 
     full = tmp_path / 'full'
     full.mkdir()
     (full / 'kept').touch()
-    places = {'bag': bag, 'out': tmp_path / 'out', 'none': tmp_path / 'none', 'full': full}
+    circle = tmp_path / 'circle'
+    circle.symlink_to(circle)
+    places = {
+        'bag': bag,
+        'circle': circle,
+        'out': tmp_path / 'out',
+        'none': tmp_path / 'none',
+        'full': full,
+    }
     assert main(['to-kitti', *(word.format(**places) for word in words)]) == 2
     assert said in one_line(capsys.readouterr().err)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['full']
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['circle', 'full']
 
 
 def test_a_plan_of_topics_that_are_not_there_is_one_line(bag, tmp_path, capsys):
