@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .bags.writer import Channel, open_bag
-from .encoder import Encoder, one_line
-from .errors import KittiRos2Error
+from .encoder import Encoder
+from .errors import KittiRos2Error, describe_error
 from .messages.ros_types import TYPESTORE
 from .options import Images
 from .ordered_map import ordered_map
@@ -142,7 +142,7 @@ class _Tally:
         """Write messages, except one that says nothing new; count failures."""
         for failure in failures:
             for topic in failure.topics:
-                self.lose(Loss(topic, 1, one_line(failure.error)))
+                self.lose(Loss(topic, 1, describe_error(failure.error)))
         for message in messages:
             if message.key is not None:
                 if self._last_keys.get(message.topic) == message.key:

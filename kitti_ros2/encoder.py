@@ -203,10 +203,3 @@ def _lacking(sample: Sample) -> list[Failure]:
         for part, reason in sample.lacks.items()
         if not _CAMERA_PART.fullmatch(part)
     ]
-
-
-def one_line(error: KittiRos2Error | OSError) -> str:
-    """What went wrong, for a list of losses."""
-    if isinstance(error, OSError):
-        return f'{error.filename}: {error.strerror}'
-    return str(error)

@@ -107,3 +107,10 @@ class LackingError(KittiRos2Error):
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
+
+
+def describe_error(error: Exception) -> str:
+    """What went wrong, in a line that begins with the file where one is known."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f'{error.filename}: {error.strerror}'
+    return str(error)

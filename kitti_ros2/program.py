@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from .encoder import Encoder, one_line
+from .encoder import Encoder
+from .errors import describe_error
 from .messages.cdr import join
 from .messages.ros_types import TYPESTORE
 from .samples import Stream
@@ -144,7 +145,7 @@ class RecordingProgram:
         """As Program has it."""
         messages, failures = self._encoder.encode(self._entries[index], wanted)
         missing = [
-            Missing(f'{", ".join(each.topics)}: {one_line(each.error)}', len(each.topics))
+            Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
             for each in failures
         ]
         # Small ones first: each waits for those before it.

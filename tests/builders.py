@@ -19,3 +19,11 @@ def png_bytes(width: int, height: int, channels: int = 3) -> bytes:
     done, data = cv2.imencode('.png', np.zeros(shape, np.uint8))
     assert done
     return data.tobytes()
+
+
+def one_line(text: str) -> str:
+    """The only line of what a command complained."""
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith('kitti-ros2: ')
+    return lines[0]

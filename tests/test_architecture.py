@@ -70,7 +70,7 @@ ROOMS = {
     'playing': BELOW_JOBS | {'settings'} | JOBS,
     'node': BELOW_JOBS | {'settings', 'synthetic', 'playing'} | JOBS,
     'bridge': BELOW_JOBS | {'settings', 'playing'} | JOBS,
-    'rerun_view': BELOW_JOBS | {'importer', 'program', 'readahead'},
+    'rerun_view': BELOW_JOBS | {'importer', 'playing', 'program', 'readahead'},
     'pictures': BELOW_JOBS | {'synthetic', 'quantities'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from kitti_ros2.errors import BadBagError
+from kitti_ros2.errors import BadBagError, UsageError
 
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from kitti_ros2.samples import Layout
 
 # The first bytes of each kind of file.
 _MAGIC = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG V': 'ros1'}
@@ -65,6 +67,21 @@ def looks_like_bag(path: Path) -> bool:
     if not path.is_dir():
         return path.exists()
     return (path / _METADATA).is_file() or any(_files(path).values())
+
+
+def is_bag(path: Path, layout: Layout | None) -> bool:
+    """Whether what a user names is a bag; else it is a KITTI folder.
+
+    Args:
+        path: What is named.
+        layout: The layout that is forced; with one it is a KITTI folder.
+
+    Raises:
+        UsageError: There is no such path.
+    """
+    if not path.exists():
+        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
+    return layout is None and looks_like_bag(path)
 
 
 def locate_bag(path: Path) -> BagFiles:

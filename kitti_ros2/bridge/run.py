@@ -4,17 +4,14 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
 from ..options import Stamps
-from ..playing.keyboard import HELP
-from ..playing.keys import player_keyboard
 from ..playing.session import favour_what_is_due
 from ..playing.source import describe, open_program
+from ..playing.to_the_end import play_to_the_end
 from .server import ViewerServer
 
 if TYPE_CHECKING:
@@ -65,16 +62,7 @@ def run_bridge(
             complain(note)
         stack.callback(server.stop)
         server.start()
-        if keyboard:
-            keys = stack.enter_context(player_keyboard(server, say, ending.set))
-            if keys.listening:
-                sys.stderr.write(f'{HELP}\n')
-        gc.freeze()
-        ending.wait()
-        if server.error is not None:
-            raise server.error
-        ended = server.ended.is_set()
-        return server.session.counts.failures + len(program.losses) if ended else 0
+        return play_to_the_end(server, ending, say, keyboard=keyboard)
 
 
 def _refuse(settings: PlaySettings) -> None:

@@ -11,7 +11,7 @@ import signal
 import sys
 from io import TextIOWrapper
 
-from ..errors import KittiRos2Error
+from ..errors import KittiRos2Error, describe_error
 from ..one_line import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
@@ -91,11 +91,9 @@ def _run(words: list[str]) -> int:
 
 
 def _describe(error: KittiRos2Error | OSError) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f'{error.filename}: {error.strerror}'
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+    if isinstance(error, OSError) and error.filename is None and error.errno == errno.ENOSPC:
         return f'standard output: {error.strerror}'  # only streams have no name
-    return str(error)
+    return describe_error(error)
 
 
 def _complain(message: str) -> None:

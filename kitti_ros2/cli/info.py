@@ -10,8 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bags.locate import looks_like_bag
-from ..errors import UsageError
+from ..bags.locate import is_bag
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
 from ..one_line import one_line
@@ -49,12 +48,10 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
 
 def overlook(path: Path, layout: str | None = None, sequence: str | None = None) -> Overview:
     """The overview of a bag, or of a KITTI folder."""
-    if not path.exists():
-        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    if layout is None and looks_like_bag(path):
+    read = make_settings({'layout': layout, 'sequence': sequence}).read
+    if is_bag(path, read.layout):
         return inspect_bag(path)
-    settings = make_settings({'layout': layout, 'sequence': sequence})
-    return inspect_recording(open_recording(path, settings.read), path)
+    return inspect_recording(open_recording(path, read), path)
 
 
 def print_json(overview: Overview) -> None:

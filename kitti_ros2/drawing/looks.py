@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..boxes import cuboid_corners
-from ..options import MarkerColors
-from .palette import color_of
+from .palette import rgb_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +38,8 @@ def bgr(rgb: tuple[float, float, float]) -> Color:
 
 def class_color(kind: str) -> Color:
     """The colour of a class."""
-    return bgr(color_of(kind, 0, MarkerColors.CLASS))
+    red, green, blue = rgb_of(kind)
+    return blue, green, red
 
 
 def scale_of(picture: Pixels) -> float:

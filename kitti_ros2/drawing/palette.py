@@ -29,6 +29,12 @@ EGO_SIZE_LWH = (4.0, 1.7, 1.5)
 _GOLDEN_TURN = 0.6180339887498949
 
 
+def rgb_of(kind: str) -> tuple[int, int, int]:
+    """Red, green, blue, 0..255, of a class."""
+    red, green, blue = color_of(kind, 0, MarkerColors.CLASS)
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
 def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
     """Red, green, blue, 0..1: of a class, or of a track's number.
 

@@ -41,7 +41,7 @@ _WORTH_A_WORD_RAD = np.radians(10)
 
 
 class Rigging:
-    """What a plan makes of single messages; safe to call from several threads.
+    """What a plan makes of single messages; safe to call from several threads, but for boxes.
 
     Attributes:
         calibrations: Of all frames.

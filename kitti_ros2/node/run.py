@@ -4,17 +4,14 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from ..playing.keyboard import HELP
-from ..playing.keys import player_keyboard
 from ..playing.session import favour_what_is_due
+from ..playing.to_the_end import play_to_the_end
 from .middleware import start_ros
 from .parameters import to_parameters
 from .player import KittiPlayer
@@ -57,16 +54,7 @@ def run_player(
         thread = threading.Thread(target=_spin, args=(executor, ending.set), name='executor')
         thread.start()
         stack.callback(_end_spin, executor, thread)
-        if keyboard:
-            keys = stack.enter_context(player_keyboard(node, node.get_logger().info, ending.set))
-            if keys.listening:
-                sys.stderr.write(f'{HELP}\n')
-        gc.freeze()
-        ending.wait()
-        if node.error is not None:
-            raise node.error
-        session = node.session
-        return session.counts.failures + len(session.program.losses) if node.ended.is_set() else 0
+        return play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
 
 
 def _spin(executor: SingleThreadedExecutor, ended: Callable[[], None]) -> None:

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..bags.locate import looks_like_bag
-from ..errors import UsageError
+from ..bags.locate import is_bag
 from ..kitti.layouts import open_recording
 from .bag_frames import BagFrames
 from .recording_frames import RecordingFrames
@@ -26,8 +25,6 @@ def open_frames(path: Path, options: ReadOptions) -> FrameSource:
         UsageError: There is no such path.
         KittiRos2Error: It cannot be read, or has nothing to look at.
     """
-    if not path.exists():
-        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    if options.layout is None and looks_like_bag(path):
+    if is_bag(path, options.layout):
         return BagFrames(path)
     return RecordingFrames(open_recording(path, options))

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bag_program import BagProgram
-from ..bags.locate import looks_like_bag
-from ..errors import UsageError
+from ..bags.locate import is_bag
 from ..kitti.layouts import open_recording
 from ..program import RecordingProgram
 
@@ -33,9 +32,7 @@ def open_program(source: str | Path, settings: PlaySettings | Settings) -> Progr
         OSError: The same.
     """
     path = Path(source).expanduser()
-    if not path.exists():
-        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    if settings.read.layout is None and looks_like_bag(path):
+    if is_bag(path, settings.read.layout):
         return BagProgram(path, settings.selection)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     recording = open_recording(path, settings.read)

@@ -13,8 +13,7 @@ import numpy as np
 import rerun as rr
 
 from ..boxes import DONT_CARE
-from ..drawing.palette import color_of
-from ..options import MarkerColors
+from ..drawing.palette import rgb_of
 from .entry import Entry, Shower, entity_path, image_frame
 from .survey import DETECTIONS_3D, frame_name
 
@@ -112,8 +111,7 @@ def class_color(kind: str) -> tuple[int, int, int]:
     """Red, green, blue, 0..255, of a class: that of its markers."""
     if kind == DONT_CARE:
         return _DONT_CARE_RGB
-    red, green, blue = (round(255 * value) for value in color_of(kind, 0, MarkerColors.CLASS))
-    return red, green, blue
+    return rgb_of(kind)
 
 
 def _rows(values: Sequence[tuple[float, ...]], columns: int) -> Float64Array:

@@ -26,22 +26,12 @@ from .show import make_recording, show
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
-    from typing import Protocol
 
     from typing_extensions import Self
 
+    from ..playing.ending import Ending
     from ..program import Program
     from .show import Report
-
-    class Ending(Protocol):
-        """What ends the wait."""
-
-        def set(self) -> None:
-            """Let the wait end; from any thread."""
-
-        def wait(self) -> None:
-            """Wait for it."""
-
 
 _HOST = '127.0.0.1'
 _GRPC_PORT = 9876

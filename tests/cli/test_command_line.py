@@ -21,18 +21,10 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.samples import Layout
 from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings, parse_bytes
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, one_line  # isort: skip
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = [sys.executable, '-c', 'import sys; from kitti_ros2.cli import main; sys.exit(main())']
-
-
-def one_line(text: str) -> str:
-    lines = text.splitlines()
-    assert len(lines) == 1, text
-    assert lines[0].startswith('kitti-ros2: ')
-    assert 'Traceback' not in text
-    return lines[0]
 
 
 def test_to_bag_says_what_it_guessed_and_did(recording_path, tmp_path, capsys):

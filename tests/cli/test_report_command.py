@@ -9,17 +9,11 @@ import os
 from pathlib import Path
 
 import pytest
+from builders import one_line
 from html_page import Page
 
 from kitti_ros2.cli import main
 from kitti_ros2.samples import Layout
-
-
-def one_line(text: str) -> str:
-    lines = text.splitlines()
-    assert len(lines) == 1, text
-    assert lines[0].startswith('kitti-ros2: ')
-    return lines[0]
 
 
 def test_a_page_is_made(recording_path, tmp_path, capsys):

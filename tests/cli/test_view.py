@@ -9,6 +9,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from builders import one_line
 
 from kitti_ros2.cli import main
 from kitti_ros2.pictures import movie
@@ -16,13 +17,6 @@ from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.samples import Layout
 
 NEEDS = {'camera': 'image', 'boxes': 'image', 'lidar': 'scan', 'bev': 'scan', 'panel': ''}
-
-
-def one_line(text: str) -> str:
-    lines = text.splitlines()
-    assert len(lines) == 1, text
-    assert lines[0].startswith('kitti-ros2: ')
-    return lines[0]
 
 
 def test_the_modes_are_these() -> None:

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import foreign
 import pytest
+from builders import one_line
 
 from kitti_ros2.cli import main
 from kitti_ros2.samples import Layout
@@ -31,13 +32,6 @@ def own(recordings, tmp_path_factory):
     path = str(tmp_path_factory.mktemp('own') / 'own.mcap')
     assert main(['to-bag', str(recordings[Layout.OBJECT]), path, '-q']) == 0
     return path
-
-
-def one_line(text: str) -> str:
-    lines = text.splitlines()
-    assert len(lines) == 1, text
-    assert lines[0].startswith('kitti-ros2: ')
-    return lines[0]
 
 
 def test_a_bag_of_our_own_needs_no_option(own, recordings, tmp_path, capsys):

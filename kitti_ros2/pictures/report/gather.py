@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...bags.locate import looks_like_bag
+from ...bags.locate import is_bag
 from ...bags.reader import bag_stamps
-from ...errors import KittiRos2Error, UsageError
+from ...errors import KittiRos2Error
 from ...importer.planned import look
 from ...inspection import inspect_bag, inspect_recording
 from ...kitti.layouts import open_recording
@@ -72,9 +72,7 @@ def gather(
         UsageError: There is no such path.
         KittiRos2Error: It is nothing that can be read.
     """
-    if not path.exists():
-        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    if options.layout is None and looks_like_bag(path):
+    if is_bag(path, options.layout):
         return _gather_bag(path, _Steps(progress))
     return _gather_recording(open_recording(path, options), path, _Steps(progress))
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...drawing.palette import color_of
-from ...options import MarkerColors
+from ...drawing.palette import rgb_of
 from ...stamps import format_stamp
 from .contents import Clock
 from .markup import Markup, breakable, element, join
@@ -145,7 +144,7 @@ def _class_table(classes: ClassStatistics) -> Markup:
 
 def _swatch(kind: str) -> Markup:
     """The colour that a class has in the pictures."""
-    red, green, blue = (round(255 * value) for value in color_of(kind, 0, MarkerColors.CLASS))
+    red, green, blue = rgb_of(kind)
     patch = element('rect', width=12, height=12, rx=3, fill=f'#{red:02x}{green:02x}{blue:02x}')
     return element('svg', patch, viewBox='0 0 12 12', class_='swatch', aria_hidden='true')
 

@@ -15,7 +15,7 @@ from ...kitti.scan_file import POINT_BYTES
 from ...kitti.store import STORE
 from ...quantities import format_count
 from ...samples import Layout, Stream, format_numbers
-from .contents import Finding, Severity, StreamFacts
+from .contents import Clock, Finding, Severity, StreamFacts
 from .timing import pairing_of, timing_of
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from ...importer.survey import Survey, TopicSurvey
     from ...kitti.recording import KittiRecording
     from ...samples import Int64Array
-    from .contents import Clock
     from .timing import Timing
 
 _MS = 1e6
@@ -48,7 +47,7 @@ def recording_streams(
     told = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
-        if clock is not clock.NOMINAL:
+        if clock is not Clock.NOMINAL:
             findings += _uneven(stream.value, timing)
             findings += _shifted(stream, recording)
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
