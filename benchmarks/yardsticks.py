@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
-import shutil
 import statistics
 import subprocess
 import sys
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+_ASIDE = itertools.count()
 COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
 
 
@@ -62,8 +63,16 @@ def tree_bytes(folder: Path) -> int:
 
 
 def fresh(path: Path) -> Path:
-    """A path with nothing at it."""
-    shutil.rmtree(path, ignore_errors=True)
+    """A path with nothing at it; a folder there is moved aside, its files emptied.
+
+    They are not removed: ext4 steps around the inodes of files that were just removed one by one,
+    which would be a fifth of the time of whatever writes the next folder.
+    """
+    if path.is_dir():
+        aside = path.rename(path.with_name(f'{path.name}.{next(_ASIDE)}'))
+        for file in aside.rglob('*'):
+            if file.is_file():
+                os.truncate(file, 0)
     path.unlink(missing_ok=True)
     return path
 

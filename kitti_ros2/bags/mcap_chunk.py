@@ -192,7 +192,8 @@ class StreamedChunks:
             contents.crc = crc32(buffer, contents.crc)
         if self._start < 0:
             self._start = self._file.position
-            buffers = (bytes(_CHUNK_HEAD.size + 12), *buffers)
+            # By itself: what is written with large buffers would be read again to be changed.
+            self._file.write([bytes(_CHUNK_HEAD.size + 12)])
         self._file.write(buffers)
         self._tail = bytearray()
 

@@ -7,9 +7,12 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from kitti_ros2.uncached import without_start, write_uncached
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
+
+    from kitti_ros2.uncached import Buffers
 
 _MAX_BUFFERS = min(os.sysconf('SC_IOV_MAX'), 1024)
 
@@ -28,7 +31,7 @@ class VectoredFile:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         self.position = 0
 
-    def write(self, buffers: Sequence[bytes | bytearray | memoryview]) -> None:
+    def write(self, buffers: Buffers) -> None:
         """Append buffers (flat bytes) in order, all of them.
 
         Raises:
@@ -59,24 +62,14 @@ class VectoredFile:
         if fd >= 0:
             os.close(fd)
 
-    def _write_batch(self, buffers: Sequence[bytes | bytearray | memoryview]) -> None:
+    def _write_batch(self, buffers: Buffers) -> None:
         left = sum(map(len, buffers))
         while left > 0:
-            written = os.writev(self._fd, buffers)
+            written = write_uncached(self._fd, buffers, self.position)
             self.position += written
             left -= written
             if left > 0:
-                # Linux writes at most 2 GiB - 4 KiB at once, and less where the disk fills up.
-                buffers = _without_start(buffers, written)
+                # All but the last page; at most 2 GiB - 4 KiB; less where the disk fills up.
+                buffers = without_start(buffers, written)
         if left:
             raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
-
-
-def _without_start(
-    buffers: Sequence[bytes | bytearray | memoryview], count: int
-) -> list[bytes | bytearray | memoryview]:
-    for index, buffer in enumerate(buffers):
-        if count < len(buffer):
-            return [memoryview(buffer)[count:], *buffers[index + 1 :]]
-        count -= len(buffer)
-    return []

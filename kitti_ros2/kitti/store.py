@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError
+from ..uncached import write_uncached
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -143,8 +144,9 @@ class LocalStore:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('wb', buffering=0) as file:
             view = memoryview(data).cast('B')
-            while view:
-                view = view[file.write(view) :]
+            position = 0
+            while position < len(view):
+                position += write_uncached(file.fileno(), [view[position:]], position)
 
     def write_text(self, path: Path, text: str) -> None:
         """Write a text file whole, line ends untouched."""

@@ -190,7 +190,7 @@ def test_swallowed_output_error_comes_again(tmp_path, monkeypatch):
     bag = open_bag(tmp_path / 'bag.mcap', BagOptions(), jazzy())
     channel = bag.add_channel(CHANNELS[0])
     with monkeypatch.context() as patch:
-        patch.setattr(os, 'writev', refuse)
+        patch.setattr(os, 'pwritev', refuse)
         with pytest.raises(OutputError):
             bag.write(channel, 1, [bytes(10_000)])
     assert list(tmp_path.iterdir()) == []
@@ -218,7 +218,7 @@ def test_refused_write_is_an_output_error(code, tmp_path, monkeypatch):
     complaint = pytest.raises(OutputError, match=os.strerror(code))
     with complaint, open_bag(tmp_path / 'bag.mcap', BagOptions(), jazzy()) as bag:
         channel = bag.add_channel(CHANNELS[0])
-        monkeypatch.setattr(os, 'writev', refuse)
+        monkeypatch.setattr(os, 'pwritev', refuse)
         bag.write(channel, 1, [bytes(10_000)])
     assert list(tmp_path.iterdir()) == []
 
@@ -345,12 +345,13 @@ def test_file_systems_without_locks_still_work(samples, tmp_path, monkeypatch):
 
 
 def test_short_writes_lose_nothing(samples, tmp_path, monkeypatch):
-    writev = os.writev
+    pwritev = os.pwritev
 
-    def short(fd, buffers):
-        return writev(fd, [memoryview(buffers[0])[:1000]]) if buffers else 0
+    def short(fd, buffers, position, flags=0):
+        assert buffers
+        return pwritev(fd, [memoryview(buffers[0])[:1000]], position, flags)
 
-    monkeypatch.setattr(os, 'writev', short)
+    monkeypatch.setattr(os, 'pwritev', short)
     write_bag(tmp_path / 'bag.mcap', BagOptions(), samples)
     monkeypatch.undo()
     assert summarize_bag(tmp_path / 'bag.mcap').message_count == len(samples)
