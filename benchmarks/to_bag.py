@@ -126,7 +126,7 @@ def measure_help(repeat: int) -> None:
     helps, numpys = [], []
     for _ in range(repeat):
         numpys.append(command_seconds(python, '-c', 'import numpy'))
-        helps.append(command_seconds(python, '-c', COMMAND, '--help'))
+        helps.append(command_seconds(python, *COMMAND, '--help'))
     note = f'{median(helps) * 1000:.0f} ms'
     report('kitti-ros2 --help / import numpy', median(helps) / median(numpys), '<= 3', note)
 

@@ -82,7 +82,7 @@ class Bench:
         """A bag of a drive, made once."""
         path = self.folder / f'{name}.mcap'
         if not path.exists():
-            words = [sys.executable, '-c', COMMAND, 'to-bag', src, path, '-q', *options]
+            words = [sys.executable, *COMMAND, 'to-bag', src, path, '-q', *options]
             subprocess.run([str(word) for word in words], check=True)
         return path
 

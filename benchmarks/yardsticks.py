@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _ASIDE = itertools.count()
-COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
+COMMAND = ('-m', 'kitti_ros2')
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def copy(source: Path, out: Path) -> Run:
 def process(out: Path, *words: str) -> tuple[Run, float]:
     """A command of kitti-ros2 that makes out, start included; also its peak memory in MB."""
     fresh(out)
-    command = [sys.executable, '-c', COMMAND, *words]
+    command = [sys.executable, *COMMAND, *words]
     peak = 0.0
 
     def work() -> int:

@@ -4,7 +4,7 @@
 
 A label's box stands upright in the rectified camera 0 and turns about its y axis alone: the heading
 is kept, a tilt is lost. Its 2D box is the projection of its corners cut to the image, truncated is
-the part that the image cuts off, occluded is 3 (unknown; readme.txt of the object devkit).
+the part that the image cuts off; occluded is what the plan says, for boxes do not tell.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ..boxes import (
 from ..geometry import Transform
 from ..kitti.label_file import parse_box
 from ..labels import rect_from_velo
+from .plan import UNKNOWN_OCCLUSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 OUT_OF_VIEW = 'out of view'
 
-_UNKNOWN = 3
 _OTHERS = 'Misc'
 _UNSEEN = (-1.0, -1.0, -1.0, -1.0)
 _BLANKS = re.compile(r'\s+')
@@ -131,6 +131,7 @@ def make_boxes(
     tracks: TrackIds,
     *,
     out_of_view: bool = False,
+    occluded: int = UNKNOWN_OCCLUSION,
 ) -> tuple[list[Box], int]:
     """Labels of boxes, and how many were left out because the camera does not see them.
 
@@ -141,6 +142,7 @@ def make_boxes(
         size: (width, height) of its rectified image.
         tracks: Gives track ids.
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
+        occluded: What the labels say of all of them, 0 to 3 (readme.txt of the object devkit).
 
     Raises:
         ValueError: The calibration lacks what is needed.
@@ -165,7 +167,7 @@ def make_boxes(
         Box(
             kind=class_name(cuboids[place].kind),
             truncated=float(truncated[place]),
-            occluded=_UNKNOWN,
+            occluded=occluded,
             alpha=float(alphas[place]),
             box_2d=_four(bounds[place]) if seen[place] else _UNSEEN,
             size_hwl=boxes[place][1],

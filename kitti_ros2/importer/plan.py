@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
+UNKNOWN_OCCLUSION = 3
 
 
 class Incomplete(str, Enum):
@@ -88,11 +89,14 @@ class LabelPlan:
             a bag of our own carries.
         camera: The KITTI camera whose pixels the 2D boxes are.
         out_of_view: Whether boxes that this camera does not see are kept.
+        occluded: What labels say of boxes, whose messages do not tell: 0 visible, 1 partly, 2
+            largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
     """
 
     topic: str
     camera: int = 2
     out_of_view: bool = False
+    occluded: int = UNKNOWN_OCCLUSION
 
 
 @dataclass(frozen=True)
@@ -184,6 +188,9 @@ def parse_plan(text: str, path: Path) -> Plan:
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
+    labels = made.get('labels')
+    if labels is not None and labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
+        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
     for name, choice in (('layout', Layout), ('incomplete', Incomplete)):
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')

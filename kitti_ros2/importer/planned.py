@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 from ..bags.reader import open_messages
 from ..errors import UsageError
+from ..kitti.names import SPLITS
 from ..samples import Layout
 from .build import build
 from .guess import Guess, guess_plan
 from .output import next_number, staged
 from .plan import NONE
-from .survey import Survey, survey_bag
+from .survey import LABEL_LINES, Survey, survey_bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -50,7 +51,22 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
     if plan.labels is not None and plan.calibration == NONE:
         remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    return replace(found, plan=plan, remarks=remarks)
+    return replace(found, plan=plan, remarks=remarks + _label_remarks(plan))
+
+
+def _label_remarks(plan: Plan) -> tuple[str, ...]:
+    """What those who load or evaluate the labels stumble over."""
+    if plan.labels is None:
+        if plan.layout is Layout.OBJECT and plan.name == SPLITS[0]:
+            return ('loaders read label_2 of training frames; without labels say --name testing',)
+        return ()
+    if plan.layout not in (Layout.OBJECT, Layout.TRACKING) or plan.labels.topic == LABEL_LINES:
+        return ()
+    remark = (
+        f'{plan.labels.topic}: tells no occlusion, so labels say 3, unknown, which evaluations'
+        f' leave out; set labels.occluded of the plan to 0 to have them counted'
+    )
+    return (remark,)
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:

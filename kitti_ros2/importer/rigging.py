@@ -204,6 +204,7 @@ class Rigging:
             size,
             self._tracks,
             out_of_view=plan.out_of_view,
+            occluded=plan.occluded,
         )
         self.boxes_left_out.update(left_out)
         self.boxes_left_out[OUT_OF_VIEW] += unseen

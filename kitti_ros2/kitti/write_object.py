@@ -106,15 +106,18 @@ class ObjectWriter(LayoutWriter):
         self._unlisted.add(number)
 
     def close(self) -> None:
-        """ImageSets: test.txt, or trainval.txt and its parts train.txt and val.txt.
+        """ImageSets: test.txt, trainval.txt and its parts train.txt and val.txt.
 
-        The first frames train: neighbours in time must not stand in both.
+        The first frames train: neighbours in time must not stand in both. The lists of the other
+        split are empty, for loaders open all of them.
         """
         numbers = sorted(self._numbers - self._unlisted)
         part = ceil(len(numbers) * self._train_fraction)
-        sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
         if self._split != names.SPLITS[0]:
-            sets = {'test': numbers}
+            sets = {'trainval': [], 'train': [], 'val': [], 'test': numbers}
+        else:
+            train, val = numbers[:part], numbers[part:]
+            sets = {'trainval': numbers, 'train': train, 'val': val, 'test': []}
         for name, members in sets.items():
             text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
             self._store.write_text(self._sets_path / f'{name}{names.TXT}', text)

@@ -24,7 +24,7 @@ from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings, parse_bytes
 from builders import SMALL, one_line  # isort: skip
 
 ROOT = Path(__file__).resolve().parents[2]
-RUN = [sys.executable, '-c', 'import sys; from kitti_ros2.cli import main; sys.exit(main())']
+RUN = [sys.executable, '-m', 'kitti_ros2']
 
 
 def test_to_bag_says_what_it_guessed_and_did(recording_path, tmp_path, capsys):

@@ -258,8 +258,9 @@ def test_all_frames_train_unless_a_split_is_asked_for(bag, tmp_path):
         for name in ('all', 'part')
     }
     every = [f'{number:06d}' for number in range(foreign.FRAMES)]
-    assert sets['all'] == {'trainval': every, 'train': every, 'val': []}
-    assert sets['part'] == {'trainval': every, 'train': every[:9], 'val': every[9:]}
+    assert sets['all'] == {'trainval': every, 'train': every, 'val': [], 'test': []}
+    parts = {'train': every[:9], 'val': every[9:]}
+    assert sets['part'] == {'trainval': every, **parts, 'test': []}
 
 
 def test_a_second_bag_continues_an_object_set(bag, tmp_path):

@@ -42,7 +42,8 @@ plans = st.builds(
         st.integers(0, 4), st.builds(CameraPlan, names, names, st.booleans(), names)
     ),
     pose=st.none() | st.builds(PosePlan, names, names, names),
-    labels=st.none() | st.builds(LabelPlan, names, st.integers(0, 4), st.booleans()),
+    labels=st.none()
+    | st.builds(LabelPlan, names, st.integers(0, 4), st.booleans(), st.integers(0, 3)),
     imu=names,
     fix=names,
     velocity=names,
@@ -82,6 +83,7 @@ def test_whole_numbers_are_numbers_where_fractions_are_expected():
         (LEAST + 'cameras: {left: {topic: /i}}', 'cameras: expected KITTI camera numbers'),
         (LEAST + 'cameras: {9: {topic: /i}}', 'cameras: expected KITTI camera numbers'),
         (LEAST + 'cameras: {2: {topic: /i, rectify: 3}}', 'cameras: 2: rectify: 3; expected true'),
+        (LEAST + 'labels: {topic: /b, occluded: 4}', 'labels: occluded: 4; expected 0 to 3'),
     ],
 )
 def test_what_cannot_be_meant_is_named(text, said):

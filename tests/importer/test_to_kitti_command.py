@@ -18,7 +18,7 @@ from builders import one_line
 from kitti_ros2.cli import main
 from kitti_ros2.samples import Layout
 
-RUN = [sys.executable, '-c', 'import sys; from kitti_ros2.cli import main; sys.exit(main())']
+RUN = [sys.executable, '-m', 'kitti_ros2']
 
 
 @pytest.fixture(scope='module')
@@ -55,6 +55,29 @@ def test_a_plan_can_be_printed_edited_and_gone_by(bag, tmp_path, capsys):
     assert 'image_2 (/cam/left/image_raw): 12 of 12 frames' in said
     assert (tmp_path / 'out/testing/velodyne/000000.bin').is_file()
     assert (tmp_path / 'out/ImageSets/test.txt').read_text().count('\n') == foreign.FRAMES
+
+
+def test_evaluations_count_what_the_plan_calls_visible(bag, tmp_path, capsys):
+    assert main(['to-kitti', bag, '--layout', 'object', '--plan']) == 0
+    text = capsys.readouterr().out
+    assert 'set labels.occluded of the plan to 0' in text
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(text.replace('occluded: 3', 'occluded: 0'))
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
+    lines = (tmp_path / 'out/training/label_2/000000.txt').read_text().splitlines()
+    assert lines
+    assert {line.split()[2] for line in lines} == {'0'}
+
+
+def test_a_set_without_labels_is_better_named_testing(tmp_path, capsys):
+    path = foreign.write_foreign(
+        tmp_path / 'bag.mcap', foreign.make_truth(), 'mcap', '/perception/objects'
+    )
+    words = ['to-kitti', str(path), '--layout', 'object', '--plan']
+    assert main(words) == 0
+    assert '--name testing' in capsys.readouterr().out
+    assert main([*words, '--name', 'testing']) == 0
+    assert '--name testing' not in capsys.readouterr().out
 
 
 def test_the_plan_of_our_own_bag_says_that_none_is_needed(own, capsys):

@@ -85,10 +85,11 @@ def test_object_tree(tmp_path: Path) -> None:
     folders = [(f'image_{camera}', 'png') for camera in range(5)]
     folders += [('velodyne', 'bin'), ('calib', 'txt'), ('label_2', 'txt')]
     expected = [f'training/{d}/{n:06d}.{suffix}' for d, suffix in folders for n in (3, 7, 8)]
-    expected += [f'ImageSets/{name}.txt' for name in ('train', 'val', 'trainval')]
+    expected += [f'ImageSets/{name}.txt' for name in ('train', 'val', 'trainval', 'test')]
     assert tree(tmp_path) == sorted(expected)
     assert (tmp_path / 'ImageSets/train.txt').read_text() == '000003\n000007\n'
     assert (tmp_path / 'ImageSets/val.txt').read_text() == '000008\n'
+    assert (tmp_path / 'ImageSets/test.txt').read_text() == ''
     keys = [line.split()[0] for line in (tmp_path / 'training/calib/000003.txt').open() if line[1:]]
     assert keys == ['P0:', 'P1:', 'P2:', 'P3:', 'R0_rect:', 'Tr_velo_to_cam:', 'Tr_imu_to_velo:']
 
