@@ -1,0 +1,28 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command demo."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .shared import QuietOption
+
+
+def demo(
+    out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(
+        'kitti_ros2_demo'
+    ),
+    layout: Annotated[str, typer.Option(help='raw, object, odometry or tracking')] = 'raw',
+    frames: Annotated[int, typer.Option(help='How many frames to make.')] = 20,
+    seed: Annotated[
+        int, typer.Option(help='Which street; the same seed gives the same bytes.')
+    ] = 0,
+    overwrite: Annotated[bool, typer.Option('--overwrite', help='Make it again.')] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Make a synthetic KITTI recording, write it to MCAP, and say what is in it."""
+    from ..demo import run_demo
+
+    return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)

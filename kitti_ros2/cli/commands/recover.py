@@ -1,0 +1,27 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command recover."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .shared import QuietOption
+
+
+def recover(
+    bag: Annotated[Path, typer.Argument(help='A bag that was cut off or damaged.')],
+    out: Annotated[Path, typer.Argument(help='The sound bag, as OUT of to-bag.')],
+    storage: Annotated[
+        Optional[str], typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT, or BAG's own]")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace an existing bag.')
+    ] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Write a sound bag from a damaged one; each loss is named."""
+    from ..recover import run_recover
+
+    return run_recover(bag, out, storage, overwrite=overwrite, quiet=quiet)
