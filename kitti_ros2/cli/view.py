@@ -30,7 +30,7 @@ from .text import format_bytes, format_count, format_path, say
 from .to_bag import refuse_inside, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
@@ -45,6 +45,7 @@ class _Tally:
 
     def __init__(self) -> None:
         self.drawn = 0
+        self.kinds: set[str] = set()
         self._lacks: dict[tuple[str, str], list[int]] = {}
 
     def pictures(
@@ -54,6 +55,7 @@ class _Tally:
         for done, each in enumerate(series, 1):
             for name, reason in each.lacks.items():
                 self._lacks.setdefault((name.split()[0], reason), []).append(each.number)
+            self.kinds |= each.kinds
             if each.picture is not None:
                 self.drawn += 1
                 yield each.number, each.picture
@@ -145,8 +147,8 @@ def _draw(
         rate_hz = settings.rate_hz or rate_of(stamps_of(source, numbers))
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
-        for caution in source.cautions:
-            say(f'note: {caution}')
+        for note in (*source.cautions, *_absent(settings, source, tally.kinds)):
+            say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
         say(
@@ -154,6 +156,15 @@ def _draw(
             f' took {elapsed:.1f} s{pace}'
         )
     return (*_concerned(source, settings, numbers), *tally.losses())
+
+
+def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:
+    """A word on each class that is asked for and not there, such as a misspelt one."""
+    wanted = settings.pictures.classes
+    if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
+        return [f'{settings.mode} draws no objects, of whatever class'] if wanted else []
+    there = ', '.join(sorted(found)) or 'none at all'
+    return [f'no object of class {kind}; there are {there}' for kind in wanted if kind not in found]
 
 
 def _keep(frame: Frame) -> Frame:

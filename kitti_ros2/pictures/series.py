@@ -35,11 +35,13 @@ class Drawn(NamedTuple):
         picture: (H, W, 3) uint8 BGR.
         lacks: What was wanted of the frame and cannot be had: name to the reason, a line; {} stands
             for frame numbers.
+        kinds: The classes of its objects, drawn or not.
     """
 
     number: int
     picture: Pixels | None
     lacks: Mapping[str, str]
+    kinds: frozenset[str] = frozenset()
 
 
 def draw_frames(
@@ -66,7 +68,8 @@ def draw_frames(
     def draw(number: int) -> Drawn:
         frame = refine(source.frame(number, wanted))
         try:
-            return Drawn(number, mode.draw(frame, options), frame.lacks)
+            kinds = frozenset(each.kind for each in (*frame.objects, *frame.predictions))
+            return Drawn(number, mode.draw(frame, options), frame.lacks, kinds)
         except LackingError as error:
             # Of one reason there is one line, whatever the number of frames.
             reason = str(error).removeprefix(name_of(frame)).lstrip(': ')

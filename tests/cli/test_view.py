@@ -248,3 +248,11 @@ def test_a_damaged_picture_is_named(drive, tmp_path, capsys):
     words = ['view', str(drive), '-o', str(tmp_path / 'o.png'), '--mode', 'camera']
     assert main([*words, '--frame', '2']) == 2
     assert str(path) in one_line(capsys.readouterr().err)
+
+
+def test_a_class_that_is_not_there_is_told(recordings, tmp_path, capsys):
+    words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out.png')]
+    assert main([*words, '--classes', 'Car', '--classes', 'car']) == 0
+    said = capsys.readouterr().out
+    assert 'note: no object of class car; there are Car' in said
+    assert 'class Car' not in said
