@@ -12,7 +12,10 @@ import pytest
 from builders import one_line
 from html_page import Page
 
+from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.options import BagOptions
 from kitti_ros2.samples import Layout
 
 
@@ -107,3 +110,14 @@ def test_help_fits_80_columns(capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     assert main(['report', '--help']) == 0
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
+
+
+def test_a_bag_without_messages_is_told(tmp_path, capsys):
+    bag, out = tmp_path / 'empty.mcap', tmp_path / 'report.html'
+    with open_bag(bag, BagOptions(), TYPESTORE):
+        pass
+    assert main(['report', str(bag), '-o', str(out)]) == 0
+    assert '1 finding' in capsys.readouterr().out
+    page = out.read_text()
+    assert 'the bag holds no messages' in page
+    assert 'Nothing is missing' not in page

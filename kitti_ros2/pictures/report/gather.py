@@ -114,6 +114,8 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 def _gather_bag(path: Path, steps: _Steps) -> Report:
     overview = inspect_bag(path)
     findings: list[Finding] = []
+    if not any(series.count for series in overview.series):
+        findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
         return _report(overview, Clock.UTC, [], findings, _Frames())
     steps.expect(2)
