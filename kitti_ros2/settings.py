@@ -4,48 +4,53 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .errors import UsageError
 from .options import (
     AtEnd,
     BagOptions,
-    BirdOptions,
-    Bound,
-    ColorBy,
-    ColorMap,
     Images,
     ImportOptions,
     MarkerColors,
     MarkerOptions,
     MessageOptions,
-    PictureOptions,
     PlaybackOptions,
     Preset,
     ReadOptions,
     SelectionOptions,
     Stamps,
 )
+from .picture_options import BirdOptions, ColorBy, ColorMap, PictureOptions
 from .samples import Layout
-from .stamps import parse_seconds, parse_stamp
+from .setting_values import (
+    parse_bound,
+    parse_choice,
+    parse_epoch,
+    parse_flag,
+    parse_four_numbers,
+    parse_integer,
+    parse_number,
+    parse_path,
+    parse_place,
+    parse_rounds,
+    parse_seconds_ns,
+    parse_size,
+    parse_text,
+    parse_texts,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
-E = TypeVar('E', bound=Enum)
 _Parser: TypeAlias = Callable[[str, object], Any]
 
 DEFAULT_READ_AHEAD = 8
 MOST_READ_AHEAD = 1000
 FPS = (0.1, 240.0)
-
-_SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
-_POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
 @dataclass(frozen=True)
@@ -256,193 +261,81 @@ def _selection_options(parsed: Mapping[str, Any]) -> SelectionOptions:
     )
 
 
-def parse_bytes(text: str) -> int:
-    """Bytes from a size such as 2GB, 500 MB or 1GiB.
-
-    Raises:
-        ValueError: The text is no size.
-    """
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise ValueError(text)
-    return int(float(match[1]) * (1024 if match[3] else 1000) ** _POWERS[match[2]])
-
-
-def _text(name: str, value: object) -> str:
-    if isinstance(value, (str, int)) and not isinstance(value, bool):
-        return str(value)
-    raise UsageError(f'{name} takes a word, not {value!r}')
-
-
-def _texts(name: str, value: object) -> tuple[str, ...]:
-    items = value if isinstance(value, (list, tuple)) else [value]
-    return tuple(word for item in items for word in _text(name, item).replace(',', ' ').split())
-
-
-def _flag(name: str, value: object) -> bool:
-    if isinstance(value, bool):
-        return value
-    raise UsageError(f'{name} takes true or false, not {value!r}')
-
-
-def _integer(name: str, value: object) -> int:
-    if isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if isinstance(value, str) and value.removeprefix('-').isdecimal():
-        return int(value)
-    raise UsageError(f'{name} takes a whole number, not {value!r}')
-
-
-def _number(name: str, value: object) -> float:
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(value)
-    if isinstance(value, str) and value.removeprefix('-').isdecimal():
-        return float(value)
-    raise UsageError(f'{name} takes a number, not {value!r}')
-
-
-def _rounds(name: str, value: object) -> int:
-    """A number of rounds; true is without end, false once."""
-    if isinstance(value, bool):
-        return 0 if value else 1
-    return _integer(name, value)
-
-
-def _path(name: str, value: object) -> Path:
-    return Path(_text(name, value))
-
-
-def _choice(kind: type[E]) -> Callable[[str, object], E]:
-    def parse(name: str, value: object) -> E:
-        known = [item.value for item in kind]
-        if value not in known:
-            raise UsageError(f'{name} takes {" or ".join(known)}, not {value!r}')
-        return kind(value)
-
-    return parse
-
-
-def _bound(name: str, value: object) -> Bound:
-    return Bound.parse(_text(name, value))
-
-
-def _size(name: str, value: object) -> int:
-    try:
-        return parse_bytes(_text(name, value))
-    except ValueError:
-        raise UsageError(f'{name} takes a size such as 2GB, not {value!r}') from None
-
-
-def _seconds_ns(name: str, value: object) -> int:
-    try:
-        return parse_seconds(str(value).removesuffix('s'))
-    except ValueError:
-        raise UsageError(f'{name} takes seconds such as 60s, not {value!r}') from None
-
-
-def _epoch(name: str, value: object) -> int:
-    try:
-        return parse_stamp(str(value).removesuffix('+00:00'))
-    except ValueError:
-        raise UsageError(
-            f"{name} takes a UTC time such as '2011-09-26 00:00:00', not {value!r}"
-        ) from None
-
-
-def _place(name: str, value: object) -> tuple[float, ...]:
-    items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
-    try:
-        return tuple(float(item) for item in items)
-    except (TypeError, ValueError):
-        raise UsageError(f'{name} takes three numbers x,y,z in metres, not {value!r}') from None
-
-
-def _four_numbers(name: str, value: object) -> tuple[float, ...]:
-    try:
-        back, front, right, left = (float(word) for word in str(value).split(','))
-    except ValueError:
-        raise UsageError(
-            f'{name} takes four numbers in metres, from and to forward, from and to the left, such'
-            f" as '-10,60,-25,25', not {value!r}"
-        ) from None
-    return back, front, right, left
-
-
 _RECORDING: dict[str, _Parser] = {
-    'layout': _choice(Layout),
-    'sequence': _text,
-    'epoch': _epoch,
-    'images': _choice(Images),
-    'preset': _choice(Preset),
-    'tf': _flag,
-    'ring_time': _flag,
-    'base_to_imu': _place,
-    'semantic': _flag,
-    'marker_colors': _choice(MarkerColors),
-    'trails': _flag,
-    'ego_marker': _flag,
-    'marker_alpha': _number,
-    'marker_line_width': _number,
-    'marker_arrow_length': _number,
-    'marker_text_height': _number,
-    'marker_lifetime': _seconds_ns,
-    'streams': _texts,
-    'topics': _texts,
-    'start': _bound,
-    'end': _bound,
+    'layout': parse_choice(Layout),
+    'sequence': parse_text,
+    'epoch': parse_epoch,
+    'images': parse_choice(Images),
+    'preset': parse_choice(Preset),
+    'tf': parse_flag,
+    'ring_time': parse_flag,
+    'base_to_imu': parse_place,
+    'semantic': parse_flag,
+    'marker_colors': parse_choice(MarkerColors),
+    'trails': parse_flag,
+    'ego_marker': parse_flag,
+    'marker_alpha': parse_number,
+    'marker_line_width': parse_number,
+    'marker_arrow_length': parse_number,
+    'marker_text_height': parse_number,
+    'marker_lifetime': parse_seconds_ns,
+    'streams': parse_texts,
+    'topics': parse_texts,
+    'start': parse_bound,
+    'end': parse_bound,
 }
 
 _TO_BAG: dict[str, _Parser] = {
     **_RECORDING,
-    'storage': _text,
-    'compression': _text,
-    'compression_level': _integer,
-    'split_size': _size,
-    'split_duration': _seconds_ns,
-    'strict': _flag,
-    'overwrite': _flag,
+    'storage': parse_text,
+    'compression': parse_text,
+    'compression_level': parse_integer,
+    'split_size': parse_size,
+    'split_duration': parse_seconds_ns,
+    'strict': parse_flag,
+    'overwrite': parse_flag,
 }
 
 _PLAY: dict[str, _Parser] = {
     **_RECORDING,
-    'annotated': _flag,
-    'rate': _number,
-    'loop': _rounds,
-    'start_paused': _flag,
-    'delay': _seconds_ns,
-    'clock': _number,
-    'step': _integer,
-    'lossless': _flag,
-    'at_end': _choice(AtEnd),
-    'stamps': _choice(Stamps),
-    'read_ahead': _integer,
-    'qos_overrides_path': _path,
+    'annotated': parse_flag,
+    'rate': parse_number,
+    'loop': parse_rounds,
+    'start_paused': parse_flag,
+    'delay': parse_seconds_ns,
+    'clock': parse_number,
+    'step': parse_integer,
+    'lossless': parse_flag,
+    'at_end': parse_choice(AtEnd),
+    'stamps': parse_choice(Stamps),
+    'read_ahead': parse_integer,
+    'qos_overrides_path': parse_path,
 }
 
 _TO_KITTI: dict[str, _Parser] = {
-    'layout': _choice(Layout),
-    'name': _text,
-    'calib': _path,
-    'train_fraction': _number,
-    'append': _flag,
+    'layout': parse_choice(Layout),
+    'name': parse_text,
+    'calib': parse_path,
+    'train_fraction': parse_number,
+    'append': parse_flag,
 }
 
 _VIEW: dict[str, _Parser] = {
-    'layout': _choice(Layout),
-    'sequence': _text,
-    'mode': _text,
-    'frame': _integer,
-    'frames': _text,
-    'predictions': _path,
-    'fps': _number,
-    'overwrite': _flag,
-    'camera': _integer,
-    'color_by': _choice(ColorBy),
-    'color_map': _choice(ColorMap),
-    'point_size': _integer,
-    'classes': _texts,
-    'range': _four_numbers,
-    'resolution': _number,
+    'layout': parse_choice(Layout),
+    'sequence': parse_text,
+    'mode': parse_text,
+    'frame': parse_integer,
+    'frames': parse_text,
+    'predictions': parse_path,
+    'fps': parse_number,
+    'overwrite': parse_flag,
+    'camera': parse_integer,
+    'color_by': parse_choice(ColorBy),
+    'color_map': parse_choice(ColorMap),
+    'point_size': parse_integer,
+    'classes': parse_texts,
+    'range': parse_four_numbers,
+    'resolution': parse_number,
 }
 
 TO_BAG_OPTIONS = tuple(_TO_BAG)

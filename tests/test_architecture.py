@@ -53,11 +53,13 @@ ROOMS = {
     'quantities': frozenset(),
     'uncached': frozenset(),
     'kitti': GROUND | {'options', 'uncached'},
-    'drawing': GROUND | {'options'},
+    'drawing': GROUND | {'options', 'picture_options'},
     'messages': GROUND | {'options', 'drawing'},
     'bags': GROUND | {'options', 'uncached', 'kitti', 'messages'},
     'schedule': GROUND | {'options'},
-    'settings': GROUND | {'options'},
+    'picture_options': frozenset({'errors', 'stamps'}),
+    'setting_values': GROUND | {'options'},
+    'settings': GROUND | {'options', 'picture_options', 'setting_values'},
     'encoder': GROUND | {'options', 'schedule', 'messages'},
     'convert': BELOW_JOBS,
     'importer': BELOW_JOBS,
@@ -72,7 +74,7 @@ ROOMS = {
     'node': BELOW_JOBS | {'settings', 'synthetic', 'playing'} | JOBS,
     'bridge': BELOW_JOBS | {'settings', 'playing'} | JOBS,
     'rerun_view': BELOW_JOBS | {'importer', 'playing', 'program', 'readahead'},
-    'pictures': BELOW_JOBS | {'synthetic', 'quantities'} | JOBS,
+    'pictures': BELOW_JOBS | {'picture_options', 'synthetic', 'quantities'} | JOBS,
 }
 ROOMS['cli'] = frozenset(ROOMS)
 ROOMS['__main__'] = frozenset({'cli'})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..options import ColorBy, ColorMap
+from ..picture_options import ColorBy, ColorMap
 from .looks import bgr, class_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..geometry import Float64Array
-    from ..options import BirdOptions
+    from ..picture_options import BirdOptions
     from ..samples import Float32Array
     from .objects import LabelledObject
     from .pixels import Pixels

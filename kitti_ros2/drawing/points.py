@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..options import ColorBy, ColorMap
+from ..picture_options import ColorBy, ColorMap
 from .looks import scale_of
 from .scales import EMPTY, SCALES, colored, draw_bar
 from .strokes import has_pixels, size_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..options import ColorBy
+from ..picture_options import ColorBy
 from .scales import EMPTY, SCALES
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..options import ColorBy, ColorMap
+from ..picture_options import ColorBy, ColorMap
 from .text import WHITE, extent_of, put_text
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from .frame_parts import chosen_camera
 if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.strokes import Color
-    from ..options import PictureOptions
+    from ..picture_options import PictureOptions
     from .frame import Frame
 
 _SCALE = 0.45

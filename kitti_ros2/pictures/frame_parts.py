@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from ..drawing.pixels import Pixels
-    from ..options import PictureOptions
+    from ..picture_options import PictureOptions
     from ..samples import Float32Array
     from .frame import Frame
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from ..drawing.pixels import Pixels
-    from ..options import PictureOptions
+    from ..picture_options import PictureOptions
     from .frame import Frame
 
 

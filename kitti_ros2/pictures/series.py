@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..drawing.pixels import Pixels
-    from ..options import PictureOptions
+    from ..picture_options import PictureOptions
     from ..samples import Int64Array
     from .frame import Frame, FrameSource
     from .modes import Mode

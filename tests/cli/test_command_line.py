@@ -19,7 +19,8 @@ from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.errors import UsageError
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.samples import Layout
-from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings, parse_bytes
+from kitti_ros2.setting_values import parse_bytes
+from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip
 

@@ -18,7 +18,7 @@ from kitti_ros2.drawing.birds_eye import (
     draw_points_from_above,
 )
 from kitti_ros2.errors import UsageError
-from kitti_ros2.options import BirdOptions
+from kitti_ros2.picture_options import BirdOptions
 
 OPTIONS = BirdOptions((-5.0, 25.0), (-10.0, 10.0), 10.0)
 VIEW = BirdView.of(OPTIONS)

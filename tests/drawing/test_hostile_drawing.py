@@ -20,7 +20,7 @@ from kitti_ros2.drawing.points import draw_points
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.drawing.range_maps import range_maps
 from kitti_ros2.drawing.wireframes import draw_wireframes
-from kitti_ros2.options import BirdOptions, ColorBy
+from kitti_ros2.picture_options import BirdOptions, ColorBy
 
 ANY = st.floats() | st.sampled_from([0.0, -1.0, 1e9, -1e9, 1e300])
 SCANS = arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=st.floats(width=32))

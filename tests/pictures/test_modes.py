@@ -13,7 +13,8 @@ import pytest
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
 from kitti_ros2.errors import LackingError, UsageError
-from kitti_ros2.options import BirdOptions, PictureOptions, ReadOptions
+from kitti_ros2.options import ReadOptions
+from kitti_ros2.picture_options import BirdOptions, PictureOptions
 from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.frame import Frame
 from kitti_ros2.pictures.modes import MODES

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...boxes import DONT_CARE
 from ...errors import LackingError
-from ...options import PictureOptions
+from ...picture_options import PictureOptions
 from ...quantities import format_count
 from ...samples import Stream
 from ..frame_parts import chosen_camera
