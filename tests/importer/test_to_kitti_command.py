@@ -44,26 +44,33 @@ def test_a_bag_of_our_own_needs_no_option(own, recordings, tmp_path, capsys):
     assert made.read_bytes() == (recordings[Layout.OBJECT] / made.relative_to(out)).read_bytes()
 
 
-def test_a_plan_can_be_printed_edited_and_gone_by(bag, tmp_path, capsys):
-    assert main(['to-kitti', bag, '--layout', 'object', '--plan']) == 0
-    text = capsys.readouterr().out
-    assert 'topic: /sensors/ouster/points' in text
-    plan = tmp_path / 'plan.yaml'
-    plan.write_text(text.replace('name: training', 'name: testing'))
-    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
-    said = capsys.readouterr().out
+@pytest.fixture
+def go_by(bag, tmp_path, capsys):
+    """Print the plan of the bag, change a word of it, and go by that; returns what was said."""
+
+    def go(before: str, after: str) -> tuple[str, str]:
+        assert main(['to-kitti', bag, '--layout', 'object', '--plan']) == 0
+        printed = capsys.readouterr().out
+        assert before in printed
+        plan = tmp_path / 'plan.yaml'
+        plan.write_text(printed.replace(before, after))
+        assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
+        return printed, capsys.readouterr().out
+
+    return go
+
+
+def test_a_plan_can_be_printed_edited_and_gone_by(go_by, tmp_path):
+    printed, said = go_by('name: training', 'name: testing')
+    assert 'topic: /sensors/ouster/points' in printed
     assert 'image_2 (/cam/left/image_raw): 12 of 12 frames' in said
     assert (tmp_path / 'out/testing/velodyne/000000.bin').is_file()
     assert (tmp_path / 'out/ImageSets/test.txt').read_text().count('\n') == foreign.FRAMES
 
 
-def test_evaluations_count_what_the_plan_calls_visible(bag, tmp_path, capsys):
-    assert main(['to-kitti', bag, '--layout', 'object', '--plan']) == 0
-    text = capsys.readouterr().out
-    assert 'set labels.occluded of the plan to 0' in text
-    plan = tmp_path / 'plan.yaml'
-    plan.write_text(text.replace('occluded: 3', 'occluded: 0'))
-    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
+def test_evaluations_count_what_the_plan_calls_visible(go_by, tmp_path):
+    printed, _ = go_by('occluded: 3', 'occluded: 0')
+    assert 'set labels.occluded of the plan to 0' in printed
     lines = (tmp_path / 'out/training/label_2/000000.txt').read_text().splitlines()
     assert lines
     assert {line.split()[2] for line in lines} == {'0'}
