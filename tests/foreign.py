@@ -80,18 +80,28 @@ class Frame:
         points: (N, 4) in the lidar's frame, reflectance 0..1; without those that are NaN.
         blobs: (M, 3) white dots that the cameras see, in the lidar's frame.
         cuboid: A car, in the lidar's frame.
-        base_pose: (map_T_base).
     """
 
     stamp_ns: int
     points: np.ndarray
     blobs: np.ndarray
     cuboid: Cuboid
-    base_pose: Transform
 
 
 def lidar_t_camera() -> Transform:
     return BASE_T_LIDAR.inverse() @ BASE_T_CAMERA
+
+
+def base_pose(stamp_ns: int) -> Transform:
+    """odom_T_base at a time."""
+    share = (stamp_ns - START_NS) / 100_000_000
+    return Transform(rotation_from_rpy(0, 0, 0.02 * share), np.array([0.5 * share, 0.01, 0]))
+
+
+def camera_poses(truth: list[Frame]) -> np.ndarray:
+    """(N, 4, 4) of the left camera at the stamps of the scans, in its first place."""
+    poses = [(base_pose(frame.stamp_ns) @ BASE_T_CAMERA).matrix() for frame in truth]
+    return np.linalg.inv(poses[0]) @ poses
 
 
 def make_truth() -> list[Frame]:
@@ -104,10 +114,9 @@ def make_truth() -> list[Frame]:
         turn = rotation_from_rpy(0, 0, 0.1 * index)
         place = np.array([9.0 + 0.2 * index, -1.0, -0.9])
         cuboid = Cuboid('Car', '7', Transform(turn, place), (4.1, 1.7, 1.5), None, 7)
-        pose = Transform(rotation_from_rpy(0, 0, 0.02 * index), np.array([0.5 * index, 0.01, 0]))
         jitter = int(rng.integers(-3_000_000, 3_000_000))
         stamp_ns = START_NS + index * 100_000_000 + jitter
-        frames.append(Frame(stamp_ns, points, lidar_t_camera().apply(grid), cuboid, pose))
+        frames.append(Frame(stamp_ns, points, lidar_t_camera().apply(grid), cuboid))
     return frames
 
 
@@ -263,9 +272,7 @@ def messages(truth: list[Frame]) -> list[tuple[str, int, object, bool]]:
     span = FRAMES * 100
     for millisecond in range(-50, span + 50, 10):
         at = START_NS + millisecond * 1_000_000
-        share = millisecond / 100
-        turn = rotation_from_rpy(0, 0, 0.02 * share)
-        pose = Transform(turn, np.array([0.5 * share, 0.01, 0]))
+        pose = base_pose(at)
         add('/imu/data', at, imu(at, pose))
         if millisecond % 20 == 10:
             add('/odom', at, odometry(at, pose))
