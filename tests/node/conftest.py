@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each test run talks on a domain of its own, and on this machine alone."""
 
-import fcntl
 import os
-import tempfile
-from pathlib import Path
+import socket
 
 import pytest
 
 
 def claim_domain():
-    """A ROS domain that no other test run on this machine uses, held until this process ends."""
+    """A ROS domain that no other test run of this network uses, held until this process ends.
+
+    The lock is an abstract Unix socket: it belongs to the network as ROS's packets do, whatever
+    TMPDIR says.
+    """
     for domain in range(10, 100):
-        lock = Path(tempfile.gettempdir(), f'kitti_ros2_domain_{domain}.lock').open('a')  # noqa: SIM115
+        lock = socket.socket(socket.AF_UNIX)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock.bind(f'\0kitti_ros2/tests/domain/{domain}')
         except OSError:
             lock.close()
             continue

@@ -73,6 +73,17 @@ class Listening:
         return heard
 
 
+def stop(process):
+    """End a process that a test is done with; a killed one leaves its shared memory behind."""
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
 def end(process, number=signal.SIGINT):
     """End a player; its exit code and what it said on stderr."""
     process.send_signal(number)

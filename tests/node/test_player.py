@@ -41,9 +41,7 @@ def player():
 
     yield start
     for process in started:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
+        live.stop(process)
 
 
 @pytest.fixture
@@ -57,9 +55,7 @@ def listen():
 
     yield start
     for listener in started:
-        if listener.process.poll() is None:
-            listener.process.kill()
-            listener.process.communicate()
+        live.stop(listener.process)
 
 
 def to_bag(path, out, storage='mcap'):
