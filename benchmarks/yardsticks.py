@@ -68,12 +68,14 @@ def fresh(path: Path) -> Path:
     They are not removed: ext4 steps around the inodes of files that were just removed one by one,
     which would be a fifth of the time of whatever writes the next folder.
     """
-    if path.is_dir():
-        aside = path.rename(path.with_name(f'{path.name}.{next(_ASIDE)}'))
-        for file in aside.rglob('*'):
-            if file.is_file():
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+        return path
+    aside = path.rename(path.with_name(f'{path.name}.{next(_ASIDE)}'))
+    for folder, _, names in os.walk(aside):
+        for file in (Path(folder, name) for name in names):
+            if not file.is_symlink():  # what a copied link leads to is the user's
                 os.truncate(file, 0)
-    path.unlink(missing_ok=True)
     return path
 
 

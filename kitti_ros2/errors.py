@@ -110,7 +110,7 @@ class LackingError(KittiRos2Error):
 
 
 def describe_error(error: Exception) -> str:
-    """What went wrong, in a line that begins with the file where one is known."""
+    """What went wrong; it begins with the file where one is known."""
     if isinstance(error, OSError) and error.filename is not None:
         return f'{error.filename}: {error.strerror}'
     return str(error)

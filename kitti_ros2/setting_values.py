@@ -133,7 +133,7 @@ def parse_epoch(name: str, value: object) -> int:
 
 
 def parse_place(name: str, value: object) -> tuple[float, ...]:
-    """Three numbers in metres."""
+    """Numbers in metres, such as x, y and z."""
     items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
     try:
         return tuple(float(item) for item in items)

@@ -57,7 +57,7 @@ ROOMS = {
     'messages': GROUND | {'options', 'drawing'},
     'bags': GROUND | {'options', 'uncached', 'kitti', 'messages'},
     'schedule': GROUND | {'options'},
-    'picture_options': frozenset({'errors', 'stamps'}),
+    'picture_options': frozenset({'errors'}),
     'setting_values': GROUND | {'options'},
     'settings': GROUND | {'options', 'picture_options', 'setting_values'},
     'encoder': GROUND | {'options', 'schedule', 'messages'},

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kitti_ros2 import uncached
 from kitti_ros2.bags.vectored_file import VectoredFile
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.uncached import without_end, without_start, write_uncached
@@ -19,19 +20,23 @@ from kitti_ros2.uncached import without_end, without_start, write_uncached
 SIZES = [0, 1, 4095, 4096, 65535, 65536, 65537, 3 * 2**20 + 5]
 
 
-@pytest.fixture(params=['as it is', errno.EOPNOTSUPP, errno.EINVAL], autouse=True)
+REFUSALS = [OSError(errno.EOPNOTSUPP, ''), OSError(errno.EINVAL, ''), NotImplementedError()]
+
+
+@pytest.fixture(params=[None, *REFUSALS], ids=repr, autouse=True)
 def kernel(request, monkeypatch) -> None:
-    """The kernel that runs, and those that do not know the flag."""
-    if request.param == 'as it is':
+    """The kernel that runs, and those that do not know the flag, nor does their Python."""
+    if request.param is None:
         return
     pwritev = os.pwritev
 
     def older(file, buffers, position, flags=0):
         if flags:
-            raise OSError(request.param, os.strerror(request.param))
+            raise request.param
         return pwritev(file, buffers, position)
 
     monkeypatch.setattr(os, 'pwritev', older)
+    monkeypatch.setattr(uncached, '_KERNEL_DROPS_PAGES', True)
 
 
 def some_bytes(count: int) -> bytes:
@@ -67,6 +72,38 @@ def test_what_is_left_for_the_next_call_is_less_than_a_page(tmp_path, start, siz
         written = write_uncached(file.fileno(), [some_bytes(size)], start)
     assert size - mmap.PAGESIZE < written <= size
     assert written == size or (start + written) % mmap.PAGESIZE == 0
+
+
+@pytest.mark.parametrize('sound', [True, False])
+def test_whole_pages_of_large_buffers_are_not_cached(tmp_path, monkeypatch, sound):
+    asked = []
+
+    def pwritev(_file, buffers, position, flags=0):
+        asked.append((flags, position, sum(map(len, buffers))))
+        return asked[-1][2]
+
+    monkeypatch.setattr(os, 'pwritev', pwritev)
+    monkeypatch.setattr(uncached, '_KERNEL_DROPS_PAGES', sound)
+    STORE.write(tmp_path / 'small', bytes(65535))
+    STORE.write(tmp_path / 'large', bytes(3 * 65536 + 5))
+    large = [(0x80, 0, 3 * 65536), (0, 3 * 65536, 5)] if sound else [(0, 0, 3 * 65536 + 5)]
+    assert asked == [(0, 0, 65535), *large]
+
+
+@pytest.mark.parametrize(
+    ('platform', 'release', 'sound'),
+    [
+        ('linux', '6.16.0', True),
+        ('linux', '6.18.44-fc', True),
+        ('linux', '7.0-rc1', True),
+        ('linux', '6.15.9', False),
+        ('linux', '6.8.0-45-generic', False),
+        ('linux', 'unknown', False),
+        ('darwin', '23.1.0', False),
+    ],
+)
+def test_kernels_that_are_trusted(platform, release, sound):
+    assert uncached.kernel_drops_pages(platform, release) is sound
 
 
 def test_what_the_disk_refuses_is_told(tmp_path, monkeypatch):

@@ -164,7 +164,10 @@ def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str])
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
         return [f'{settings.mode} draws no objects, of whatever class'] if wanted else []
     there = ', '.join(sorted(found)) or 'none at all'
-    return [f'no object of class {kind}; there are {there}' for kind in wanted if kind not in found]
+    lacking = [kind for kind in wanted if kind not in found]
+    return [
+        f'no object of class {kind} in what was asked for; there are {there}' for kind in lacking
+    ]
 
 
 def _keep(frame: Frame) -> Frame:

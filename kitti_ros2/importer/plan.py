@@ -91,6 +91,7 @@ class LabelPlan:
         out_of_view: Whether boxes that this camera does not see are kept.
         occluded: What labels say of boxes, whose messages do not tell: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
+            Label lines tell their own.
     """
 
     topic: str

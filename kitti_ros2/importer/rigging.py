@@ -28,7 +28,7 @@ from .cuboids import cuboids_of_detections, cuboids_of_markers, has_scores
 from .frame_tree import FrameTree
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
-from .plan import TF, CameraPlan, Plan
+from .plan import TF, UNKNOWN_OCCLUSION, CameraPlan, Plan
 from .report import undecoded
 from .rig import CameraModel, camera_model, rect_in_frame
 
@@ -106,6 +106,11 @@ class Rigging:
             return False
         if self._plan.scan is None and not self._models and plan.topic != types.LABEL_LINES:
             raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
+        if plan.topic == types.LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
+            raise UsageError(
+                f'labels.occluded is for boxes; the label lines of {plan.topic} tell their own:'
+                f' leave it at {UNKNOWN_OCCLUSION}'
+            )
         calibration = self.calibrations.first
         if calibration is None:
             raise UsageError('labels need a calibration: set calibration of the plan, or --calib')

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
+from ..errors import BadFileError, describe_error
 from ..samples import FrameLabels, Layout, Scan, Stream, TextFile
 from . import names
 from .calib_file import parse_raw_calibration
@@ -81,7 +81,7 @@ class RawRecording(KittiRecording):
         try:
             listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
         except OSError as error:
-            self._lose_lines(stream, f'{error.filename}: {error.strerror}')
+            self._lose_lines(stream, describe_error(error))
             return
         stamps_path = folder / names.TIMESTAMPS
         if self._stampless:

@@ -108,19 +108,20 @@ class ObjectWriter(LayoutWriter):
     def close(self) -> None:
         """ImageSets: test.txt, trainval.txt and its parts train.txt and val.txt.
 
-        The first frames train: neighbours in time must not stand in both. The lists of the other
-        split are empty, for loaders open all of them.
+        The first frames train: neighbours in time must not stand in both. Loaders open all of the
+        lists: those of the other split are empty, unless it is there.
         """
         numbers = sorted(self._numbers - self._unlisted)
         part = ceil(len(numbers) * self._train_fraction)
-        if self._split != names.SPLITS[0]:
-            sets = {'trainval': [], 'train': [], 'val': [], 'test': numbers}
-        else:
-            train, val = numbers[:part], numbers[part:]
-            sets = {'trainval': numbers, 'train': train, 'val': val, 'test': []}
-        for name, members in sets.items():
-            text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
-            self._store.write_text(self._sets_path / f'{name}{names.TXT}', text)
+        sets = {'test': numbers}
+        if self._split == names.SPLITS[0]:
+            sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
+        for name in ('trainval', 'train', 'val', 'test'):
+            path = self._sets_path / f'{name}{names.TXT}'
+            if name in sets or not self._store.is_file(path):
+                members = sets.get(name, [])
+                text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
+                self._store.write_text(path, text)
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         self._numbers.add(number)

@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.task import Future
 
 from ..playing.session import favour_what_is_due
 from ..playing.to_the_end import play_to_the_end
@@ -52,25 +51,32 @@ def run_player(
         executor.add_node(node)
         node.start()
         stack.callback(node.stop)
-        told = Future()
+        told = threading.Event()
         thread = threading.Thread(target=_spin, args=(executor, told, ending.set), name='executor')
         thread.start()
         stack.callback(_end_spin, executor, told, thread)
         return play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
 
 
-def _spin(executor: SingleThreadedExecutor, told: Future, ended: Callable[[], None]) -> None:
+def _spin(
+    executor: SingleThreadedExecutor, told: threading.Event, ended: Callable[[], None]
+) -> None:
     """Run callbacks until told to end, or ROS shuts down."""
     try:
-        executor.spin_until_future_complete(told)
+        while not told.is_set():
+            executor.spin_once()
     except ExternalShutdownException:
         pass
     finally:
         ended()
 
 
-def _end_spin(executor: SingleThreadedExecutor, told: Future, thread: threading.Thread) -> None:
-    # An executor that is shut down while it spins loses what it is about to wait with.
-    told.set_result(None)
+def _end_spin(
+    executor: SingleThreadedExecutor, told: threading.Event, thread: threading.Thread
+) -> None:
+    # An executor that is shut down while it spins loses what it is about to wait with; and it
+    # waits until there is something to do.
+    told.set()
+    executor.create_task(lambda: None)
     thread.join()
     executor.shutdown()

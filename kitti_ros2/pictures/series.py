@@ -35,7 +35,7 @@ class Drawn(NamedTuple):
         picture: (H, W, 3) uint8 BGR.
         lacks: What was wanted of the frame and cannot be had: name to the reason, a line; {} stands
             for frame numbers.
-        kinds: The classes of its objects, drawn or not.
+        kinds: The classes of its objects and predictions, drawn or not.
     """
 
     number: int
@@ -67,13 +67,13 @@ def draw_frames(
 
     def draw(number: int) -> Drawn:
         frame = refine(source.frame(number, wanted))
+        kinds = frozenset(each.kind for each in (*frame.objects, *frame.predictions))
         try:
-            kinds = frozenset(each.kind for each in (*frame.objects, *frame.predictions))
             return Drawn(number, mode.draw(frame, options), frame.lacks, kinds)
         except LackingError as error:
             # Of one reason there is one line, whatever the number of frames.
             reason = str(error).removeprefix(name_of(frame)).lstrip(': ')
-            return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'})
+            return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)
 
     workers = len(os.sched_getaffinity(0))
     return ordered_map(draw, numbers, workers)

@@ -215,17 +215,17 @@ def test_seek_while_paused_shows_the_frame(raw, frame):
         assert all(stamps[0] <= each.log_time <= stamps[-1] for each in viewer.of(SCAN))
 
 
-@pytest.mark.parametrize('rate', [0.5, 4.0])
+@pytest.mark.parametrize('rate', [0.5, 2.0])
 def test_rate(raw, rate):
-    """Slow play lasts longer than the recording, fast play less; benchmarks say how exactly."""
     server = raw(start_paused=True)
     with Viewer(server.url) as viewer:
         viewer.subscribe(OXTS)
         assert viewer.control(PLAY, rate=rate).rate == rate
         viewer.until(lambda: len(viewer.of(OXTS)) == FRAMES)
         first, *_, last = viewer.of(OXTS)
-        span = (last.log_time - first.log_time) / SECOND
-        assert (last.at - first.at > span) == (rate < 1)
+        expected = (last.log_time - first.log_time) / SECOND / rate
+        # As far from the next half or double rate as a busy machine may be late.
+        assert expected - 0.1 < last.at - first.at < 1.5 * expected + 0.1
 
 
 @pytest.mark.parametrize(('asked', 'taken'), [(0.01, 0.01), (0.001, 0.01), (1000.0, 100.0)])

@@ -254,5 +254,17 @@ def test_a_class_that_is_not_there_is_told(recordings, tmp_path, capsys):
     words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out.png')]
     assert main([*words, '--classes', 'Car', '--classes', 'car']) == 0
     said = capsys.readouterr().out
-    assert 'note: no object of class car; there are Car' in said
+    assert 'note: no object of class car in what was asked for; there are Car' in said
     assert 'class Car' not in said
+
+
+def test_a_class_of_a_frame_that_cannot_be_drawn_is_there(recordings, tmp_path, capsys):
+    src = shutil.copytree(recordings[Layout.OBJECT], tmp_path / 'src')
+    labels = src / 'training/label_2/000000.txt'
+    labels.write_text(labels.read_text().replace('Car ', 'Tram '))
+    (src / 'training/image_2/000000.png').unlink()
+    words = ['view', str(src), '-o', str(tmp_path / 'out'), '--mode', 'camera']
+    assert main([*words, '--classes', 'Tram']) == 1
+    said = capsys.readouterr()
+    assert 'no object of class' not in said.out
+    assert 'frames not drawn: 0' in said.err

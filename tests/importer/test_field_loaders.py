@@ -8,6 +8,7 @@ pip install pykitti kiss-icp evo trackeval
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timezone
 
 import foreign
 import numpy as np
@@ -36,8 +37,12 @@ def trees(tmp_path_factory):
     return {layout: folder / layout.value for layout in Layout}
 
 
-def assert_true_scan(scan, index):
-    np.testing.assert_allclose(scan, TRUTH[index].points[:, : scan.shape[1]], atol=1e-4)
+def assert_true_samples(loaded):
+    """Of pykitti, which takes the files that it finds."""
+    for each, scan in zip(TRUTH, loaded.velo, strict=True):
+        np.testing.assert_allclose(scan, each.points, atol=1e-4)
+    for images in (list(loaded.cam2), list(loaded.cam3)):
+        assert [image.size for image in images] == [foreign.SIZE] * foreign.FRAMES
 
 
 def assert_true_calibration(calib):
@@ -51,9 +56,7 @@ def test_pykitti_odometry(trees):
     pykitti = pytest.importorskip('pykitti', reason='pykitti is not installed')
     loaded = pykitti.odometry(str(trees[Layout.ODOMETRY]), '00')
     assert len(loaded) == foreign.FRAMES
-    for index, scan in enumerate(loaded.velo):
-        assert_true_scan(scan, index)
-    assert all(image.size == foreign.SIZE for pair in loaded.rgb for image in pair)
+    assert_true_samples(loaded)
     assert_true_calibration(loaded.calib)
     np.testing.assert_allclose(loaded.poses, foreign.camera_poses(TRUTH), atol=1e-4)
 
@@ -64,16 +67,18 @@ def test_pykitti_raw(trees):
     date, number, kind = drive.parent.name, drive.name.split('_')[-2], drive.name.split('_')[-1]
     loaded = pykitti.raw(str(trees[Layout.RAW]), date, number, dataset=kind)
     assert len(loaded) == len(loaded.oxts) == foreign.FRAMES
-    assert all(image.size == foreign.SIZE for pair in loaded.rgb for image in pair)
-    assert loaded.timestamps == sorted(loaded.timestamps)
+    assert_true_samples(loaded)
+    for each, stamp in zip(TRUTH, loaded.timestamps, strict=True):
+        told = stamp.replace(tzinfo=timezone.utc).timestamp()
+        assert told == pytest.approx(each.stamp_ns / 1e9, abs=2e-6)
+    for number, packet in enumerate(loaded.oxts):
+        assert packet.packet.yaw == pytest.approx(0.02 * number, abs=2e-3)
 
 
 def test_pykitti_tracking(trees):
     tracking = pytest.importorskip('pykitti.tracking', reason='pykitti is not installed')
     loaded = tracking.tracking(str(trees[Layout.TRACKING] / 'training'), '0000')
-    assert all(image.size == foreign.SIZE for pair in loaded.rgb for image in pair)
-    for index, scan in enumerate(loaded.velo):
-        assert_true_scan(scan, index)
+    assert_true_samples(loaded)
 
 
 def test_kiss_icp_odometry(trees):
@@ -82,7 +87,7 @@ def test_kiss_icp_odometry(trees):
     assert len(loaded) == foreign.FRAMES
     for index in range(foreign.FRAMES):
         scan, _ = loaded[index]
-        assert len(scan) == len(TRUTH[index].points)
+        assert scan.shape == TRUTH[index].points[:, :3].shape
     velo_t_camera = foreign.lidar_t_camera().matrix()
     expected = velo_t_camera @ foreign.camera_poses(TRUTH) @ np.linalg.inv(velo_t_camera)
     np.testing.assert_allclose(loaded.gt_poses, expected, atol=1e-4)

@@ -76,6 +76,14 @@ def test_evaluations_count_what_the_plan_calls_visible(go_by, tmp_path):
     assert {line.split()[2] for line in lines} == {'0'}
 
 
+def test_label_lines_tell_their_own_occlusion(own, tmp_path, capsys):
+    assert main(['to-kitti', own, '--layout', 'object', '--plan']) == 0
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(capsys.readouterr().out.replace('occluded: 3', 'occluded: 0'))
+    assert main(['to-kitti', own, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 2
+    assert 'labels.occluded is for boxes' in one_line(capsys.readouterr().err)
+
+
 def test_a_set_without_labels_is_better_named_testing(tmp_path, capsys):
     path = foreign.write_foreign(
         tmp_path / 'bag.mcap', foreign.make_truth(), 'mcap', '/perception/objects'

@@ -171,6 +171,7 @@ def test_empty_label_file_gets_a_dont_care_on_request(tmp_path: Path) -> None:
     assert (tmp_path / 'training/label_2/000000.txt').read_text().startswith('DontCare -1 -1 -10')
     assert (tmp_path / 'testing/label_2/000000.txt').read_text() == ''
     assert (tmp_path / 'ImageSets/test.txt').read_text() == '000000\n'
+    assert (tmp_path / 'ImageSets/trainval.txt').read_text() == '000000\n'
 
 
 def test_extract_scans_are_text(tmp_path: Path) -> None:
