@@ -32,6 +32,8 @@ def main(args: list[str] | None = None) -> int:
         # Imports make a hundred thousand objects and no garbage: looking for it takes a tenth of a
         # second. Each command switches the collector on again, by memory.keep_imports.
         gc.disable()
+        # numpy's threads for large matrices, which we have none of, wait busily beside ours.
+        os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
         _mend_streams()
         signal.signal(signal.SIGTERM, _terminate)
         if words[:1] == ['play']:
