@@ -26,4 +26,5 @@ def one_line(text: str) -> str:
     lines = text.splitlines()
     assert len(lines) == 1, text
     assert lines[0].startswith('kitti-ros2: ')
+    assert 'Traceback' not in text
     return lines[0]
