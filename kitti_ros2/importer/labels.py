@@ -64,6 +64,12 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
     return boxes
 
 
+def own_number(identity: str) -> int | None:
+    """The number that a track's name is, perhaps behind a namespace (box/7); None for a word."""
+    word = identity.rpartition('/')[2]
+    return int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
+
+
 class TrackIds:
     """Whole numbers for the names of tracks, each the same all the time.
 
@@ -79,8 +85,7 @@ class TrackIds:
         """The number of a track."""
         if identity in self._numbers:
             return self._numbers[identity]
-        word = identity.rpartition('/')[2]
-        number = int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
+        number = own_number(identity)
         if number is None or number in self._taken:
             number = max(self._taken, default=-1) + 1
         self._taken.add(number)

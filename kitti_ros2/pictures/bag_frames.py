@@ -19,7 +19,7 @@ from ..geometry import Transform
 from ..importer.frame_tree import FrameTree
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
-from ..importer.labels import class_name
+from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.planned import look
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 
 _OPTICAL = '_optical_frame'
-_LONGEST_NUMBER = 9
 
 
 class _Place(NamedTuple):
@@ -233,9 +232,7 @@ def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
 
 def _identified(cuboid: Cuboid) -> Cuboid:
     """The box with its class as labels have it, and its track where its name is a number."""
-    word = cuboid.identity.rpartition('/')[2]
-    track = int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
-    return replace(cuboid, kind=class_name(cuboid.kind), track_id=track)
+    return replace(cuboid, kind=class_name(cuboid.kind), track_id=own_number(cuboid.identity))
 
 
 def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:

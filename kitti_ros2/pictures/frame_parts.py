@@ -79,8 +79,8 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
     try:
         return Projection.of(frame.calibration, camera)
     except ValueError as error:
-        reasons = [r for name, r in frame.lacks.items() if name.startswith(_CALIBRATION)]
-        raise LackingError(f'{name_of(frame)}: {reasons[0] if reasons else error}') from None
+        reason = _reason(frame, _CALIBRATION) or error
+        raise LackingError(f'{name_of(frame)}: {reason}') from None
 
 
 def needed_projection(frame: Frame, camera: int) -> Projection | None:
@@ -109,8 +109,13 @@ def of_classes(frame: Frame, options: PictureOptions) -> Frame:
 
 def _lacking(frame: Frame, what: str, stream: str) -> LackingError:
     """The error that a frame has not what a picture shows, with the reason where one is known."""
-    reasons = [reason for name, reason in frame.lacks.items() if name.startswith(stream)]
-    return LackingError(f'{name_of(frame)}: no {what}' + (f': {reasons[0]}' if reasons else ''))
+    reason = _reason(frame, stream)
+    return LackingError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
+
+
+def _reason(frame: Frame, stream: str) -> str:
+    """Why a stream cannot be had, '' where that is not known."""
+    return next((why for name, why in frame.lacks.items() if name.startswith(stream)), '')
 
 
 def name_of(frame: Frame) -> str:
