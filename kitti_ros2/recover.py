@@ -4,21 +4,21 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bags.locate import locate_bag
 from .bags.message_source import BagMessages
 from .bags.ros1_copy import Ros1Copy
+from .bags.staging import lies_inside
 from .bags.writer import Channel, guess_storage, open_bag
 from .errors import BadBagError, KittiRos2Error, UsageError
 from .options import COMPRESSIONS, BagOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from .bags.locate import BagFiles
     from .bags.message_source import BagMessage
@@ -189,6 +189,5 @@ def _compression(messages: BagMessages, storage: str) -> str:
 
 
 def _refuse_itself(path: Path, out: Path) -> None:
-    source, target = (Path(os.path.realpath(each)) for each in (path, out))
-    if target == source or source in target.parents:
+    if lies_inside(out, path):
         raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')

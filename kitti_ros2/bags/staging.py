@@ -207,6 +207,23 @@ def _named(path: Path) -> Path:
     return path
 
 
+def lies_inside(out: Path, source: Path) -> bool:
+    """Whether what is to be made is, or lies in, what it is made from."""
+    # Unlike Path.resolve, this takes links that go in a circle.
+    target, origin = (Path(os.path.realpath(path)) for path in (out, source))
+    return target == origin or origin in target.parents
+
+
+def refuse_inside(source: Path, out: Path) -> None:
+    """Keep what is made out of the recording it is made from: that stays as it was.
+
+    Raises:
+        UsageError: The output lies inside.
+    """
+    if lies_inside(out, source):
+        raise UsageError(f'{out}: lies inside the recording {source}; give a path outside of it')
+
+
 def keep_all_but_bags(path: Path) -> str | None:
     """Why --overwrite does not replace what is there; None for a bag."""
     return None if _looks_like_bag(path) else _NO_BAG

@@ -17,9 +17,9 @@ from ..one_line import one_line
 from ..settings import make_settings
 from ..stamps import format_stamp
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .losses import show_losses
 from .memory import keep_imports
 from .text import format_bytes, format_count, format_duration
-from .to_bag import show_losses
 
 if TYPE_CHECKING:
     from rich.table import Table

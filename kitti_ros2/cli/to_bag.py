@@ -4,30 +4,28 @@
 
 from __future__ import annotations
 
-import os
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bags.staging import refuse_inside
 from ..bags.writer import guess_storage
 from ..convert import convert
-from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..options import Images
 from ..schedule import make_schedule
 from ..settings import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import complain, format_bytes, format_count, format_duration, format_path, say
+from .text import format_bytes, format_count, format_duration, format_path, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from ..convert import Report
-    from ..samples import Loss, Recording
-
-_SHOWN_LOSSES = 20
+    from ..samples import Recording
 
 
 def run_to_bag(
@@ -78,18 +76,6 @@ def run_to_bag(
     return EXIT_LOSSES if report.losses else EXIT_OK
 
 
-def refuse_inside(src: Path, out: Path) -> None:
-    """Keep what is made out of what it is made from: that stays as it was.
-
-    Raises:
-        UsageError: The output lies inside.
-    """
-    # Unlike Path.resolve, this takes links that go in a circle.
-    source, target = (Path(os.path.realpath(path)) for path in (src, out))
-    if target == source or source in target.parents:
-        raise UsageError(f'{out}: lies inside the recording {src}; give a path outside of it')
-
-
 def _summarize(report: Report, elapsed: float, *, images: Images, recording: Recording) -> None:
     written = {topic: count for topic, count in report.counts.items() if count}
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
@@ -104,23 +90,3 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
     )
     if images is Images.COMPRESSED and recording.cameras:
         say('images are the PNG files themselves; --images raw decodes them')
-
-
-def show_losses(losses: tuple[Loss, ...]) -> None:
-    """Name on standard error what was skipped, and count it; what has one cause is one line."""
-    if not losses:
-        return
-    causes: dict[str, list[Loss]] = {}
-    for loss in losses:
-        causes.setdefault(loss.text(), []).append(loss)
-    for message, same in list(causes.items())[:_SHOWN_LOSSES]:
-        count = sum(loss.count for loss in same)
-        names = same[0].stream + (f' and {len(same) - 1} more' if len(same) > 1 else '')
-        complain(f'skipped {names} ({count}): {message}')
-    rest = list(causes.values())[_SHOWN_LOSSES:]
-    if rest:
-        count = sum(loss.count for same in rest for loss in same)
-        complain(f'skipped {count} more, for {len(rest)} more reasons')
-    total = sum(loss.count for loss in losses)
-    named = 'the first of them named above' if rest else 'as named above'
-    complain(f'kitti-ros2: {total} skipped in all, {named}; exit code 1')

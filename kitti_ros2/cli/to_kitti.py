@@ -9,14 +9,15 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ..bags.staging import refuse_inside
 from ..errors import UsageError
 from ..importer.blueprint import EarlierVersionError, find_blueprint
 from ..settings import make_import_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path, say
-from .to_bag import refuse_inside, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

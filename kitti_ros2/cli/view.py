@@ -8,7 +8,7 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from ..bags.staging import keep_all, staged_file
+from ..bags.staging import keep_all, refuse_inside, staged_file
 from ..errors import LackingError, UsageError
 from ..pictures.modes import MODES
 from ..pictures.movie import Movie
@@ -24,10 +24,10 @@ from ..pictures.sources import open_frames
 from ..samples import Loss, Stream
 from ..settings import make_view_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import count_progress
 from .text import format_bytes, format_count, format_path, say
-from .to_bag import refuse_inside, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -51,19 +51,19 @@ def run_player(
         executor.add_node(node)
         node.start()
         stack.callback(node.stop)
-        told = threading.Event()
-        thread = threading.Thread(target=_spin, args=(executor, told, ending.set), name='executor')
+        stop = threading.Event()
+        thread = threading.Thread(target=_spin, args=(executor, stop, ending.set), name='executor')
         thread.start()
-        stack.callback(_end_spin, executor, told, thread)
+        stack.callback(_end_spin, executor, stop, thread)
         return play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
 
 
 def _spin(
-    executor: SingleThreadedExecutor, told: threading.Event, ended: Callable[[], None]
+    executor: SingleThreadedExecutor, stop: threading.Event, ended: Callable[[], None]
 ) -> None:
     """Run callbacks until told to end, or ROS shuts down."""
     try:
-        while not told.is_set():
+        while not stop.is_set():
             executor.spin_once()
     except ExternalShutdownException:
         pass
@@ -72,11 +72,11 @@ def _spin(
 
 
 def _end_spin(
-    executor: SingleThreadedExecutor, told: threading.Event, thread: threading.Thread
+    executor: SingleThreadedExecutor, stop: threading.Event, thread: threading.Thread
 ) -> None:
     # An executor that is shut down while it spins loses what it is about to wait with; and it
     # waits until there is something to do.
-    told.set()
+    stop.set()
     executor.create_task(lambda: None)
     thread.join()
     executor.shutdown()
