@@ -157,8 +157,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.get_logger().info(describe(program))
         for note in program.notes():
             self.get_logger().warning(note)
-        session.start(lambda error: self._end(session, error))
         self.tell_state()
+        session.start(lambda error: self._end(session, error))
 
     def _end(self, session: Session, error: BaseException | None) -> None:
         """A session's thread has nothing more to do."""
@@ -178,6 +178,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuse what cannot be; a source is opened here, so that a bad one is refused as well."""
         changes = {each.name: each.value for each in parameters if each.name in _NAMES}
+        if not changes:  # a publisher declares some of its own (qos_overrides)
+            return SetParametersResult(successful=True)
         try:
             settings = make_play_settings(given({**self._values, **changes}))
             if any(name in changes for name in _OF_SOURCE):
@@ -193,6 +195,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         changes: Mapping[str, Any] = {
             each.name: each.value for each in parameters if each.name in _NAMES
         }
+        if not changes:
+            return
         self._values.update(changes)
         opened, self._opened = self._opened, None
         if opened is not None:
@@ -202,7 +206,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.playback.change(rate=options.rate, loop=options.loop, step=options.step)
         if changes.get('burst'):
             self.playback.burst(int(changes['burst']))
-        self.tell_state()
+        if opened is None:  # else _play has told it
+            self.tell_state()
 
     def _seek(self, text: str) -> None:
         bound = Bound.parse(text)
