@@ -15,7 +15,7 @@ from .messages.topics import LARGE_TYPES, match_names
 from .program import Due, Missing, Outlet, nearest_frames
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from .bags.message_source import BagMessage, BagMessages
@@ -39,6 +39,8 @@ class BagProgram:
     Args:
         path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
         selection: Topics, and the first and last moment, both included.
+        reserved: Given a topic and its type, why the player keeps that topic to itself, or nothing;
+            the bag's messages of it are left out.
 
     Raises:
         BadBagError: It cannot be read.
@@ -47,13 +49,27 @@ class BagProgram:
 
     workers = 1
 
-    def __init__(self, path: Path, selection: SelectionOptions) -> None:
+    def __init__(
+        self,
+        path: Path,
+        selection: SelectionOptions,
+        reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
+    ) -> None:
         if selection.streams:
             raise UsageError('a bag has topics, no streams; choose by topics')
         self._path = path
         bag_index = index_bag(path)
         stamps = bag_index.by_topic()
+        kept = {key[0]: why for key in bag_index.stamps if (why := reserved(*key))}
         wanted = match_names(sorted(stamps), selection.topics)
+        self._notes = tuple(
+            f'{path}: {len(stamps[topic])} messages of {topic} are left out: {kept[topic]}'
+            for topic in wanted
+            if topic in kept and len(stamps[topic])
+        )
+        wanted = [topic for topic in wanted if topic not in kept]
+        if not wanted and self._notes:
+            raise UsageError(self._notes[0])
         self.name = path.name
         # What cannot be read is an error only where it is asked for by its full name.
         with open_messages(path, wanted if {*wanted} == {*selection.topics} else None) as messages:
@@ -95,7 +111,7 @@ class BagProgram:
 
     def notes(self) -> tuple[str, ...]:
         """As Program has it."""
-        return ()
+        return self._notes
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
         """As Program has it."""

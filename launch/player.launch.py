@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a KITTI recording or a bag live: source:=PATH, and with rviz:=true look at it."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from __future__ import annotations
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -12,42 +14,33 @@ from launch_ros.substitutions import FindPackageShare
 
 SHARE = FindPackageShare('kitti_ros2')
 
-# Name, default, description, type; as the node's parameters of the same name.
+# Name, description, type; as the node's parameters of the same name.
 ARGUMENTS = (
-    ('source', None, 'KITTI folder or bag', str),
-    ('sequence', '', 'drive, split or sequence of the source', str),
-    ('rate', '1.0', 'speed; 1.0 is the recorded one', float),
-    ('loop', '1', 'how many times to play; 0 is without end', int),
-    ('start_paused', 'false', 'wait for a resume', bool),
-    ('clock', '100.0', '/clock messages a second; 0 is none', float),
+    ('source', 'KITTI folder or bag', str),
+    ('sequence', 'drive, split or sequence of the source', str),
+    ('rate', 'speed; 1.0 is the recorded one', float),
+    ('loop', 'how many times to play; 0 is without end', int),
+    ('start_paused', 'wait for a resume', bool),
+    ('clock', '/clock messages a second; 0 is none', float),
 )
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments, start the player and, if asked for, RViz."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, default, description, _ in ARGUMENTS
+        DeclareLaunchArgument(
+            name, default_value='', description=f"{description}; empty is params_file's"
+        )
+        for name, description, _ in ARGUMENTS
     ]
     declared += [
         DeclareLaunchArgument(
             'params_file',
             default_value=PathJoinSubstitution([SHARE, 'config', 'player.yaml']),
-            description='all other parameters',
+            description='all parameters; arguments that are given win over it',
         ),
         DeclareLaunchArgument('rviz', default_value='false', description='whether to start RViz'),
     ]
-    given = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-        for name, _, _, kind in ARGUMENTS
-    }
-    player = Node(
-        package='kitti_ros2',
-        executable='player',
-        name='kitti_player',
-        parameters=[LaunchConfiguration('params_file'), given],
-        output='screen',
-    )
     rviz = Node(
         package='rviz2',
         executable='rviz2',
@@ -55,4 +48,22 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[{'use_sim_time': True}],
         condition=IfCondition(LaunchConfiguration('rviz')),
     )
-    return LaunchDescription([*declared, player, rviz])
+    return LaunchDescription([*declared, OpaqueFunction(function=start_player), rviz])
+
+
+def start_player(context: LaunchContext) -> list[Node]:
+    """Start the player; an argument that is not given leaves its parameter to params_file."""
+    words = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    given = {
+        name: ParameterValue(words[name], value_type=kind)
+        for name, _, kind in ARGUMENTS
+        if words[name]
+    }
+    player = Node(
+        package='kitti_ros2',
+        executable='player',
+        name='kitti_player',
+        parameters=[LaunchConfiguration('params_file'), *([given] if given else [])],
+        output='screen',
+    )
+    return [player]

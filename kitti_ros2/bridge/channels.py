@@ -16,6 +16,7 @@ from foxglove import Channel, Schema
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
+from ..playing.source import STATE
 from ..program import Outlet
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
     from ..messages.ros_types import Typestore
     from ..program import Program
-
-STATE = '/kitti_player/state'
 
 _LOOK_EVERY_NS = 50_000_000
 _RENEW_AFTER_NS = 100_000_000
@@ -58,12 +57,10 @@ class Channels:
         self._tell_jump = tell_jump
         self._outlets = list(program.outlets)
         self._channels = [_open(each, program.typestore, context) for each in self._outlets]
-        self._state: int | None = None
-        if all(each.name != STATE for each in self._outlets):  # a bag may have one of its own
-            self._state = len(self._outlets)
-            state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1, on_demand=False)
-            self._outlets.append(state)
-            self._channels.append(_open(state, TYPESTORE, context))
+        self._state = len(self._outlets)
+        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1, on_demand=False)
+        self._outlets.append(state)
+        self._channels.append(_open(state, TYPESTORE, context))
         self._index = {each.name: index for index, each in enumerate(self._outlets)}
         self._large = [index for index, each in enumerate(self._outlets) if each.on_demand]
         self._lock = threading.Lock()
@@ -104,10 +101,9 @@ class Channels:
 
     def publish_state(self, data: bytes, stamp_ns: int) -> None:
         """Publish a DiagnosticArray on the channel STATE."""
-        if self._state is not None:
-            with self._lock:
-                self._kept[self._state].append((data, stamp_ns))
-            self._channels[self._state].log(data, log_time=stamp_ns)
+        with self._lock:
+            self._kept[self._state].append((data, stamp_ns))
+        self._channels[self._state].log(data, log_time=stamp_ns)
 
     def subscribed(self, topic: str) -> None:
         """Somebody has subscribed to a topic: look again, and give what is kept; from any thread.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..errors import UsageError
 from ..options import Stamps
 from ..playing.session import favour_what_is_due
-from ..playing.source import describe, open_program
+from ..playing.source import describe, open_program, reserved_by_viewers
 from ..playing.to_the_end import play_to_the_end
 from .server import ViewerServer
 
@@ -51,7 +51,7 @@ def run_bridge(
     """
     _refuse(settings)
     favour_what_is_due()
-    program = open_program(source, settings)
+    program = open_program(source, settings, reserved_by_viewers)
     with ExitStack() as stack:
         stack.callback(program.close)
         server = ViewerServer(program, settings, port, complain)

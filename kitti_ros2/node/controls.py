@@ -1,6 +1,17 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player's services: those of rosbag2 where rosbag2_interfaces is installed, else std_srvs'."""
+"""The player's services: those of rosbag2 where rosbag2_interfaces is installed, else std_srvs'.
+
+Where they differ from rosbag2's own (rosbag2_transport/player.cpp, 0.26) it is on purpose:
+
+- play_next plays whole frames (parameter step; 0 is one sample), rosbag2 one message. Both answer
+  false while time runs, and when nothing is left.
+- burst plays whole samples, so perhaps a few messages more than requested, rosbag2 exactly as many.
+  Both take 0 for all that are left, and play nothing while time runs.
+- seek past the last stamp is refused: success is false, and the position stays. rosbag2 always
+  answers true; nothing is left then, so that its playback ends or loops. Before the first stamp
+  both go to the beginning.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +100,7 @@ def _stop(playback: Playback) -> tuple[bool, str]:
 
 
 def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401
-    """The services of rosbag2's player, with its meanings."""
+    """The services of rosbag2's player; the module's docstring says where they differ."""
 
     def handler(act: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them

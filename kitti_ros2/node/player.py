@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 from ..errors import KittiRos2Error, UsageError
 from ..options import Bound
 from ..playing.session import Session
-from ..playing.source import describe, open_program
+from ..playing.source import CLOCK, describe, open_program, publishes_clock, reserved_by_node
 from ..playing.state import encode_state
 from ..settings import make_play_settings
 from .controls import create_services
@@ -68,6 +68,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.error: BaseException | None = None
         self._session: Session | None = None
         self._opened: tuple[Program, PlaySettings] | None = None
+        self._tell_time: Callable[[bytes], None] = lambda _: None
         self._state_ns = 0
         self._state_lock = threading.Lock()
         self._values = declare(self)
@@ -87,8 +88,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if not source:
             raise UsageError('there is nothing to play; give a KITTI folder or a bag as source')
         settings = make_play_settings(given(self._values))
-        program = open_program(source, settings)
-        self._clock_publisher = self.create_publisher(Clock, '/clock', 10)
+        program = self._open(source, settings)
+        if publishes_clock(settings):
+            self._tell_time = self.create_publisher(Clock, CLOCK, 10).publish
         create_services(self, self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -142,13 +144,17 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
 
     # Sources.
 
+    def _open(self, source: str, settings: PlaySettings) -> Program:
+        name = self.get_fully_qualified_name()
+        return open_program(source, settings, reserved_by_node(name, settings))
+
     def _play(self, program: Program, settings: PlaySettings) -> None:
         path = settings.qos_overrides_path
         overrides = {} if path is None else load_overrides(path)
         session = Session(
             program,
             settings,
-            lambda program: Outlets(self, program, overrides, self._clock_publisher.publish),
+            lambda program: Outlets(self, program, overrides, self._tell_time),
             self.get_logger().error,
             self._tell_state_sometimes,
         )
@@ -157,8 +163,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.get_logger().info(describe(program))
         for note in program.notes():
             self.get_logger().warning(note)
-        session.start(lambda error: self._end(session, error))
         self.tell_state()
+        session.start(lambda error: self._end(session, error))
 
     def _end(self, session: Session, error: BaseException | None) -> None:
         """A session's thread has nothing more to do."""
@@ -178,11 +184,13 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuse what cannot be; a source is opened here, so that a bad one is refused as well."""
         changes = {each.name: each.value for each in parameters if each.name in _NAMES}
+        if not changes:  # a publisher declares some of its own (qos_overrides)
+            return SetParametersResult(successful=True)
         try:
             settings = make_play_settings(given({**self._values, **changes}))
             if any(name in changes for name in _OF_SOURCE):
                 source = str(changes.get('source', self._values['source']))
-                self._opened = (open_program(source, settings), settings)
+                self._opened = (self._open(source, settings), settings)
             if changes.get('position', '') != '':
                 self._seek(str(changes['position']))
         except (KittiRos2Error, OSError) as error:
@@ -193,6 +201,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         changes: Mapping[str, Any] = {
             each.name: each.value for each in parameters if each.name in _NAMES
         }
+        if not changes:
+            return
         self._values.update(changes)
         opened, self._opened = self._opened, None
         if opened is not None:
@@ -202,7 +212,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.playback.change(rate=options.rate, loop=options.loop, step=options.step)
         if changes.get('burst'):
             self.playback.burst(int(changes['burst']))
-        self.tell_state()
+        if opened is None:  # else _play has told it
+            self.tell_state()
 
     def _seek(self, text: str) -> None:
         bound = Bound.parse(text)

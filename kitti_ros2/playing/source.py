@@ -11,21 +11,33 @@ from typing import TYPE_CHECKING
 from ..bag_program import BagProgram
 from ..bags.locate import is_bag
 from ..kitti.layouts import open_recording
+from ..messages.diagnostics import DIAGNOSTICS
+from ..options import Stamps
 from ..program import RecordingProgram
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..program import Program
     from ..settings import PlaySettings, Settings
+
+CLOCK = '/clock'
+STATE = '/kitti_player/state'
 
 _MOST_WORKERS = 4
 
 
-def open_program(source: str | Path, settings: PlaySettings | Settings) -> Program:
+def open_program(
+    source: str | Path,
+    settings: PlaySettings | Settings,
+    reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
+) -> Program:
     """Open what is to be played.
 
     Args:
         source: Path of a KITTI folder or a bag; ~ is the home directory.
         settings: How it is read; a layout that is given makes it a KITTI folder.
+        reserved: As BagProgram has it.
 
     Raises:
         KittiRos2Error: There is nothing, or it cannot be read, or the selection takes nothing.
@@ -33,10 +45,41 @@ def open_program(source: str | Path, settings: PlaySettings | Settings) -> Progr
     """
     path = Path(source).expanduser()
     if is_bag(path, settings.read.layout):
-        return BagProgram(path, settings.selection)
+        return BagProgram(path, settings.selection, reserved)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     recording = open_recording(path, settings.read)
     return RecordingProgram(recording, settings.messages, settings.selection, workers)
+
+
+def publishes_clock(settings: PlaySettings) -> bool:
+    """Whether a node with these settings publishes the recording's time on /clock."""
+    return settings.playback.clock_hz > 0 and settings.stamps is Stamps.ORIGINAL
+
+
+def reserved_by_viewers(topic: str, msgtype: str) -> str:
+    """Why a bag's topic is left out where viewers are served: the state is the player's own."""
+    recorded = topic.endswith(STATE) and msgtype == DIAGNOSTICS
+    return 'the player publishes its own' if recorded or topic == STATE else ''
+
+
+def reserved_by_node(name: str, settings: PlaySettings) -> Callable[[str, str], str]:
+    """Why a bag's topic is left out by a node: two clocks or two states contradict each other.
+
+    Args:
+        name: The node's, with its namespace.
+        settings: Of the node.
+    """
+
+    def reserved(topic: str, msgtype: str) -> str:
+        if topic == CLOCK and publishes_clock(settings):
+            return 'the player publishes its own; --clock 0 plays those of the bag'
+        if topic == CLOCK and settings.stamps is Stamps.NOW:
+            return 'they tell the time of the recording, and stamps are those of the moment'
+        if topic == f'{name}/state':
+            return 'the player publishes its own'
+        return reserved_by_viewers(topic, msgtype)
+
+    return reserved
 
 
 def describe(program: Program) -> str:

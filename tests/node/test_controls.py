@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The services with rosbag2's types: requests and responses have the fields of its .srv files."""
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from kitti_ros2.errors import UsageError
-from kitti_ros2.options import PlaybackOptions
-from kitti_ros2.playback import Playback
+from kitti_ros2.options import AtEnd, PlaybackOptions
+from kitti_ros2.playback import Playback, Send
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -94,6 +95,60 @@ def test_seek(call, player):
     assert call('seek', time=SimpleNamespace(sec=4, nanosec=5)) == {'success': True}
     assert player.playback.state().stamp_ns == 4 * SECOND + 5
     assert call('seek', time=SimpleNamespace(sec=99, nanosec=0)) == {'success': False}
+
+
+def test_seek_before_the_beginning_goes_there_and_past_the_end_stays(call, player):
+    assert call('seek', time=SimpleNamespace(sec=0, nanosec=1)) == {'success': True}
+    assert player.playback.state().stamp_ns == SECOND
+    assert call('seek', time=SimpleNamespace(sec=10, nanosec=0)) == {'success': True}
+    call('seek', time=SimpleNamespace(sec=4, nanosec=0))
+    assert call('seek', time=SimpleNamespace(sec=10, nanosec=1)) == {'success': False}
+    assert player.playback.state().stamp_ns == 4 * SECOND
+    assert not player.playback.state().finished
+
+
+@pytest.fixture
+def frames_of_three():
+    """A player whose frames have three samples, each of them two messages; and what it sent."""
+    stamps, frames = np.arange(1, 10) * SECOND, np.repeat([2, 5, 6], 3)
+    player = SimpleNamespace(
+        playback=Playback(stamps, frames, PlaybackOptions(start_paused=True, at_end=AtEnd.PAUSE)),
+        tell_state=lambda: None,
+    )
+    sent = []
+
+    def play():
+        for event in player.playback.events():
+            if isinstance(event, Send):
+                sent.append(event.position)
+                player.playback.sent(2)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    services = {name: act for name, _, act in controls._rosbag2_services(player, TYPES)}
+
+    def call(name, **request):
+        return vars(services[name](SimpleNamespace(**request), SimpleNamespace()))
+
+    yield call, sent
+    player.playback.stop()
+    thread.join()
+
+
+def test_play_next_plays_a_whole_frame(frames_of_three):
+    call, sent = frames_of_three
+    assert call('play_next') == {'success': True}
+    assert sent == [0, 1, 2]
+    assert [call('play_next')['success'] for _ in range(3)] == [True, True, False]
+    assert sent == list(range(9))
+
+
+def test_burst_plays_whole_samples(frames_of_three):
+    call, sent = frames_of_three
+    assert call('burst', num_messages=3) == {'actually_burst': 4}
+    assert sent == [0, 1]
+    assert call('burst', num_messages=0) == {'actually_burst': 14}
+    assert call('burst', num_messages=1) == {'actually_burst': 0}
 
 
 def test_while_time_runs_nothing_is_stepped(call):
