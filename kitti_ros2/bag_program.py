@@ -100,6 +100,8 @@ class BagProgram:
             for side, bound in enumerate((selection.start, selection.end))
         )
         taken = every[slice(*np.searchsorted(every, [first, last + 1]))]
+        if selection.start and selection.end and every[0] <= last < first <= every[-1]:
+            raise selection.reversed_error()
         if not len(taken):
             raise UsageError(f'{path}: the selection takes no message of {len(every)}')
         self.stamps_ns: Int64Array = taken

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from .errors import UsageError
-from .stamps import parse_seconds, parse_stamp
+from .stamps import NS_PER_S, format_stamp, parse_seconds, parse_stamp
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -244,6 +244,23 @@ class Bound:
                 f" or a time stamp ('2011-09-26 13:02:25.9')"
             ) from None
 
+    def __str__(self) -> str:
+        """For people: frame 12, 3.5s, or a time stamp."""
+        if self.frame is not None:
+            return f'frame {self.frame}'
+        if self.offset_ns is not None:
+            return f'{self.offset_ns / NS_PER_S:.9f}'.rstrip('0').rstrip('.') + 's'
+        return format_stamp(self.stamp_ns or 0)
+
+    def is_before(self, other: Bound) -> bool:
+        """Whether it is before another one of the same kind; False for another kind."""
+        pairs = (
+            (self.frame, other.frame),
+            (self.offset_ns, other.offset_ns),
+            (self.stamp_ns, other.stamp_ns),
+        )
+        return any(ours is not None and other is not None and ours < other for ours, other in pairs)
+
 
 @dataclass(frozen=True)
 class SelectionOptions:
@@ -253,12 +270,23 @@ class SelectionOptions:
         streams: Names of streams; image stands for all cameras; empty takes all.
         topics: Names of topics, wildcards allowed; empty takes all.
         start, end: First and last moment, both included; None takes all.
+
+    Raises:
+        UsageError: The end is before the start.
     """
 
     streams: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
     start: Bound | None = None
     end: Bound | None = None
+
+    def __post_init__(self) -> None:
+        if self.start is not None and self.end is not None and self.end.is_before(self.start):
+            raise self.reversed_error()
+
+    def reversed_error(self) -> UsageError:
+        """The error for an end before the start."""
+        return UsageError(f'the end ({self.end}) is before the start ({self.start})')
 
 
 class AtEnd(str, Enum):

@@ -101,7 +101,11 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
     nothing = f'{recording.name}: the selection takes no sample; {_extent(recording)}'
     if not len(stamps):
-        raise UsageError(nothing)
+        raise (
+            selection.reversed_error()
+            if _is_reversed(recording, selection)
+            else UsageError(nothing)
+        )
     first = int(stamps.min())
     present = {row[0] for row in rows}
     once = np.array([first], dtype=np.int64)
@@ -199,6 +203,15 @@ def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
     if position < 0:
         return _ALL[0]
     return int(index.stamps_ns[position]) if position < len(index) else _ALL[1]
+
+
+def _is_reversed(recording: Recording, selection: SelectionOptions) -> bool:
+    """Whether the end, of another kind than the start, is before it; both are in the recording."""
+    if selection.start is None or selection.end is None:
+        return False
+    first = _bound_ns(recording, selection.start, 0)
+    last = _bound_ns(recording, selection.end, 1)
+    return _ALL[0] < last < first < _ALL[1]
 
 
 def _extent(recording: Recording) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 E = TypeVar('E', bound=Enum)
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
+_LEAST_SPLIT_BYTES = 1_000_000
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
@@ -106,12 +107,17 @@ def parse_bound(name: str, value: object) -> Bound:
     return Bound.parse(parse_text(name, value))
 
 
-def parse_size(name: str, value: object) -> int:
-    """Bytes, of a size such as 2GB."""
+def parse_split_size(name: str, value: object) -> int:
+    """Bytes of one file of a bag, of a size such as 2GB; below 1MB the unit was forgotten."""
     try:
-        return parse_bytes(parse_text(name, value))
+        size = parse_bytes(parse_text(name, value))
     except ValueError:
         raise UsageError(f'{name} takes a size such as 2GB, not {value!r}') from None
+    if size < _LEAST_SPLIT_BYTES:
+        raise UsageError(
+            f'{name} {value} is less than 1MB; give a size with its unit, such as 500MB or 2GB'
+        )
+    return size
 
 
 def parse_seconds_ns(name: str, value: object) -> int:

@@ -37,7 +37,7 @@ from .setting_values import (
     parse_place,
     parse_rounds,
     parse_seconds_ns,
-    parse_size,
+    parse_split_size,
     parse_text,
     parse_texts,
 )
@@ -290,7 +290,7 @@ _TO_BAG: dict[str, _Parser] = {
     'storage': parse_text,
     'compression': parse_text,
     'compression_level': parse_integer,
-    'split_size': parse_size,
+    'split_size': parse_split_size,
     'split_duration': parse_seconds_ns,
     'strict': parse_flag,
     'overwrite': parse_flag,

@@ -85,7 +85,11 @@ def test_path_is_due_where_poses_are(recordings):
         ({'start': Bound(frame=99)}, 'takes no sample; it holds frames'),
         ({'streams': ('image_4',)}, 'takes no sample'),
         ({'streams': ('path',)}, 'takes no sample'),
-        ({'start': Bound(frame=3), 'end': Bound(frame=1)}, 'takes no sample'),
+        (
+            {'start': Bound(frame=3), 'end': Bound(offset_ns=150_000_000)},
+            r'the end \(0.15s\) is before the start \(frame 3\)',
+        ),
+        ({'start': Bound(frame=99), 'end': Bound(offset_ns=0)}, 'takes no sample'),
     ],
 )
 def test_selections_that_take_nothing(recording, options, said):

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.convert import convert
-from kitti_ros2.errors import BadFileError
+from kitti_ros2.errors import BadFileError, UsageError
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
@@ -92,6 +92,12 @@ def test_labels_are_left_out_when_not_asked_for(sequence, tmp_path):
     report, found = clouds(sequence, tmp_path / 'o.mcap', semantic=False)
     assert not report.losses
     assert all(message.point_step == 16 for message in found)
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT, Layout.TRACKING])
+def test_layouts_without_labels_of_points_refuse_them(recordings, layout):
+    with pytest.raises(UsageError, match=f'this is layout {layout.value}'):
+        open_recording(recordings[layout], ReadOptions(semantic=True))
 
 
 def test_real_semantickitti(real_kitti, tmp_path):

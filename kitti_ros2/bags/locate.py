@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from kitti_ros2.errors import BadBagError, UsageError
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from kitti_ros2.samples import Layout
@@ -27,6 +29,7 @@ _PATTERNS = {
     'sqlite3': ('*.db3', '*.db3.zstd'),
     'ros1': ('*.bag', '*.bag.active'),
 }
+_REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
 _LONGEST_MAGIC = max(map(len, _MAGIC))
 
 
@@ -124,9 +127,26 @@ def _without_metadata(path: Path, found: str) -> BagFiles:
     """
     for storage, files in _files(path).items():
         if files and storage != 'ros1':
-            loss = f'{found}; its files are read as they are, ros2 bag reindex makes it'
+            loss = f'{found}; its files are read as they are; {reindex_advice(path, files)}'
             return BagFiles(path, storage, files, directory=True, losses=(loss,))
     raise BadBagError(path, f'is a directory without {_METADATA}')
+
+
+def reindex_advice(path: Path, files: Sequence[Path]) -> str:
+    """How a user gets a right metadata.yaml for the files of a folder.
+
+    ros2 bag reindex leaves out files that are not named NAME_N.ENDING, and fails where none is;
+    compressed files never are. Source: rosbag2_cpp/reindexer.cpp.
+    """
+    packed = any(file.suffix == '.zstd' for file in files)
+    named = all(_REINDEXED.fullmatch(file.name.removesuffix('.zstd')) for file in files)
+    if len(files) == 1 and not named and not packed:
+        return f'give the file itself, {files[0]}, here and to ros2 bag play'
+    steps = ['unpack its files with zstd -d --rm'] if packed else []
+    if not named:
+        ending = PurePath(files[0].name.removesuffix('.zstd')).suffix
+        steps.append(f'name its files {path.name}_0{ending}, {path.name}_1{ending} and so on')
+    return ', '.join([*steps, f'run ros2 bag reindex {path} to make it'])
 
 
 def _storage(path: Path) -> str:

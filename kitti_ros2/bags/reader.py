@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from kitti_ros2.errors import UsageError
 
 from .bag_files import index_files
-from .locate import locate_bag
+from .locate import locate_bag, reindex_advice
 from .message_source import BagMessage, BagMessages, LeftOut
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
@@ -67,7 +67,7 @@ def index_bag(paths: Bags) -> BagIndex:
         if bag.message_count is not None and bag.message_count != found.total:
             found.warnings.append(
                 f'{bag.path}: metadata.yaml counts {bag.message_count} messages,'
-                f' the files hold {found.total}; ros2 bag reindex corrects it'
+                f' the files hold {found.total}; {reindex_advice(bag.path, bag.files)}'
             )
         index.merge(found)
     return index

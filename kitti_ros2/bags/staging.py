@@ -149,7 +149,7 @@ class Staging:
                 )
             fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
-                self._lock_exclusively(fd)
+                lock_exclusively(fd, self.path)
                 # A directory that its owner removed between our open and our lock is not ours.
                 if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
                     self._lock = fd
@@ -161,17 +161,6 @@ class Staging:
                     os.close(fd)
                 raise
             os.close(fd)
-
-    def _lock_exclusively(self, fd: int) -> None:
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                self.path, 'another run is writing this', 'wait for it, or choose another name'
-            ) from None
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                raise
 
     def _clear(self) -> None:
         self._restore()
@@ -197,6 +186,24 @@ class Staging:
         replaced = self._partial / _REPLACED
         if os.path.lexists(replaced) and not os.path.lexists(self.path):
             replaced.rename(self.path)
+
+
+def lock_exclusively(fd: int, path: Path) -> None:
+    """Lock an open folder for as long as it is open.
+
+    Raises:
+        OutputError: Another run is writing to the output, path.
+        OSError: The disk refuses.
+    """
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            path, 'another run is writing this', 'wait for it, or choose another name'
+        ) from None
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
 
 
 def _named(path: Path) -> Path:

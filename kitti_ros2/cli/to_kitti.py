@@ -88,6 +88,7 @@ def _convert(
         frames = sum(blueprint.frames for _, blueprint in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
+    from ..importer.appending import mend
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
     from ..importer.planned import adapt, convert_by_plan, guess, look
@@ -103,6 +104,9 @@ def _convert(
         if not quiet:
             for remark in found.remarks:
                 say(f'note: {remark}')
+    for note in mend(out) if options.append else ():
+        if not quiet:
+            say(f'note: {note}')
     samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
         report = convert_by_plan(bags, plan, survey, out, options, progress)

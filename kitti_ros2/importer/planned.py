@@ -11,9 +11,10 @@ from ..bags.reader import open_messages
 from ..errors import UsageError
 from ..kitti.names import SPLITS
 from ..samples import Layout
+from .appending import appended
 from .build import build
 from .guess import Guess, guess_plan
-from .output import next_number, staged
+from .output import staged
 from .plan import NONE
 from .survey import LABEL_LINES, Survey, survey_bag
 
@@ -114,7 +115,10 @@ def convert_by_plan(
         OutputExistsError: The folder holds something.
         OutputError: It cannot be written.
     """
-    first = next_number(out, plan.name) if options.append else 0
-    with staged(out, append=options.append) as stage:
-        report = build(paths, plan, survey, stage, options, first, progress)
+    if options.append:
+        with appended(out, plan.name) as place:
+            report = build(paths, plan, survey, place.stage, options, place.first, progress)
+        return replace(report, path=out, notes=(*place.notes, *report.notes))
+    with staged(out) as stage:
+        report = build(paths, plan, survey, stage, options, 0, progress)
     return replace(report, path=out)

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..errors import UsageError
+from ..errors import BadFileError, UsageError
 from ..kitti import names
+from ..kitti.png_file import parse_image
 from ..kitti.scan_file import format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
 from ..kitti.store import STORE
@@ -211,7 +212,7 @@ class _Writer:
         if stream is Stream.SCAN:
             content = partial(self._scan, decoded, number, folder.suffix)
         elif message.topic.endswith('/compressed'):
-            content = partial(decode_compressed, decoded)
+            content = partial(_sound_png, decoded, folder.file(number))
         else:
             content = partial(_png, decoded)
         return _File(stream, number, folder.file(number), content, *_origin(message))
@@ -286,6 +287,20 @@ class _Writer:
             losses=self._losses.losses(),
             notes=tuple(absent),
         )
+
+
+def _sound_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
+    """The PNG file of a CompressedImage, as it was.
+
+    Raises:
+        ValueError: It is damaged.
+    """
+    png = decode_compressed(image)
+    try:
+        parse_image(png, str(path))
+    except BadFileError as error:
+        raise ValueError(str(error)) from None
+    return png
 
 
 def _png(image: Any) -> bytes:  # noqa: ANN401 - of the bag's types

@@ -117,11 +117,17 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         NotKittiError: There is none.
         AmbiguousLayoutError: The folder fits several layouts and the options name none.
         AmbiguousSequenceError: It holds several and the options name none.
-        UsageError: The options name one that is not there.
+        UsageError: The options name one that is not there, or ask for labels of points of another
+            layout than odometry.
     """
     options = options or ReadOptions()
     path = path.resolve() if '..' in path.parts else path.absolute()
     layout = options.layout or guess_layout(path)
+    if options.semantic and layout is not Layout.ODOMETRY:
+        raise UsageError(
+            f'{path}: semantic is for the odometry layout, which has labels of points;'
+            f' this is layout {layout.value}'
+        )
     candidates = LAYOUTS[layout](path) if STORE.is_dir(path) else []
     if not candidates:
         found = f'no {layout.value} recording' if path.exists() else 'no such folder'

@@ -8,11 +8,15 @@ Frames come from different days: each has its own calibration, and no time. Stam
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..errors import BadFileError, describe_error
 from ..samples import FrameLabels, Layout, Stream, TextFile
-from . import names
+from . import append_journal, names
 from .label_file import frame_labels, parse_labels
 from .recording import KittiRecording, load_calibration
 from .store import STORE
@@ -21,7 +25,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..options import ReadOptions
-    from ..samples import Calibration
+    from ..samples import Calibration, Description
+    from .append_journal import AppendJournal
+    from .store import Listing
 
 _KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB, names.OBJECT_LABELS}
 
@@ -34,6 +40,7 @@ class ObjectRecording(KittiRecording):
     def __init__(self, split: Path, options: ReadOptions) -> None:
         super().__init__(split.parent, split.name, options)
         self.split = split
+        self._journal = self._find_journal()
         folders = {
             Stream.CALIBRATION: (names.CALIB, names.TXT),
             Stream.SCAN: (names.SCANS, names.BIN),
@@ -41,6 +48,7 @@ class ObjectRecording(KittiRecording):
         } | {Stream(folder): (folder, names.PNG) for folder in names.OBJECT_IMAGES}
         for stream, (folder, suffix) in folders.items():
             listing = STORE.list_numbered(split / folder, (suffix,), names.FRAME_DIGITS)
+            listing = self._without_unfinished(stream, listing)
             self._add_nominal(stream, listing.numbers, listing)
             if not len(listing.numbers) and stream not in {
                 Stream.IMAGE_0,
@@ -53,6 +61,48 @@ class ObjectRecording(KittiRecording):
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
+
+    def _find_journal(self) -> AppendJournal | None:
+        """The journal of an append that is not complete: the set is as it was before."""
+        work = self.root / append_journal.FOLDER
+        try:
+            journal = append_journal.find_journal(self.root)
+        except (BadFileError, OSError) as error:
+            self._lose_lines(Stream.RECORDING, describe_error(error))
+            return None
+        if STORE.is_dir(work):
+            self.notes.append(
+                f'{work}: an append is running or was interrupted; its frames are left out'
+            )
+        return journal
+
+    def _without_unfinished(self, stream: Stream, listing: Listing) -> Listing:
+        """The files of a stream without those of an append that is not complete."""
+        if self._journal is None or self._journal.split != self.name:
+            return listing
+        ours = np.isin(listing.numbers, np.array(self._journal.numbers, dtype=np.int64))
+        self._lose(
+            stream,
+            listing.numbers[ours].tolist(),
+            f'{self.root}: frames {{}} are of an append that is not complete;'
+            f' the next to-kitti --append removes them',
+        )
+        return replace(listing, numbers=listing.numbers[~ours])
+
+    def describe(self) -> Description:
+        """The set as a whole; lists of frames are as before an append that is not complete."""
+        found = super().describe()
+        if self._journal is None:
+            return found
+        before = self.root / append_journal.FOLDER / append_journal.BEFORE
+        earlier = [
+            TextFile(path, STORE.read_text(before / path))
+            for path in map(str, self._journal.lists)
+            if STORE.is_file(before / path)  # else it is back already
+        ]
+        replaced = {file.name for file in earlier} | set(map(str, self._journal.files))
+        files = [file for file in found.files if file.name not in replaced]
+        return replace(found, files=sorted([*files, *earlier], key=lambda file: file.name))
 
     def calibration(self, number: int) -> Calibration:
         """The calibration of a frame."""

@@ -91,6 +91,8 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
     first, last, step = (int(word) if word else None for word in (*words, '')[:3])
     if step == 0:
         raise UsageError(f'{text!r}: a step of 0')
+    if first is not None and last is not None and last < first:
+        raise UsageError(f'{text!r}: the last frame is before the first')
     numbers = source.numbers
     chosen = numbers[
         (numbers >= (first or 0)) & (numbers <= (int(numbers[-1]) if last is None else last))

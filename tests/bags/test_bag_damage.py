@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from functools import cache
+from pathlib import Path
 
 import pytest
 import yaml
@@ -21,6 +22,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader as Ros1Reader
 
 from kitti_ros2.bags import mcap_chunk
+from kitti_ros2.bags.locate import reindex_advice
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.errors import BadBagError
 from kitti_ros2.options import BagOptions
@@ -481,7 +483,42 @@ def test_what_a_killed_rosbag2_left_is_read_without_metadata(storage, metadata, 
     assert found == written
     assert not complete
     assert 'metadata' in warning
-    assert 'reindex' in warning
+    assert f'run ros2 bag reindex {path}' in warning
+
+
+@pytest.mark.parametrize('metadata', ['absent', 'cut'])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_file_that_reindex_does_not_take_is_to_be_given_itself(storage, metadata, tmp_path):
+    """rosbag2 reindexes only files named NAME_N.ENDING."""
+    path = write_bag(tmp_path / 'bag', BagOptions(storage=storage), samples())
+    [file] = path.glob('bag_0.*')
+    single = file.rename(path / f'single{file.suffix}')
+    (path / 'metadata.yaml').write_text('rosbag2: {')
+    if metadata == 'absent':
+        (path / 'metadata.yaml').unlink()
+    found, _, (warning,) = read(path)
+    assert 'ros2 bag reindex' not in warning
+    assert f'give the file itself, {single}, here and to ros2 bag play' in warning
+    assert read(single) == (found, True, ())
+
+
+@pytest.mark.parametrize(
+    ('names', 'said'),
+    [
+        (['bag_0.mcap', 'bag_12.mcap'], 'run ros2 bag reindex /b to make it'),
+        (['my_bag.mcap'], 'give the file itself, /b/my_bag.mcap, here'),
+        (['bag_1_.mcap'], 'give the file itself'),
+        (['_0.db3'], 'give the file itself'),
+        (
+            ['a.mcap', 'b_1.mcap'],
+            'name its files b_0.mcap, b_1.mcap and so on, run ros2 bag reindex',
+        ),
+        (['b_0.db3.zstd'], 'unpack its files with zstd -d --rm, run ros2 bag reindex'),
+        (['b.mcap.zstd'], 'zstd -d --rm, name its files b_0.mcap, b_1.mcap and so on, run ros2'),
+    ],
+)
+def test_advice_about_metadata_goes_by_the_names(names, said):
+    assert said in reindex_advice(Path('/b'), [Path('/b') / name for name in names])
 
 
 def pack(path, keep=1.0):

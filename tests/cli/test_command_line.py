@@ -80,6 +80,28 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "'noon' is no start or end"),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '900'], 'takes no sample'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--split-size', 'much'], 'a size such as 2GB'),
+        (
+            ['to-bag', '{raw}', '{tmp}/o', '--split-size', '2'],
+            'split_size 2 is less than 1MB; give a size with its unit',
+        ),
+        (['to-bag', '{raw}', '{tmp}/o', '--split-size', '999kB'], '999kB is less than 1MB'),
+        (
+            ['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '3.5s', '--end', '2s'],
+            'the end (2s) is before the start (3.5s)',
+        ),
+        (
+            ['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '3', '--end', '2'],
+            'the end (frame 2) is before the start (frame 3)',
+        ),
+        (
+            ['play', '{raw}', '--start', '2012-01-01 00:00:00.5', '--end', '2012-01-01 00:00:00'],
+            'the end (2012-01-01 00:00:00.000000000) is before the start (2012-01-01 00:00:00.5',
+        ),
+        (
+            ['view', '{raw}', '-o', '{tmp}/x.mp4', '--frames', '3:2'],
+            'last frame is before the first',
+        ),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--semantic'], 'semantic is for the odometry layout'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--config', '{tmp}/no.yaml'], 'no.yaml: No such file'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--base-to-imu', '1,2'], 'three finite numbers'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--epoch', 'today'], 'UTC time'),

@@ -116,6 +116,33 @@ def test_what_is_lost_is_named_and_the_exit_code_says_so(tmp_path, capsys):
     assert '1 skipped in all, as named above; exit code 1' in said.err
 
 
+def test_an_append_says_what_it_did_about_one_that_was_interrupted(bag, tmp_path, capsys):
+    words = ['to-kitti', bag, str(tmp_path / 'out'), '--layout', 'object', '--append']
+    assert main([*words, '-q']) == 0
+    staged = tmp_path / 'out/.to-kitti-append/content/training/velodyne/000012.bin'
+    staged.parent.mkdir(parents=True)
+    staged.touch()
+    assert main(['info', str(tmp_path / 'out')]) == 0
+    assert 'an append is running or was interrupted' in capsys.readouterr().out
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert 'an append that was interrupted had not added a frame yet' in said
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['ImageSets', 'training']
+    listed = (tmp_path / 'out/ImageSets/train.txt').read_text().split()
+    assert listed == [f'{number:06d}' for number in range(2 * foreign.FRAMES)]
+
+
+def test_an_append_behind_a_link_is_refused(bag, tmp_path, capsys):
+    words = ['to-kitti', bag, str(tmp_path / 'out'), '--layout', 'object', '-q']
+    assert main(words) == 0
+    (tmp_path / 'out/training/velodyne').rename(tmp_path / 'elsewhere')
+    (tmp_path / 'out/training/velodyne').symlink_to(tmp_path / 'elsewhere')
+    before = sorted(tmp_path.rglob('*'))
+    assert main([*words, '--append']) == 2
+    assert 'out/training/velodyne: is a symbolic link' in one_line(capsys.readouterr().err)
+    assert sorted(tmp_path.rglob('*')) == before
+
+
 @pytest.mark.parametrize(
     ('words', 'said'),
     [

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The journal of an append to an object set: how the set was before, until the append is complete.
+
+While frames are appended, the set holds the folder ``.to-kitti-append``:
+
+==================  ================================================================================
+entry               content
+==================  ================================================================================
+``content/``        the new files that are not moved yet, at the paths that they get in the set
+``before/``         the lists of frames (ImageSets) that are continued, as they were
+``journal.json``    present while files are moved: whoever finds it undoes the append
+``committed.json``  the same content, once every file is in its place
+==================  ================================================================================
+
+A file of the journal is in the set if, and only if, it is missing in ``content/``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from ..errors import BadFileError
+from . import names
+from .store import STORE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FOLDER = '.to-kitti-append'
+CONTENT = 'content'
+BEFORE = 'before'
+JOURNAL = 'journal.json'
+COMMITTED = 'committed.json'
+
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class AppendJournal:
+    """What an append adds to a set; all paths are relative to the set's folder.
+
+    Attributes:
+        split: training or testing.
+        files: The files that the set did not have, in the order of moving: those of frames, then
+            lists of frames.
+        lists: The lists of frames that are continued, moved after all files.
+        folders: Folders that the set did not have, parents first.
+    """
+
+    split: str
+    files: tuple[PurePosixPath, ...]
+    lists: tuple[PurePosixPath, ...]
+    folders: tuple[PurePosixPath, ...]
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers of the frames, ascending."""
+        stems = {path.stem for path in self.files if path.parts[0] == self.split}
+        return tuple(sorted(int(stem) for stem in stems if stem.isdecimal()))
+
+
+def format_journal(journal: AppendJournal) -> str:
+    """The text of a journal; the inverse of parse_journal."""
+    paths = {
+        name: [str(path) for path in getattr(journal, name)]
+        for name in ('files', 'lists', 'folders')
+    }
+    return json.dumps({'version': _VERSION, 'split': journal.split, **paths}, indent=0) + '\n'
+
+
+def parse_journal(text: str, path: Path | str) -> AppendJournal:
+    """The journal of a text.
+
+    Raises:
+        BadFileError: It is no journal, or names something that an append does not write.
+    """
+    try:
+        return _parse_values(json.loads(text))
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        found = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
+        remedy = 'move it away, and look for files of incomplete frames'
+        raise BadFileError(path, found, 'the journal of an append', remedy=remedy) from None
+
+
+def _parse_values(values: Any) -> AppendJournal:  # noqa: ANN401 - of JSON
+    if values['version'] != _VERSION or values['split'] not in names.SPLITS:
+        raise ValueError(f'version {values["version"]!r}, split {values["split"]!r}')
+    split = values['split']
+    return AppendJournal(
+        split,
+        tuple(_path(item, split, names.IMAGE_SETS) for item in values['files']),
+        tuple(_path(item, names.IMAGE_SETS) for item in values['lists']),
+        tuple(_path(item, split, names.IMAGE_SETS) for item in values['folders']),
+    )
+
+
+def find_journal(root: Path) -> AppendJournal | None:
+    """The journal of an append to a set that is not complete, None where there is none.
+
+    Raises:
+        BadFileError: It cannot be understood.
+        OSError: It cannot be read.
+    """
+    path = root / FOLDER / JOURNAL
+    try:
+        text = STORE.read_text(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return parse_journal(text, path)
+
+
+def _path(item: Any, *tops: str) -> PurePosixPath:  # noqa: ANN401 - of JSON
+    """A path below one of some folders of the set: undoing must not reach anything else."""
+    path = PurePosixPath(item)
+    if path.parts[:1] not in [(top,) for top in tops] or '..' in path.parts:
+        raise ValueError(f'path {item!r}')
+    return path
