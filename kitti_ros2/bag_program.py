@@ -127,7 +127,7 @@ class BagProgram:
             return [], [Missing(self._reason(), 1)]
         outlet = self._index[message.topic]
         if self.outlets[outlet].on_demand and outlet not in wanted:
-            return [], []
+            return [Due(outlet, message.stamp_ns, b'')], []
         return [_due(outlet, message)], []
 
     def latched_before(self, index: int) -> list[Due]:

@@ -124,6 +124,10 @@ class Encoder:
         )
         return self._serialize(rows, sample, moment)
 
+    def left_out(self, stream: Stream, wanted: Collection[int]) -> list[int]:
+        """The rows of a stream that encode leaves out: on demand, and not wanted."""
+        return [index for index, row in self._rows[stream] if row.on_demand and index not in wanted]
+
     def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
         """The losses among a recording's that a selection would have wanted."""
         wanted = [loss for loss in losses if Stream(loss.stream) in self._selected]

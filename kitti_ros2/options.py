@@ -305,6 +305,7 @@ class Stamps(str, Enum):
 
 RATES = (0.01, 100.0)
 MOST_STEP = 10_000
+MOST_SUBSCRIBERS = 1000
 
 
 @dataclass(frozen=True)
@@ -315,10 +316,11 @@ class PlaybackOptions:
         rate: Seconds of recording a second, 0.01 to 100.
         loop: How many times it is played; 0 without end.
         start_paused: Whether it waits for a resume.
-        delay_ns: Nanoseconds before the first message.
+        delay_ns: Nanoseconds before the first message, from when the subscribers are there.
         clock_hz: How often the recording's time is told; 0 never.
         step: Frames that one play_next plays; 0 is a single sample.
         lossless: Whether it goes as fast as subscribers take it, not by time.
+        wait_for: Subscribers to wait for before it begins; None is 1 with lossless, else 0.
         at_end: What happens when everything is played.
 
     Raises:
@@ -332,6 +334,7 @@ class PlaybackOptions:
     clock_hz: float = 100.0
     step: int = 1
     lossless: bool = False
+    wait_for: int | None = None
     at_end: AtEnd = AtEnd.EXIT
 
     def __post_init__(self) -> None:
@@ -345,6 +348,13 @@ class PlaybackOptions:
             raise UsageError(f'clock {self.clock_hz:g} is not within 0 to 1000, times a second')
         if not 0 <= self.step <= MOST_STEP:
             raise UsageError(f'step {self.step} is not within 0 to {MOST_STEP} frames')
+        if not 0 <= self.subscribers <= MOST_SUBSCRIBERS:
+            raise UsageError(f'wait_for {self.wait_for} is not within 0 to {MOST_SUBSCRIBERS}')
+
+    @property
+    def subscribers(self) -> int:
+        """How many subscribers it waits for before it begins."""
+        return int(self.lossless) if self.wait_for is None else self.wait_for
 
 
 @dataclass(frozen=True)

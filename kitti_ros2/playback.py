@@ -56,7 +56,7 @@ class Tick:
 
 @dataclass(frozen=True)
 class Idle:
-    """Nothing is due for a while: so many nanoseconds, None while paused."""
+    """Nothing is due for a while: so many nanoseconds, None while paused or waiting."""
 
     for_ns: int | None
 
@@ -76,6 +76,7 @@ class PlaybackState:
         paused: Whether time stands still.
         finished: Whether everything is sent.
         round: The how-manieth time it is played, from 1.
+        waiting: Whether it waits for subscribers before it begins.
     """
 
     frame: int
@@ -85,6 +86,7 @@ class PlaybackState:
     paused: bool
     finished: bool
     round: int
+    waiting: bool = False
 
 
 class Clock(Protocol):
@@ -138,6 +140,7 @@ class Playback:
         self._position = 0
         self._completed = 0
         self._paused = options.start_paused
+        self._waiting = options.subscribers > 0
         self._stopped = False
         self._round = 1
         self._rush_until = 0
@@ -146,7 +149,8 @@ class Playback:
         self._jump = False
         self._next_idle = 0
         now = self._clock.now_ns()
-        self._anchor_ns: int = now + options.delay_ns
+        self._begin_ns: int = now + options.delay_ns
+        self._anchor_ns: int = self._begin_ns
         self._anchor_stamp: int = self._stamps[0]
         self._next_tick = now
 
@@ -155,8 +159,8 @@ class Playback:
     def events(self) -> Iterator[Event]:
         """What to do, each when it is due; ends when all is played, or stopped."""
         with self._condition:
-            now = self._clock.now_ns()
-            self._anchor_ns, self._next_tick = now + self._options.delay_ns, now
+            self._next_tick = self._clock.now_ns()
+            self._start_delay()
         while True:
             with self._condition:
                 self._completed = self._position
@@ -213,10 +217,12 @@ class Playback:
         at_end = self._position >= len(self._stamps)
         if self._rushing and not at_end:
             return now
-        if self._paused:
+        if self._paused or self._waiting:
             return None
-        if at_end or self._options.lossless:
+        if at_end:
             return now
+        if self._options.lossless:
+            return max(now, self._anchor_ns)
         ahead = self._stamps[self._position] - self._anchor_stamp
         rate: float = self._options.rate
         return self._anchor_ns + int(ahead / rate)
@@ -246,14 +252,22 @@ class Playback:
     def _time_ns(self, now: int) -> int:
         """The recording's time; never beyond what is still to be sent."""
         stamp = self._anchor_stamp
-        if not (self._paused or self._options.lossless):
+        if not (self._paused or self._waiting or self._options.lossless):
             stamp += max(0, int((now - self._anchor_ns) * self._options.rate))
         return min(stamp, self._stamps[min(self._position, len(self._stamps) - 1)])
 
     def _set_anchor(self) -> None:
         now = self._clock.now_ns()
         self._anchor_stamp = self._time_ns(now)
-        self._anchor_ns = now
+        self._anchor_ns = self._earliest(now)
+
+    def _start_delay(self) -> None:
+        self._begin_ns = self._clock.now_ns() + self._options.delay_ns
+        self._anchor_ns = self._begin_ns
+
+    def _earliest(self, now: int) -> int:
+        """When time may run: not during the delay."""
+        return max(now, self._begin_ns)
 
     def _hold(self) -> None:
         self._set_anchor()
@@ -262,7 +276,7 @@ class Playback:
     def _move(self, position: int, stamp_ns: int) -> None:
         self._position = self._completed = position
         self._rush_until = self._burst_left = 0
-        self._anchor_ns, self._anchor_stamp = self._clock.now_ns(), stamp_ns
+        self._anchor_ns, self._anchor_stamp = self._earliest(self._clock.now_ns()), stamp_ns
         self._jump = True
         self._next_idle = 0
 
@@ -290,6 +304,7 @@ class Playback:
                 paused=self._paused,
                 finished=self._position >= len(self._stamps),
                 round=self._round,
+                waiting=self._waiting,
             )
 
     def _shown(self) -> int:
@@ -307,8 +322,16 @@ class Playback:
         """Let time go on."""
         with self._condition:
             if self._paused:
-                self._anchor_ns = self._clock.now_ns()
+                self._anchor_ns = self._earliest(self._clock.now_ns())
                 self._paused = False
+            self._wake()
+
+    def begin(self) -> None:
+        """End the wait for subscribers; the delay counts from now."""
+        with self._condition:
+            if self._waiting:
+                self._waiting = False
+                self._start_delay()
             self._wake()
 
     def toggle_paused(self) -> bool:

@@ -49,7 +49,8 @@ class Due(NamedTuple):
     Attributes:
         outlet: Index of its topic in Program.outlets.
         stamp_ns: Nanoseconds since 1970.
-        data: CDR with its encapsulation header.
+        data: CDR with its encapsulation header; empty where it was not made, because its topic is
+            on demand and not wanted.
         key: What it depends on, where one equal to the topic's last need not be sent again.
     """
 
@@ -95,7 +96,8 @@ class Program(Protocol):
 
         Args:
             index: 0 .. N-1.
-            wanted: The outlets with a subscriber; those on demand are left out where absent here.
+            wanted: The outlets with a subscriber; messages on demand of others are not made, and
+                have no data.
         """
 
     def latched_before(self, index: int) -> list[Due]:
@@ -143,14 +145,16 @@ class RecordingProgram:
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
         """As Program has it."""
-        messages, failures = self._encoder.encode(self._entries[index], wanted)
+        entry = self._entries[index]
+        messages, failures = self._encoder.encode(entry, wanted)
         missing = [
             Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
             for each in failures
         ]
         # Small ones first: each waits for those before it.
         due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
-        return due, missing
+        unmade = self._encoder.left_out(entry.stream, wanted)
+        return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], missing
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""

@@ -156,6 +156,7 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
         clock_hz='clock',
         step='step',
         lossless='lossless',
+        wait_for='wait_for',
         at_end='at_end',
     )
     read_ahead = parsed.get('read_ahead', DEFAULT_READ_AHEAD)
@@ -306,6 +307,7 @@ _PLAY: dict[str, _Parser] = {
     'clock': parse_number,
     'step': parse_integer,
     'lossless': parse_flag,
+    'wait_for': parse_integer,
     'at_end': parse_choice(AtEnd),
     'stamps': parse_choice(Stamps),
     'read_ahead': parse_integer,

@@ -90,6 +90,87 @@ def test_delay_comes_before_the_first():
     assert sends(play(delay_ns=2 * SECOND)[1]) == [(at + 2, i) for at, i in ON_TIME]
 
 
+def test_delay_comes_before_the_first_of_lossless_too():
+    _, events = play(lossless=True, wait_for=0, delay_ns=2 * SECOND)
+    assert sends(events) == [(2, i) for i in range(15)]
+
+
+@pytest.mark.parametrize('lossless', [False, True])
+@pytest.mark.parametrize(
+    'deed',
+    [
+        lambda playback: (playback.pause(), playback.resume()),
+        lambda playback: playback.change(rate=2.0),
+        lambda playback: playback.seek_frame(10),
+    ],
+    ids=['pause', 'rate', 'seek'],
+)
+def test_what_is_done_during_the_delay_does_not_shorten_it(deed, lossless):
+    clock = FakeClock()
+    playback, events = play(clock, delay_ns=2 * SECOND, lossless=lossless, wait_for=0)
+    clock.at(0.5, lambda: deed(playback))
+    times = [at for at, _ in sends(events)]
+    assert times[0] == 2
+    assert len(times) == 15
+
+
+@pytest.mark.parametrize(('resumed', 'first'), [(0.5, 2), (3, 3)])
+def test_a_resume_does_not_shorten_the_delay(resumed, first):
+    clock = FakeClock()
+    playback, events = play(clock, start_paused=True, delay_ns=2 * SECOND)
+    clock.at(resumed, playback.resume)
+    assert sends(events)[0] == (first, 0)
+
+
+@pytest.mark.parametrize('lossless', [False, True])
+def test_nothing_is_sent_before_the_subscribers_are_there(lossless):
+    clock = FakeClock()
+    playback, events = play(clock, lossless=lossless, wait_for=3, delay_ns=SECOND)
+    assert playback.state().waiting
+    clock.at(7, playback.begin)
+    times = [at for at, _ in sends(events)]
+    assert times == ([8] * 15 if lossless else [at + 8 for at, _ in ON_TIME])
+    assert not playback.state().waiting
+
+
+def test_lossless_waits_for_one_subscriber_unless_told_otherwise():
+    assert [
+        PlaybackOptions(lossless=lossless, wait_for=wait_for).subscribers
+        for lossless in (False, True)
+        for wait_for in (None, 0, 2)
+    ] == [0, 0, 2, 1, 0, 2]
+
+
+@pytest.mark.parametrize('count', [-1, 1001])
+def test_so_many_subscribers_are_refused(count):
+    with pytest.raises(UsageError, match=f'wait_for {count} is not within 0 to 1000'):
+        PlaybackOptions(wait_for=count)
+
+
+def test_the_recording_stands_still_during_the_wait():
+    clock = FakeClock()
+    playback, events = play(clock, wait_for=1, clock_hz=10)
+    clock.at(1.05, playback.stop)
+    assert [event.stamp_ns for _, event in events] == [START] * 11
+    assert playback.state().offset_ns == 0
+
+
+def test_what_is_paused_stays_paused_when_subscribers_come():
+    clock = FakeClock()
+    playback, events = play(clock, wait_for=1, start_paused=True)
+    clock.at(1, playback.begin)
+    clock.at(2, playback.resume)
+    assert sends(events) == [(round(at + 2, 6), i) for at, i in ON_TIME]
+
+
+def test_a_resume_does_not_end_the_wait():
+    clock = FakeClock()
+    playback, events = play(clock, wait_for=1, start_paused=True)
+    clock.at(1, playback.resume)
+    clock.at(2, playback.begin)
+    assert sends(events) == [(round(at + 2, 6), i) for at, i in ON_TIME]
+
+
 def test_three_rounds_are_three_times_everything():
     _, events = play(loop=3)
     events = list(events)
@@ -261,7 +342,7 @@ def test_ticks_go_on_while_paused_and_time_stands():
 
 
 def test_lossless_does_not_wait():
-    assert sends(play(lossless=True)[1]) == [(0, i) for i in range(15)]
+    assert sends(play(lossless=True, wait_for=0)[1]) == [(0, i) for i in range(15)]
 
 
 def test_at_the_end_it_may_pause_and_be_sent_back():

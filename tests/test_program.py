@@ -75,7 +75,10 @@ def test_large_messages_are_made_only_where_they_are_wanted(recording):
             due, missing = program.fetch(index, wanted)
             left_out = large - wanted
             assert missing == []
-            assert flat(due) == [each for each in whole if each[0] not in left_out]
+            made = [each for each in due if each.data]
+            assert flat(made) == [each for each in whole if each[0] not in left_out]
+            unmade = [each.outlet for each in due if not each.data]
+            assert sorted(unmade) == sorted(each[0] for each in whole if each[0] in left_out)
 
 
 def test_latched_messages_before_a_position_are_the_last_ones(recording):

@@ -16,6 +16,7 @@ from foxglove import Channel, Schema
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
+from ..playing.audience import Audience
 from ..playing.source import STATE
 from ..program import Outlet
 
@@ -88,6 +89,15 @@ class Channels:
             index for index in self._large if self._channels[index].has_sinks()
         )
         return self._wanted
+
+    def audience(self) -> Audience:
+        """How many channels have a viewer: the server tells channels, not viewers."""
+        watched = sum(channel.has_sinks() for channel in self._channels)
+        return Audience(int(watched > 0), watched)
+
+    def has_subscriber(self, outlet: int) -> bool:
+        """Whether a viewer subscribes to an outlet."""
+        return bool(self._channels[outlet].has_sinks())
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
         """Publish serialised data."""

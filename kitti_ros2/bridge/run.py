@@ -72,6 +72,7 @@ def _refuse(settings: PlaySettings) -> None:
         ('--delay', delayed, 'it begins when the first viewer is there'),
         ('--stamps now', settings.stamps is Stamps.NOW, "viewers follow the recording's time"),
         ('--lossless', settings.playback.lossless, 'viewers acknowledge nothing'),
+        ('--wait-for', settings.playback.subscribers > 0, 'it waits for the first viewer'),
         (
             '--qos-profile-overrides-path',
             settings.qos_overrides_path is not None,

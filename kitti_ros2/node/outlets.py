@@ -13,6 +13,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..errors import LackingError
+from ..playing.audience import Audience
 from .byte_publisher import byte_publisher
 from .message_types import message_class
 from .qos import make_profile
@@ -103,6 +104,29 @@ class Outlets:
             index for index in self._large if self._publishers[index].get_subscription_count() > 0
         )
         return self._wanted
+
+    def audience(self) -> Audience:
+        """Count the nodes and their subscriptions, of all outlets.
+
+        A node is told from others by its participant and its name: a GID begins with the 12 bytes
+        of the participant's GUID prefix (RTPS 2.3, 8.2.4.1).
+        """
+        nodes = set()
+        subscriptions = 0
+        for publisher in self._publishers.values():
+            matched = publisher.get_subscription_count()
+            if matched:
+                subscriptions += matched
+                found = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
+                nodes |= {
+                    (bytes(each.endpoint_gid[:12]), each.node_namespace, each.node_name)
+                    for each in found
+                }
+        return Audience(len(nodes), subscriptions)
+
+    def has_subscriber(self, outlet: int) -> bool:
+        """Whether anybody subscribes to an outlet."""
+        return bool(self._publishers[outlet].get_subscription_count())
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:  # noqa: ARG002 - see Transport
         """Publish serialised data."""

@@ -81,6 +81,8 @@ PARAMETERS = (
     _P('delay', 0.0, 'seconds before the first message', bounds=(0.0, 3600.0)),
     _P('clock', 100.0, '/clock messages a second; 0 is none', bounds=(0.0, 1000.0)),
     _P('lossless', False, 'go as fast as subscribers take it; no message is dropped'),
+    _P('wait_for', '', 'nodes to wait for that subscribe; empty is 1 with lossless, else 0',
+       any_type=True),
     _P('at_end', 'exit', 'exit or pause'),
     _P('stamps', 'original', "original: the recording's; now: those of the moment, no /clock"),
     _P('read_ahead', DEFAULT_READ_AHEAD, 'frames to read ahead', bounds=(1, MOST_READ_AHEAD)),

@@ -100,6 +100,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         """End what is played."""
         session, self._session = self._session, None
         if session is not None:
+            self._say_who_was_missing(session)
             session.stop()
 
     @property
@@ -148,6 +149,13 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         name = self.get_fully_qualified_name()
         return open_program(source, settings, reserved_by_node(name, settings))
 
+    def _say_who_was_missing(self, session: Session) -> None:
+        text = session.reception.describe()
+        if text and session.playback.options.lossless:
+            self.get_logger().warning(text)
+        elif text:
+            self.get_logger().info(text)
+
     def _play(self, program: Program, settings: PlaySettings) -> None:
         path = settings.qos_overrides_path
         overrides = {} if path is None else load_overrides(path)
@@ -157,6 +165,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             lambda program: Outlets(self, program, overrides, self._tell_time),
             self.get_logger().error,
             self._tell_state_sometimes,
+            self.get_logger().info,
         )
         self.stop()
         self._session = session

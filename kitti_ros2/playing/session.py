@@ -16,6 +16,7 @@ from ..messages.naming import Frames
 from ..options import Stamps
 from ..playback import Idle, Jump, Playback, Send, Tick
 from ..readahead import ReadAhead
+from .audience import Reception, SubscriberWait
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ..playback import Event
     from ..program import Due, Program
     from ..settings import PlaySettings
+    from .audience import Audience
 
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
 _LAST_WAIT_S = 2.0
@@ -70,6 +72,12 @@ class Transport(Protocol):
     def wanted(self, now_ns: int) -> frozenset[int]:
         """The same, as of the last look, unless that is old; now_ns is steady time."""
 
+    def audience(self) -> Audience:
+        """Who subscribes now."""
+
+    def has_subscriber(self, outlet: int) -> bool:
+        """Whether anybody subscribes to an outlet now."""
+
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
         """Publish serialised data; stamp_ns is the time in the recording that it is of."""
 
@@ -98,10 +106,12 @@ class Session:
         connect: Creates the topics of a program.
         complain: Told once of everything that cannot be published.
         changed: Called, from the session's thread, when the state has changed.
+        say: Told, in a line, that it waits for subscribers, and that they are there.
 
     Attributes:
         playback: The controls.
         counts: What it did so far.
+        reception: Which messages had a subscriber.
         on_publish: Called with each outlet, its sample's due time and the time of the call, steady
             nanoseconds; for measuring.
     """
@@ -115,14 +125,18 @@ class Session:
         connect: Callable[[Program], Transport],
         complain: Callable[[str], None],
         changed: Callable[[], None],
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.program = program
         self._settings = settings
         self._connect = connect
         self._complain_once = complain
         self._changed = changed
+        self._say = say
         self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
         self.counts = Counts()
+        self.reception = Reception()
+        self._wait = SubscriberWait(settings.playback.subscribers)
         self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
         self._done: Callable[[BaseException | None], None] = lambda _: None
         self._complaints: set[str] = set()
@@ -168,6 +182,8 @@ class Session:
         with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
             ahead.want(self._transport.look())
             ahead.refill()
+            if self.playback.state().waiting:
+                self._say(self._wait.beginning())
             for event in self.playback.events():
                 self._do(event, ahead)
             self._transport.finish(_LAST_WAIT_S)
@@ -186,7 +202,15 @@ class Session:
                 ahead.refill()
             if event.for_ns is None:
                 self._clear_stale()
+                self._look_for_subscribers()
             self._changed()
+
+    def _look_for_subscribers(self) -> None:
+        if not self.playback.state().waiting:
+            return
+        if self._wait.over(self._transport.audience(), time.monotonic_ns()):
+            self._say(self._wait.ending())
+            self.playback.begin()
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
         wanted = self._transport.wanted(time.monotonic_ns())
@@ -202,6 +226,7 @@ class Session:
         sent = 0
         for message in messages:
             if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
+                self.reception.note(message.outlet, received=False)
                 continue
             sent += self._publish(message, message.stamp_ns, event.due_ns)
         self.playback.sent(sent)
@@ -230,6 +255,8 @@ class Session:
         now = time.monotonic_ns()
         if self.on_publish is not None:
             self.on_publish(outlet, due_ns, now)
+        if not self.program.outlets[outlet].latched:
+            self.reception.note(outlet, received=self._transport.has_subscriber(outlet))
         self._transport.publish(outlet, data, stamp_ns)
         self.counts.messages += 1
         self.counts.late_ns = max(self.counts.late_ns, now - due_ns)

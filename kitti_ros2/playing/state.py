@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 def where(playback: Playback) -> str:
     """What it does and where it is, for people."""
     state = playback.state()
-    return f'{"paused" if state.paused else "playing"}, frame {state.frame}'
+    return f'{_doing(state)}, frame {state.frame}'
+
+
+def _doing(state: PlaybackState) -> str:
+    if state.paused:
+        return 'paused'
+    return 'waiting for subscribers' if state.waiting else 'playing'
 
 
 def encode_state(name: str, source: str, state: PlaybackState, counts: Counts) -> bytes:
@@ -42,7 +48,7 @@ def encode_state(name: str, source: str, state: PlaybackState, counts: Counts) -
         'failures': counts.failures,
         'late_ms': f'{counts.late_ns / 1e6:.1f}',
     }
-    doing = 'finished' if state.finished else 'paused' if state.paused else 'playing'
+    doing = 'finished' if state.finished else _doing(state)
     return encode_diagnostics(
         state.stamp_ns,
         level=WARN if counts.failures else OK,

@@ -115,6 +115,7 @@ def test_a_port_that_is_taken(play):
         (['play', '{raw}', '--foxglove', '--rate', '101'], 'rate 101 is not within'),
         (['play', '{raw}', '--foxglove', '--stamps', 'now'], '--stamps now does not go with'),
         (['play', '{raw}', '--foxglove', '--lossless'], '--lossless does not go with'),
+        (['play', '{raw}', '--foxglove', '--wait-for', '2'], '--wait-for does not go with'),
         (['play', '{raw}', '--foxglove', '--delay', '3'], '--delay does not go with'),
         (
             ['play', '{raw}', '--foxglove', '--qos-profile-overrides-path', 'q.yaml'],

@@ -73,6 +73,21 @@ class Listening:
         return heard
 
 
+class Recording:
+    """A process that subscribes as `ros2 bag record -a` does, so many seconds late."""
+
+    def __init__(self, late_s):
+        words = [sys.executable, str(HERE / 'recorder.py'), str(late_s)]
+        self.process = subprocess.Popen(
+            words, env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def counts(self):
+        """End it; by topic how many messages came."""
+        said, _ = self.process.communicate(timeout=30)
+        return json.loads(said.splitlines()[-1])
+
+
 def stop(process):
     """End a process that a test is done with; a killed one leaves its shared memory behind."""
     if process.poll() is None:

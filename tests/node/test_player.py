@@ -3,6 +3,7 @@
 """The player over the real middleware, heard by a second process."""
 
 import itertools
+import re
 import signal
 import subprocess
 import sys
@@ -56,6 +57,20 @@ def listen():
     yield start
     for listener in started:
         live.stop(listener.process)
+
+
+@pytest.fixture
+def record():
+    """Starts recorders."""
+    started = []
+
+    def start(late_s):
+        started.append(live.Recording(late_s))
+        return started[-1]
+
+    yield start
+    for recorder in started:
+        live.stop(recorder.process)
 
 
 def to_bag(path, out, storage='mcap'):
@@ -341,6 +356,55 @@ def test_ros2_run_finds_the_player(recordings):
     )  # fmt: skip
     assert process.returncode == 0, process.stderr
     assert '[other]' in process.stderr
+
+
+@pytest.mark.parametrize('late_s', [0, 2])
+@pytest.mark.parametrize('storage', ['mcap', None], ids=['bag', 'folder'])
+def test_a_recorder_of_everything_gets_everything(
+    player, record, recordings, tmp_path, storage, late_s
+):
+    source = recordings[Layout.RAW]
+    bag = to_bag(source, tmp_path / 'o.mcap')
+    process = player(bag if storage else source, '--lossless')
+    recorder = record(late_s)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, 'had no subscriber' in said) == (0, False), said
+    assert said.count('waiting for a subscriber') == 1
+    time.sleep(0.3)
+    expected = {topic: len(found) for (topic, _), found in live.bag_digests(bag).items()}
+    counts = recorder.counts()
+    assert {topic: counts.get(topic) for topic in expected} == expected
+
+
+def test_the_second_subscriber_is_waited_for(player, record, listen, recordings):
+    process = player(recordings[Layout.RAW], '--wait-for', '2', '--delay', '0.5')
+    listener = listen(IMU)
+    listener.wait_for_publishers()
+    time.sleep(1.5)
+    assert listener.tell('count', OXTS) == 0
+    recorder = record(0)
+    process.communicate(timeout=60)
+    time.sleep(0.3)
+    assert listener.tell('count', OXTS) == FRAMES
+    assert recorder.counts()[OXTS] == FRAMES
+
+
+def test_a_signal_ends_the_wait(player, recordings):
+    process = player(recordings[Layout.RAW], '--lossless')
+    line = next(line for line in process.stderr if 'waiting for a subscriber' in line)
+    assert '--wait-for 0' in line
+    code, said = live.end(process)
+    assert (code, said) == (0, '')
+
+
+def test_messages_without_a_subscriber_are_told_at_the_end(player, recordings):
+    process = player(recordings[Layout.RAW], '--lossless', '--wait-for', '0')
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 0
+    found = re.search(r'(\d+) of (\d+) messages had no subscriber', said)
+    assert found, said
+    assert found[1] == found[2]
+    assert '[WARN]' in said
 
 
 def test_lossless_loses_nothing(player, listen, recordings):

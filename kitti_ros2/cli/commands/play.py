@@ -31,7 +31,8 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[bool], typer.Option('--start-paused', '-p', help='Wait for a resume.')
     ] = None,
     delay: Annotated[
-        Optional[float], typer.Option('--delay', '-d', help='Seconds before the first message')
+        Optional[float],
+        typer.Option('--delay', '-d', help='Seconds before the first message, after --wait-for'),
     ] = None,
     clock: Annotated[
         Optional[float], typer.Option(help='/clock messages a second, 0 none [default: 100]')
@@ -42,6 +43,14 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     lossless: Annotated[
         Optional[bool],
         typer.Option('--lossless', help='As fast as subscribers take it; nothing is dropped.'),
+    ] = None,
+    wait_for: Annotated[
+        Optional[int],
+        typer.Option(
+            help='Wait until so many nodes subscribe, to any of the topics, and for 1 s no'
+            ' subscription was added: a recorder subscribes to one topic after the other'
+            ' [default: 1 with --lossless, else 0]'
+        ),
     ] = None,
     at_end: Annotated[Optional[str], typer.Option(help='exit or pause [default: exit]')] = None,
     topics: Annotated[
@@ -101,6 +110,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'clock': clock,
         'stamps': stamps,
         'lossless': lossless,
+        'wait_for': wait_for,
         'at_end': at_end,
         'topics': topics or None,
         'streams': streams or None,

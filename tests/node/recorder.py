@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A second process that subscribes as `ros2 bag record -a` does: to every topic that it discovers.
+
+    python recorder.py SECONDS
+
+It begins so many seconds late, looks for topics ten times a second, as rosbag2 does by default, and
+subscribes to what is new, one topic after the other, with the durability that is offered. It says
+`ready` when it begins to look, and prints how many messages came by topic when its standard input
+ends.
+"""
+
+import json
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+
+from kitti_ros2.errors import LackingError
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.node.message_types import message_class
+
+LOOK_EVERY_S = 0.1
+
+
+class Recorder:
+    def __init__(self):
+        rclpy.init()
+        self.node = rclpy.create_node('recorder')
+        self.subscriptions = {}
+        self.counts = {}
+
+    def look(self):
+        for topic, (msgtype, *_) in self.node.get_topic_names_and_types():
+            offered = self.node.get_publishers_info_by_topic(topic)
+            if topic in self.counts or not offered:
+                continue
+            try:
+                kind = message_class(msgtype, TYPESTORE)
+            except LackingError:
+                continue
+            self.counts[topic] = 0
+            profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+            if all(each.qos_profile.durability is offers_history for each in offered):
+                profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+            self.subscriptions[topic] = self.node.create_subscription(
+                kind, topic, lambda _: None, profile, raw=True
+            )
+
+    def take(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            taken = 0
+            for topic, subscription in self.subscriptions.items():
+                while subscription.handle.take_message(subscription.msg_type, True):
+                    self.counts[topic] += 1
+                    taken += 1
+            if not taken:
+                time.sleep(0.002)
+
+
+offers_history = DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def main():
+    time.sleep(float(sys.argv[1]))
+    recorder = Recorder()
+    ended = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    print('ready', flush=True)
+    while not ended.is_set():
+        recorder.look()
+        recorder.take(LOOK_EVERY_S)
+    recorder.take(LOOK_EVERY_S)
+    print(json.dumps(recorder.counts), flush=True)
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()
