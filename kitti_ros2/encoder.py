@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from .errors import KittiRos2Error, LackingError
 from .messages.png import decode_png
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
-from .samples import Calibration, Description, FrameLabels, Scan, Stream
+from .samples import Calibration, Description, FrameLabels, Scan, Stream, format_numbers
+from .stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
@@ -86,7 +87,9 @@ class Encoder:
         self._rig = make_rig(recording.cameras, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
-        self._timeless = False
+        self._nominal_turns: set[int] = set()
+        self._period_ns = 0
+        self._compensated = False
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
@@ -110,8 +113,8 @@ class Encoder:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
         if isinstance(sample, Calibration):
             self._nominal.update(sample.nominal)
-        if isinstance(sample, Scan) and sample.start_ns is None:
-            self._timeless = True
+        if isinstance(sample, Scan):
+            self._enter_turn(sample, entry)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -140,9 +143,27 @@ class Encoder:
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
-        if self._timeless and self._rig.options.ring_and_time:
-            nominal.append('points have time 0: their sweeps have no start and end')
+        if self._nominal_turns:
+            nominal.append(
+                f'start and end of the turn are missing for scans'
+                f' {format_numbers(sorted(self._nominal_turns))}: a nominal turn of'
+                f' {self._period_ns / NS_PER_S:g} s is used, facing forward at its middle'
+            )
+        if self._compensated:
+            nominal.append(
+                'points have ring but no time: KITTI has compensated these scans for motion,'
+                ' so all points of a scan are of one moment'
+            )
         return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+
+    def _enter_turn(self, scan: Scan, entry: Entry) -> None:
+        """Note what is assumed about the time within a scan, or missing."""
+        timed = self._rig.options.ring_and_time
+        if scan.turn is None:
+            self._compensated |= timed
+        elif scan.turn.nominal and (timed or entry.stamp_ns == scan.turn.start_ns):
+            self._nominal_turns.add(entry.number)
+            self._period_ns = scan.turn.length_ns
 
     def _labels_of(self, number: int) -> FrameLabels:
         """The labels of an image's frame; none where the frame has none."""

@@ -79,6 +79,21 @@ class TextFile:
     text: str
 
 
+@dataclass(frozen=True)
+class Turn:
+    """One turn of the scanner: clockwise seen from above, from straight behind to straight behind.
+
+    Attributes:
+        start_ns: When it faces straight behind; it faces forward half a turn later.
+        length_ns: Nanoseconds.
+        nominal: Whether the length is assumed, for want of start and end stamps.
+    """
+
+    start_ns: int
+    length_ns: int
+    nominal: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Scan:
     """One sweep of the laser scanner.
@@ -89,6 +104,8 @@ class Scan:
         start_ns, end_ns: First and last firing of the sweep, where the layout has them.
         labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, if asked for.
         lacks: What was asked for and cannot be had: name to the reason, a line.
+        turn: When each direction was scanned; None where the points are of one moment, as in scans
+            that KITTI has compensated for motion.
     """
 
     points: Float32Array
@@ -96,6 +113,7 @@ class Scan:
     end_ns: int | None = None
     labels: npt.NDArray[np.uint32] | None = None
     lacks: Mapping[str, str] = field(default_factory=dict)
+    turn: Turn | None = None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from .options import (
     PlaybackOptions,
     Preset,
     ReadOptions,
+    ScanStamp,
     SelectionOptions,
     Stamps,
 )
@@ -226,9 +227,18 @@ def _pick(parsed: Mapping[str, Any], **fields: str) -> dict[str, Any]:
 
 
 def _read_options(parsed: Mapping[str, Any]) -> ReadOptions:
-    return ReadOptions(
-        **_pick(parsed, layout='layout', sequence='sequence', epoch_ns='epoch', semantic='semantic')
+    fields = _pick(
+        parsed,
+        layout='layout',
+        sequence='sequence',
+        epoch_ns='epoch',
+        semantic='semantic',
+        period_ns='period',
+        scan_stamp='scan_stamp',
     )
+    if parsed.get('ring_time'):
+        fields.setdefault('scan_stamp', ScanStamp.START)
+    return ReadOptions(**fields)
 
 
 def _message_options(parsed: Mapping[str, Any]) -> MessageOptions:
@@ -266,10 +276,12 @@ _RECORDING: dict[str, _Parser] = {
     'layout': parse_choice(Layout),
     'sequence': parse_text,
     'epoch': parse_epoch,
+    'period': parse_seconds_ns,
     'images': parse_choice(Images),
     'preset': parse_choice(Preset),
     'tf': parse_flag,
     'ring_time': parse_flag,
+    'scan_stamp': parse_choice(ScanStamp),
     'base_to_imu': parse_place,
     'semantic': parse_flag,
     'marker_colors': parse_choice(MarkerColors),

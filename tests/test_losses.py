@@ -284,12 +284,22 @@ def test_calibration_alone_can_be_asked_for(recording_path, tmp_path):
     assert report.counts['/tf_static'] == 1
 
 
-def test_ring_and_time_without_sweep_stamps_is_told(recordings, tmp_path):
-    options = MessageOptions(ring_and_time=True)
-    report = run(recordings[Layout.OBJECT], tmp_path / 'o.mcap', messages=options)
-    assert any('time 0' in note for note in report.notes)
-    report = run(recordings[Layout.RAW], tmp_path / 'r.mcap', messages=options)
-    assert not any('time 0' in note for note in report.notes)
+@pytest.mark.parametrize(
+    ('layout', 'said'),
+    [
+        (Layout.RAW, ''),
+        (Layout.OBJECT, 'missing for scans 0-4: a nominal turn of 0.1036 s is used'),
+        (Layout.TRACKING, 'missing for scans 0-4: a nominal turn of 0.1036 s is used'),
+        (Layout.ODOMETRY, 'points have ring but no time'),
+    ],
+)
+def test_ring_and_time_without_stamps_of_the_turn_is_noted(recordings, tmp_path, layout, said):
+    timed = MessageOptions(ring_and_time=True)
+    notes = '\n'.join(run(recordings[layout], tmp_path / 'o.mcap', messages=timed).notes)
+    assert said in notes if said else 'turn' not in notes
+    plain = '\n'.join(run(recordings[layout], tmp_path / 'p.mcap').notes)
+    assert 'turn' not in plain
+    assert 'no time' not in plain
 
 
 def test_overwrite_spares_what_only_has_a_bag_s_name(recordings, tmp_path, capsys):

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from ..bags.reader import open_messages
 from ..errors import BadBagError
 from ..kitti import names
-from ..kitti.recording import NOMINAL_PERIOD_NS
 from ..kitti.stamps_file import parse_times, parse_timestamps
+from ..kitti.turns import find_turns, scan_stamps
 from ..messages.source import decode_description, decode_text
+from ..options import ScanStamp, is_period
 from ..samples import Layout, Stream
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ _STRING = 'std_msgs/msg/String'
 _MOST_DIGITS = 12
 _MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
 _SUFFIXES = (names.PNG, names.BIN, names.TXT)
+_EARLIER_PERIOD_NS = 100_000_000  # of bags whose description has no period
 
 
 _ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
@@ -81,6 +83,8 @@ class Blueprint:
         folders: By stream.
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
+        period_ns: Distance of the frames in layouts without time.
+        scan_stamp: The moment of a scan that is its stamp.
     """
 
     layout: Layout
@@ -89,6 +93,8 @@ class Blueprint:
     folders: Mapping[Stream, Folder]
     texts: Mapping[PurePosixPath, str]
     calibrations: Mapping[PurePosixPath, str]
+    period_ns: int = _EARLIER_PERIOD_NS
+    scan_stamp: ScanStamp = ScanStamp.FORWARD
 
     @property
     def root(self) -> PurePosixPath:
@@ -117,13 +123,31 @@ class Blueprint:
             return None
         found: dict[int, list[int]] = {}
         for number in numbers:
-            if number < len(stamps):
+            if number in stamps:
                 found.setdefault(stamps[number], []).append(number)
         return found
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
+        """The stamps of a stream's messages, by file number."""
+        stamps = self._file_stamps(stream)
+        if stream is not Stream.SCAN or stamps is None or self.layout is Layout.ODOMETRY:
+            return stamps
+        turns = find_turns(
+            stamps,
+            self._turn_stamps(names.TIMESTAMPS_START),
+            self._turn_stamps(names.TIMESTAMPS_END),
+            self.period_ns,
+        )
+        return scan_stamps(stamps, turns, self.scan_stamp)
+
+    def _turn_stamps(self, name: str) -> Mapping[int, int]:
+        path = self.folders[Stream.SCAN].path.parent / name
+        return parse_timestamps(self.texts.get(path, ''), str(path)).sound()
+
+    def _file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
+        """The stamps of a stream's files."""
         numbers = self.folders[stream].numbers
-        nominal = {number: self.epoch_ns + number * NOMINAL_PERIOD_NS for number in numbers}
+        nominal = {number: self.epoch_ns + number * self.period_ns for number in numbers}
         if self.layout is Layout.RAW:
             folders = [folder.path.parent / names.TIMESTAMPS for folder in self.folders.values()]
             if not any(path in self.texts for path in folders):
@@ -182,9 +206,18 @@ def _read(messages: BagMessages, path: Path) -> Blueprint | None:
             folders,
             texts,
             calibrations,
+            _period(values),
+            ScanStamp(values.get('scan_stamp', ScanStamp.FORWARD.value)),
         )
     except _ERRORS as error:
         raise _unknown(path, error) from error
+
+
+def _period(values: Mapping[str, Any]) -> int:
+    period_ns = int(values.get('period_ns', _EARLIER_PERIOD_NS))
+    if not is_period(period_ns):
+        raise ValueError(f'a period of {period_ns} ns')
+    return period_ns
 
 
 def _description(message: Any, path: Path) -> dict[str, Any]:  # noqa: ANN401 - of the bag's types

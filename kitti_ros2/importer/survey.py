@@ -18,6 +18,7 @@ from ..messages.source import decode_text
 from ..messages.transforms import decode_static
 from .blueprint import CALIBRATION
 from .decoding import Decoder
+from .forward_stamps import ForwardStamps
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class TopicSurvey:
         changes: Of the camera_info type: how often its content changed from one to the next.
         failure: Why a look could not be decoded, empty where all could.
         size_bytes: Of its messages as CDR.
+        forward_ns: Header stamp to the moment of the frame, where they differ: see forward_stamps.
     """
 
     name: str
@@ -83,6 +85,7 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     changes: int = 0
     size_bytes: int = 0
+    forward_ns: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -113,7 +116,10 @@ class TopicSurvey:
             headed = np.setdiff1d(np.arange(len(log)), self.headless)
             nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
             header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
-        return usable_stamps(header, log)
+        used, reason = usable_stamps(header, log)
+        if reason is None and self.forward_ns:
+            used = np.array([self.forward_ns.get(stamp, stamp) for stamp in used.tolist()])
+        return used, reason
 
 
 @dataclass(frozen=True)
@@ -164,6 +170,7 @@ def survey_bag(messages: BagMessages) -> Survey:
     taken = _Pass(messages)
     for message in messages:
         taken.take(message)
+    taken.close()
     losses = messages.losses
     notes = [text for text in messages.warnings if text not in losses]
     found = *taken.links.sorted(), taken.calibrations, notes, losses, messages.left_out
@@ -179,6 +186,7 @@ class _Pass:
         self.topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self.links = _Links()
         self.calibrations: list[tuple[int, TextFile]] = []
+        self._forward = ForwardStamps()
 
     def take(self, message: BagMessage) -> None:
         """Enter a message."""
@@ -193,6 +201,24 @@ class _Pass:
             text = self._decoded(topic, message)
             if text is not None:
                 self.calibrations.append((message.stamp_ns, decode_text(text)))
+        elif topic.name in ForwardStamps.topics and topic.msgtype == STRING:
+            self._take_source(topic, message)
+
+    def _take_source(self, topic: TopicSurvey, message: BagMessage) -> None:
+        text = self._decoded(topic, message)
+        if text is None:
+            return
+        try:
+            self._forward.take(topic.name, text, message.stamp_ns)
+        except ValueError as error:
+            topic.failures += 1
+            topic.failure = topic.failure or str(error)
+
+    def close(self) -> None:
+        """Enter what is known after the last message."""
+        for topic in self.topics.values():
+            if topic.msgtype == CLOUD:
+                topic.forward_ns = self._forward.forward(topic.header_ns)
 
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in _HEADED:

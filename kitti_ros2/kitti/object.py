@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reader of the object layout: {training,testing}/{image_2,velodyne,calib,label_2,...}/%06d.
 
-Frames come from different days: each has its own calibration, and no time. Stamps are nominal,
-10 Hz by file number.
+Frames come from different days: each has its own calibration, and no time. Stamps are nominal, by
+file number. Scans are as measured, not compensated for motion.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ class ObjectRecording(KittiRecording):
             }:
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
         self._find_gaps(folders)
+        self._add_turns()
         others = [n for n in STORE.names(split) if n not in _KNOWN and STORE.is_dir(split / n)]
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')

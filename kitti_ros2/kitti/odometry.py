@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of the odometry layout: sequences/NN, times relative to its start, and poses/NN.txt."""
+"""Reader of the odometry layout: sequences/NN, times relative to its start, and poses/NN.txt.
+
+KITTI has compensated the scans for motion; the time of a point within its turn is not known.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError
+from ..options import ScanStamp
 from ..samples import Layout, Scan, Stream
 from ..stamps import LAST_NS
 from . import names
@@ -61,8 +65,11 @@ class OdometryRecording(KittiRecording):
             self.notes.append(f'{self._poses_path}: carried to imu_link by a nominal cam0_T_velo')
         if self._times is None:
             self._find_gaps([*folders, Stream.POSE])
+            self.notes.append(f'{self._times_path}: absent; {self._nominal_time}')
+        if Stream.SCAN in self.streams and options.scan_stamp is ScanStamp.START:
             self.notes.append(
-                f'{self._times_path}: absent; stamps are nominal, 10 Hz from the epoch'
+                'scans are compensated for motion by KITTI: they have no start of a turn,'
+                ' and keep the stamps of their frames'
             )
 
     @cached_property

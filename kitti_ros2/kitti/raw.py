@@ -3,7 +3,8 @@
 """Reader of raw drives: DATE/DATE_drive_NNNN_{sync,extract}.
 
 Each stream has its own numbers and its own stamps. In sync the same number is the same moment; in
-extract the streams run on their own and the images are not rectified.
+extract the streams run on their own and the images are not rectified. Scans are as measured, not
+compensated for motion.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from .store import STORE
 from .tracklet_file import cuboids_by_frame, parse_tracklets
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from ..boxes import Cuboid
@@ -66,13 +68,11 @@ class RawRecording(KittiRecording):
         self._sweeps = tuple(
             self._sweep_stamps(name) for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
         )
+        self._add_turns(*(dict(_known(stamps)) for stamps in self._sweeps))
         self._add_tracklets()
         if self._stampless and self.streams:
             self._find_gaps(folders)
-            self.notes.append(
-                f'{drive}: no {names.TIMESTAMPS} in any stream;'
-                f' stamps are nominal, 10 Hz from the epoch'
-            )
+            self.notes.append(f'{drive}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
 
     def _add_folder(self, stream: Stream, folder: Path, suffixes: tuple[str, ...]) -> None:
         if not STORE.is_dir(folder):
@@ -146,7 +146,8 @@ class RawRecording(KittiRecording):
         path = listing.path(number)
         parse = parse_scan_text if listing.suffix == names.TXT else parse_scan
         start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
-        return Scan(parse(STORE.read(path), path), start, end)
+        points = parse(STORE.read(path), path)
+        return Scan(points, start, end, turn=self._turns.get(number))
 
     def _sweep_stamps(self, name: str) -> list[int | None]:
         """The starts or ends of all sweeps; those that a scan lacks are losses."""
@@ -214,3 +215,8 @@ class RawRecording(KittiRecording):
         path = self._listings[Stream.OXTS].path(number)
         text = STORE.read_text(path)
         return parse_packet(text, path, 1, TextFile(path.relative_to(self.root).as_posix(), text))
+
+
+def _known(stamps: Sequence[int | None]) -> Iterator[tuple[int, int]]:
+    """The stamps that could be read, with their file numbers."""
+    return ((number, stamp) for number, stamp in enumerate(stamps) if stamp is not None)

@@ -27,16 +27,18 @@ from ..samples import (
     StreamIndex,
     TextFile,
     Trajectory,
+    Turn,
 )
-from ..stamps import LAST_NS
+from ..stamps import LAST_NS, NS_PER_S
 from .calib_file import NOMINAL_VELO_T_IMU, parse_calibration
 from .png_file import parse_image
 from .poses import MercatorMap, pose_from_packet
 from .scan_file import parse_scan
 from .store import STORE
+from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from ..geometry import Float64Array, Transform
@@ -44,9 +46,6 @@ if TYPE_CHECKING:
     from ..samples import Int64Array
     from .store import Listing
     from .text_file import Lines
-
-NOMINAL_PERIOD_NS = 100_000_000
-"""KITTI's scanner turns ten times a second; layouts without time stamps are taken to have that."""
 
 
 class KittiRecording:
@@ -64,6 +63,7 @@ class KittiRecording:
         self.losses: list[Loss] = []
         self.notes: list[str] = []
         self._listings: dict[Stream, Listing] = {}
+        self._turns: dict[int, Turn] = {}
         self._packet_cached = lru_cache(maxsize=4)(self._packet)
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
 
@@ -103,6 +103,8 @@ class KittiRecording:
             'layout': self.layout.value,
             'name': self.name,
             'epoch_ns': self.options.epoch_ns,
+            'period_ns': self.options.period_ns,
+            'scan_stamp': self.options.scan_stamp.value,
             'files': folders,
         }
         files: list[TextFile] = []
@@ -169,7 +171,7 @@ class KittiRecording:
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
-        return Scan(parse_scan(STORE.read(path), path))
+        return Scan(parse_scan(STORE.read(path), path), turn=self._turns.get(number))
 
     def _packet(self, number: int) -> OxtsPacket:
         raise NotImplementedError
@@ -269,13 +271,35 @@ class KittiRecording:
         self._add(stream, np.array(good, dtype=np.int64), values, listing)
 
     def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
-        """Take a stream without time: 10 Hz by file number, from the epoch of the options."""
-        beyond = numbers > (LAST_NS - self.options.epoch_ns) // NOMINAL_PERIOD_NS
+        """Take a stream without time: by file number, from the epoch, a period of the options."""
+        epoch_ns, period_ns = self.options.epoch_ns, self.options.period_ns
+        beyond = numbers > (LAST_NS - epoch_ns) // period_ns
         self._lose(
             stream, numbers[beyond].tolist(), f'{self.root}: no stamp in ROS 2 for frames {{}}'
         )
         numbers = numbers[~beyond]
-        self._add(stream, numbers, self.options.epoch_ns + numbers * NOMINAL_PERIOD_NS, listing)
+        self._add(stream, numbers, epoch_ns + numbers * period_ns, listing)
+
+    @property
+    def _nominal_time(self) -> str:
+        """How frames without time stamps are stamped, for notes."""
+        return f'stamps are nominal, {self.options.period_ns / NS_PER_S:g} s a frame from the epoch'
+
+    def _add_turns(
+        self,
+        starts_ns: Mapping[int, int] | None = None,
+        ends_ns: Mapping[int, int] | None = None,
+    ) -> None:
+        """Find when each scan was made, and stamp the scans as the options say."""
+        index = self.streams.get(Stream.SCAN)
+        if index is None:
+            return
+        numbers: list[int] = index.numbers.tolist()
+        forward = dict(zip(numbers, index.stamps_ns.tolist(), strict=True))
+        self._turns = find_turns(forward, starts_ns or {}, ends_ns or {}, self.options.period_ns)
+        stamps = scan_stamps(forward, self._turns, self.options.scan_stamp)
+        stamps_ns = np.array([stamps[number] for number in numbers], dtype=np.int64)
+        self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
 
     def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
         """Name and count frames of a stream that cannot be had; {} in reason is their numbers."""

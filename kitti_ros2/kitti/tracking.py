@@ -3,7 +3,8 @@
 """Reader of the tracking layout: {training,testing}/{image_02,velodyne,...}/SSSS/%06d.
 
 Calibration, oxts and labels are one file a sequence; a packet's line, and a label's first column,
-is the frame number. No time: stamps are nominal, 10 Hz by frame number.
+is the frame number. No time: stamps are nominal, by frame number. Scans are as measured, not
+compensated for motion.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class TrackingRecording(KittiRecording):
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)
         self._find_gaps([Stream.OXTS, Stream.SCAN, *IMAGE_STREAMS])
+        self._add_turns()
         self._add_nominal(Stream.POSE, packets, None)
         self._add_nominal(Stream.LABELS, np.array(sorted(self._label_rows), dtype=np.int64), None)
 

@@ -30,7 +30,7 @@ LARGELY_TRUNCATED = 0.5
 
 
 class TrackingWriter(LayoutWriter):
-    """One sequence. Time has no place in this layout: frames are 10 Hz, stamps are not written.
+    """One sequence. Time has no place in this layout: stamps are not written.
 
     Args:
         root: The dataset folder, above training.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .ros_types import PointField
+from .scan import FILE_INDEX, file_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -50,8 +51,9 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
         intensity_scale: What guess_intensity_scale made of the stream.
 
     Returns:
-        (N, 4) float32 x y z reflectance, in the message's frame and row by row, and the count of
-        dropped points. A view of the message where it holds just that already, as KITTI's does.
+        (N, 4) float32 x y z reflectance, in the message's frame and row by row (clouds that to-bag
+        sorted by time: in the order of their file), and the count of dropped points. A view of the
+        message where it holds just that already, as KITTI's does.
 
     Raises:
         ValueError: There is no x, y or z; a field cannot be read; the data are too short.
@@ -70,6 +72,9 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
             points[..., column] = cloud[name]
         points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
     points = points.reshape(-1, 4)
+    order = _file_order(message)
+    if order is not None:
+        points = points[order]
     if reflectance is not None:
         _clip(points[:, 3])
     finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
@@ -120,6 +125,15 @@ def _intensity_peak(message: PointCloud2) -> tuple[bool, float] | None:
 
 def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
     return next((name for name in cloud.dtype.names or () if name not in _XYZ), None)
+
+
+def _file_order(message: PointCloud2) -> npt.NDArray[np.int64] | None:
+    """Indices that put points in the order of their file, None where the message has that."""
+    field = next((field for field in message.fields if field.name == FILE_INDEX), None)
+    if field is None or field.datatype != PointField.UINT32:
+        return None
+    _check_field(field, message.point_step)
+    return file_order(_fields_of(message, {FILE_INDEX: field})[FILE_INDEX].reshape(-1))
 
 
 def _chosen(message: PointCloud2) -> dict[str, PointField]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..samples import Scan
+from ..stamps import NS_PER_S
 from .header import make_header
 from .ros_types import PointCloud2, PointField
 from .semantic import packed_colors
@@ -16,12 +17,14 @@ from .semantic import packed_colors
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..samples import Float32Array
+    from ..samples import Float32Array, Turn
 
-_DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16}
+_DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16, '<u4': PointField.UINT32}
 _KINDS = {datatype: kind for kind, datatype in _DATATYPES.items()}
 _XYZI = ('x', 'y', 'z', 'intensity')
 _XYZI_BYTES = 16
+FILE_INDEX = 'file_index'
+"""The field of a point's place in KITTI's file, in clouds whose points are in order of time."""
 
 
 def encode_scan(
@@ -38,14 +41,21 @@ def encode_scan(
         scan: N points.
         stamp_ns: Nanoseconds.
         frame_id: velo_link.
-        ring_and_time: Adds ring (uint16, 0 the lowest laser, as velodyne drivers count) and time
-            (float32, seconds since the sweep's start).
+        ring_and_time: Adds ring (uint16, 0 the lowest laser, as velodyne drivers count) and, where
+            the scan has a turn, time (float32, seconds from stamp_ns) and file_index (uint32, the
+            point's place in the file). Points with time are in order of time: several SLAM
+            packages take the last point's as the end of the scan.
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
     more: list[tuple[str, str, npt.NDArray[np.generic]]] = []
+    order: slice | npt.NDArray[np.intp] = slice(None)
     if ring_and_time:
-        more += [('ring', '<u2', rings(points)), ('time', '<f4', times(scan))]
+        more.append(('ring', '<u2', rings(points)))
+    if ring_and_time and scan.turn is not None:
+        seconds = times(points, scan.turn, stamp_ns)
+        order = seconds.argsort(kind='stable')
+        more += [('time', '<f4', seconds), (FILE_INDEX, '<u4', np.arange(len(points)))]
     if labels is not None:
         classes = (labels & 0xFFFF).astype(np.uint16)
         more += [('label', '<u2', classes), ('instance', '<u2', (labels >> 16).astype(np.uint16))]
@@ -57,9 +67,9 @@ def encode_scan(
     if more:
         rich = np.empty(len(points), dtype=point)
         for index, name in enumerate(_XYZI):
-            rich[name] = points[:, index]
+            rich[name] = points[order, index]
         for name, _, values in more:
-            rich[name] = values
+            rich[name] = values[order]
         data = rich.view(np.uint8)
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
@@ -75,10 +85,10 @@ def encode_scan(
 
 
 def decode_scan(message: PointCloud2) -> Scan:
-    """The scan of a cloud made by encode_scan; its points are a view where the step is 16.
+    """The points of a cloud made by encode_scan, in the file's order; a view if the step is 16.
 
     Raises:
-        ValueError: The cloud has other fields.
+        ValueError: The cloud has other fields, or its points have no order.
     """
     cloud = decode_points(message)
     if cloud.dtype.names is None or cloud.dtype.names[:4] != _XYZI:
@@ -89,14 +99,16 @@ def decode_scan(message: PointCloud2) -> Scan:
 
 
 def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
-    """(N,) structured array of all fields of a cloud made by encode_scan, a view.
+    """(N,) structured array of all fields of a cloud made by encode_scan, in the file's order.
+
+    A view where that is the message's.
 
     Raises:
-        ValueError: A field is of another type.
+        ValueError: A field is of another type, or file_index does not give each place once.
     """
     if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
-        raise ValueError('a cloud with fields other than single float32 and uint16')
-    return message.data.view(
+        raise ValueError('a cloud with fields other than single float32, uint16 and uint32')
+    points: npt.NDArray[np.void] = message.data.view(
         np.dtype(
             {
                 'names': [field.name for field in message.fields],
@@ -106,6 +118,24 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
             }
         )
     )
+    if FILE_INDEX not in (points.dtype.names or ()):
+        return points
+    order = file_order(points[FILE_INDEX])
+    if order is None:
+        raise ValueError(f'a cloud whose {FILE_INDEX} does not give each place once')
+    return points[order]
+
+
+def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64] | None:
+    """Indices that put points in the order of their file; None unless each place is there once.
+
+    Args:
+        places: (N,) the field file_index.
+    """
+    order = np.full(len(places), -1, dtype=np.int64)
+    inside = places < len(places)
+    order[places[inside]] = np.flatnonzero(inside)
+    return order if (order >= 0).all() else None
 
 
 def _fields(point: np.dtype[np.void]) -> list[PointField]:
@@ -130,13 +160,19 @@ def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
     return (lowest - row).astype(np.uint16)
 
 
-def times(scan: Scan) -> Float32Array:
-    """Seconds of each point since the sweep's start, (N,) float32; 0 without a start and end.
+def times(points: Float32Array, turn: Turn, stamp_ns: int) -> Float32Array:
+    """Seconds of each point from a stamp, (N,) float32; stamp plus time is when it was measured.
 
-    The scanner turns counter-clockwise and faces forward in the middle of its sweep.
+    The scanner turns clockwise seen from above, from straight behind (azimuth pi) over the left,
+    front and right to straight behind (-pi): time falls as azimuth grows. Points without an azimuth
+    (NaN) have the time of straight ahead. Sources: see kitti/turns.py; KISS-ICP's
+    kitti_raw loader and CT-ICP's reader do the same.
+
+    Args:
+        points: (N, 4), measured in velo_link at different moments (not compensated for motion).
+        turn: When the scanner turned.
+        stamp_ns: The cloud's stamp; with the start of the turn, times are 0 to its length.
     """
-    points = scan.points
-    if scan.start_ns is None or scan.end_ns is None:
-        return np.zeros(len(points), dtype=np.float32)
-    turned = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5
-    return (turned * ((scan.end_ns - scan.start_ns) / 1e9)).astype(np.float32)
+    azimuth = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]), nan=0.0).astype(np.float64)
+    turned = np.clip(0.5 - azimuth / (2 * np.pi), 0.0, 1.0)
+    return ((turned * turn.length_ns + (turn.start_ns - stamp_ns)) / NS_PER_S).astype(np.float32)

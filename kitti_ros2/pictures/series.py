@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..errors import LackingError, UsageError
+from ..options import NOMINAL_PERIOD_NS
 from ..ordered_map import ordered_map
 from ..stamps import NS_PER_S
 from .frame_parts import name_of
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from .frame import Frame, FrameSource
     from .modes import Mode
 
-_NOMINAL_HZ = 10.0
+_NOMINAL_HZ = NS_PER_S / NOMINAL_PERIOD_NS
 _LEAST_HZ, _MOST_HZ = 0.1, 60.0
 
 

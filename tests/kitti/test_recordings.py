@@ -120,13 +120,15 @@ def test_no_stamps_for_one_stream(drive):
     assert recording.losses[0].count == SMALL.frames
 
 
-def test_no_stamps_at_all_is_a_nominal_ten_hertz(drive):
+def test_without_any_stamps_frames_are_a_nominal_period_apart(drive):
     for path in drive.glob('*/timestamps.txt'):
         path.unlink()
     recording = open_recording(drive, ReadOptions(epoch_ns=10**18))
     for index in recording.streams.values():
-        assert index.stamps_ns.tolist() == [10**18 + 10**8 * i for i in range(SMALL.frames)]
-    assert any('nominal' in note for note in recording.notes)
+        assert index.stamps_ns.tolist() == [10**18 + 103_600_000 * i for i in range(SMALL.frames)]
+    assert any('nominal, 0.1036 s a frame' in note for note in recording.notes)
+    recording = open_recording(drive, ReadOptions(period_ns=10**8))
+    assert np.unique(np.diff(recording.streams[Stream.OXTS].stamps_ns)).tolist() == [10**8]
 
 
 def test_an_absent_stream_is_a_note(drive):

@@ -40,7 +40,7 @@ from kitti_ros2.messages.pose import (
     encode_tf,
 )
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.messages.scan import decode_scan, encode_scan, rings, times
+from kitti_ros2.messages.scan import decode_scan, encode_scan
 from kitti_ros2.messages.source import (
     decode_description,
     decode_sweep,
@@ -131,33 +131,6 @@ def test_restamp_changes_the_stamp_only(stamp_ns):
     message = encode_scan(Scan(np.ones((2, 4), np.float32)), STAMP, 'velo_link')
     expected = encode_scan(Scan(np.ones((2, 4), np.float32)), stamp_ns, 'velo_link')
     assert join(restamp(serialize(message), stamp_ns)) == join(serialize(expected))
-
-
-def test_ring_and_time():
-    """Two lasers, each counter-clockwise from ahead; the sweep begins and ends behind."""
-    azimuths = np.radians([1, 90, 179, -179, -90, -1, 1, 90, 179, -179, -90, -1])
-    points = np.zeros((12, 4), np.float32)
-    points[:, 0], points[:, 1] = np.cos(azimuths), np.sin(azimuths)
-    scan = Scan(points, STAMP, STAMP + 100_000_000)
-    assert rings(points).tolist() == [1] * 6 + [0] * 6
-    expected = [0.0503, 0.075, 0.0997, 0.0003, 0.025, 0.0497] * 2
-    np.testing.assert_allclose(times(scan), expected, atol=1e-4)
-    message = through_cdr(encode_scan(scan, STAMP, 'velo_link', ring_and_time=True))
-    assert [field.name for field in message.fields][4:] == ['ring', 'time']
-    assert message.point_step == 22
-    assert decode_scan(message).points.tobytes() == points.tobytes()
-    rich = message.data.view(
-        np.dtype(
-            {
-                'names': ['ring', 'time'],
-                'formats': ['<u2', '<f4'],
-                'offsets': [16, 18],
-                'itemsize': 22,
-            }
-        )
-    )
-    assert rich['ring'].tolist() == [1] * 6 + [0] * 6
-    np.testing.assert_allclose(rich['time'], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize('channels', [1, 3])

@@ -64,6 +64,13 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[bool],
         typer.Option('--ring-time/--no-ring-time', help='Points also have ring and time'),
     ] = None,
+    scan_stamp: Annotated[
+        Optional[str],
+        typer.Option(
+            help='Of a scan: start of its turn, or forward [default: start with --ring-time,'
+            ' else forward]'
+        ),
+    ] = None,
     semantic: Annotated[
         Optional[bool],
         typer.Option('--semantic/--no-semantic', help="Points also have SemanticKITTI's labels"),
@@ -81,6 +88,10 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     epoch: Annotated[
         Optional[str],
         typer.Option(help="When recordings without time begin, e.g. '2011-09-26 00:00:00'"),
+    ] = None,
+    period: Annotated[
+        Optional[str],
+        typer.Option(help='Seconds a frame of recordings without time [default: 0.1036]'),
     ] = None,
     config: Annotated[
         Optional[Path], typer.Option(help='A YAML file of these options; the command line wins')
@@ -113,11 +124,13 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'preset': preset,
         'tf': tf,
         'ring_time': ring_time,
+        'scan_stamp': scan_stamp,
         'semantic': semantic,
         'marker_colors': marker_colors,
         'trails': trails,
         'base_to_imu': base_to_imu,
         'epoch': epoch,
+        'period': period,
         'strict': strict,
         'overwrite': overwrite,
     }

@@ -53,7 +53,7 @@ class Clock(Enum):
 
     UTC = 'UTC'
     RELATIVE = 'seconds from the start'
-    NOMINAL = 'nominal, 10 Hz'
+    NOMINAL = 'nominal'
 
 
 @dataclass(frozen=True, eq=False)

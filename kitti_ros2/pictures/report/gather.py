@@ -16,7 +16,6 @@ from ...errors import KittiRos2Error
 from ...importer.planned import look
 from ...inspection import inspect_bag, inspect_recording
 from ...kitti.layouts import open_recording
-from ...kitti.recording import NOMINAL_PERIOD_NS
 from ...samples import Layout, Stream, format_numbers
 from ..bag_frames import BagFrames, ego_track
 from ..recording_frames import RecordingFrames
@@ -154,10 +153,10 @@ def _route_alone(path: Path, survey: Survey) -> Route | None:
 
 
 def _clock(recording: KittiRecording) -> Clock:
-    """What the stamps are worth: the readers fill in 10 Hz where a layout tells none."""
-    epoch_ns = recording.options.epoch_ns
+    """The kind of the stamps: the readers make them up where a layout has none."""
+    epoch_ns, period_ns = recording.options.epoch_ns, recording.options.period_ns
     made_up = all(
-        np.array_equal(index.stamps_ns, epoch_ns + index.numbers * NOMINAL_PERIOD_NS)
+        np.array_equal(index.stamps_ns, epoch_ns + index.numbers * period_ns)
         for index in recording.streams.values()
     )
     if made_up:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ... import __version__
+from ...options import NOMINAL_PERIOD_NS
 from ...quantities import format_bytes, format_count, format_duration
-from ...stamps import format_stamp
+from ...stamps import NS_PER_S, format_stamp
 from .contents import Clock, Severity
 from .markup import Markup, breakable, element, join
 from .sections import calibration_section, objects_section, route_section, scenes_section
@@ -122,7 +123,7 @@ def _sentence(report: Report) -> str:
     if overview.start_ns is None or overview.end_ns is None:
         return 'There is nothing in it.'
     if report.clock is Clock.NOMINAL:
-        when = 'It tells no times; 10 frames a second are assumed.'
+        when = f'It has no time stamps; {NOMINAL_PERIOD_NS / NS_PER_S:g} s a frame are assumed.'
     elif report.clock is Clock.RELATIVE:
         when = 'It tells times from its start, and no date.'
     else:
