@@ -16,7 +16,7 @@ from .samples import Calibration, Description, FrameLabels, Scan, Stream, format
 from .stamps import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
+    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 
     from .messages.cdr import Parts
     from .messages.pixels import Pixels
@@ -87,9 +87,6 @@ class Encoder:
         self._rig = make_rig(recording.cameras, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
-        self._nominal_turns: set[int] = set()
-        self._period_ns = 0
-        self._compensated = False
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
@@ -113,8 +110,6 @@ class Encoder:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
         if isinstance(sample, Calibration):
             self._nominal.update(sample.nominal)
-        if isinstance(sample, Scan):
-            self._enter_turn(sample, entry)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -143,27 +138,42 @@ class Encoder:
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
-        if self._nominal_turns:
-            nominal.append(
-                f'start and end of the turn are missing for scans'
-                f' {format_numbers(sorted(self._nominal_turns))}: a nominal turn of'
-                f' {self._period_ns / NS_PER_S:g} s is used, facing forward at its middle'
-            )
-        if self._compensated:
-            nominal.append(
-                'points have ring but no time: KITTI has compensated these scans for motion,'
-                ' so all points of a scan are of one moment'
-            )
-        return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+        turns = (note for note in (self._compensation_note(), self._turn_note()) if note)
+        topics = (f'no topic is called {pattern}' for pattern in self._unmatched)
+        return (*nominal, *turns, *topics)
 
-    def _enter_turn(self, scan: Scan, entry: Entry) -> None:
-        """Note what is assumed about the time within a scan, or missing."""
-        timed = self._rig.options.ring_and_time
-        if scan.turn is None:
-            self._compensated |= timed
-        elif scan.turn.nominal and (timed or entry.stamp_ns == scan.turn.start_ns):
-            self._nominal_turns.add(entry.number)
-            self._period_ns = scan.turn.length_ns
+    def _compensation_note(self) -> str:
+        turns, timed = self._recording.turns, self._rig.options.ring_and_time
+        if not timed or all(number in turns for number, _ in self._scans_due()):
+            return ''
+        return (
+            'points have ring but no time: KITTI has compensated these scans for motion,'
+            ' so all points of a scan are of one moment'
+        )
+
+    def _turn_note(self) -> str:
+        """The scans whose turn is assumed, where their time or stamp depends on it."""
+        turns, timed = self._recording.turns, self._rig.options.ring_and_time
+        found = {
+            number: turns[number]
+            for number, stamp_ns in self._scans_due()
+            if number in turns and (timed or stamp_ns == turns[number].start_ns)
+        }
+        nominal = sorted(number for number, turn in found.items() if turn.nominal)
+        if not nominal:
+            return ''
+        return (
+            f'start and end of the turn are missing for scans {format_numbers(nominal)}: a nominal'
+            f' turn of {found[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
+            f' middle'
+        )
+
+    def _scans_due(self) -> Iterator[tuple[int, int]]:
+        """File number and stamp of the scans that are made into messages."""
+        if self._rows[Stream.SCAN]:
+            for entry in self._schedule:
+                if entry.stream is Stream.SCAN:
+                    yield entry.number, entry.stamp_ns
 
     def _labels_of(self, number: int) -> FrameLabels:
         """The labels of an image's frame; none where the frame has none."""

@@ -364,6 +364,7 @@ class Recording(Protocol):
         cameras: Camera index to the camera's topic name part, such as color_left.
         image_topic: image_rect, or image_raw where the images are not rectified.
         common_numbers: Whether the same number is the same moment in all streams.
+        turns: When each scan was made, by file number.
         losses: What the listing already shows to be missing or unusable.
         notes: What is worth a word and no loss, such as a stream that is absent.
     """
@@ -384,6 +385,11 @@ class Recording(Protocol):
 
     image_topic: str
     common_numbers: bool
+
+    @property
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan, by file number; none of scans compensated for motion."""
+        ...
 
     @property
     def losses(self) -> Sequence[Loss]:

@@ -147,7 +147,7 @@ class RawRecording(KittiRecording):
         parse = parse_scan_text if listing.suffix == names.TXT else parse_scan
         start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
         points = parse(STORE.read(path), path)
-        return Scan(points, start, end, turn=self._turns.get(number))
+        return Scan(points, start, end, turn=self.turns.get(number))
 
     def _sweep_stamps(self, name: str) -> list[int | None]:
         """The starts or ends of all sweeps; those that a scan lacks are losses."""

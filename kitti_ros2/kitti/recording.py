@@ -63,7 +63,7 @@ class KittiRecording:
         self.losses: list[Loss] = []
         self.notes: list[str] = []
         self._listings: dict[Stream, Listing] = {}
-        self._turns: dict[int, Turn] = {}
+        self.turns: dict[int, Turn] = {}
         self._packet_cached = lru_cache(maxsize=4)(self._packet)
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
 
@@ -171,7 +171,7 @@ class KittiRecording:
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
-        return Scan(parse_scan(STORE.read(path), path), turn=self._turns.get(number))
+        return Scan(parse_scan(STORE.read(path), path), turn=self.turns.get(number))
 
     def _packet(self, number: int) -> OxtsPacket:
         raise NotImplementedError
@@ -296,8 +296,8 @@ class KittiRecording:
             return
         numbers: list[int] = index.numbers.tolist()
         forward = dict(zip(numbers, index.stamps_ns.tolist(), strict=True))
-        self._turns = find_turns(forward, starts_ns or {}, ends_ns or {}, self.options.period_ns)
-        stamps = scan_stamps(forward, self._turns, self.options.scan_stamp)
+        self.turns = find_turns(forward, starts_ns or {}, ends_ns or {}, self.options.period_ns)
+        stamps = scan_stamps(forward, self.turns, self.options.scan_stamp)
         stamps_ns = np.array([stamps[number] for number in numbers], dtype=np.int64)
         self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
 

@@ -214,6 +214,10 @@ def test_file_names_that_would_escape_are_refused(name, tmp_path):
         {'files': []},
         {'epoch_ns': None},
         {'epoch_ns': float('inf')},
+        {'period_ns': 0},
+        {'period_ns': 10**12},
+        {'period_ns': None},
+        {'scan_stamp': 'later'},
     ],
 )
 def test_a_description_that_cannot_be_meant_is_refused(change, tmp_path):
@@ -252,6 +256,21 @@ def test_a_bag_of_an_earlier_version_says_so_and_goes_by_a_plan(recordings, tmp_
     for name, content in files_of(recordings[Layout.OBJECT] / 'training').items():
         if name.split('/')[0] in {'image_2', 'velodyne'}:
             assert made[name] == content
+
+
+@pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING])
+def test_a_description_without_a_period_means_a_tenth_of_a_second(recordings, tmp_path, layout):
+    def change(topic, text):
+        if topic != RECORDING:
+            return text
+        values = json.loads(text)
+        assert (values.pop('period_ns'), values.pop('scan_stamp')) == (10**8, 'forward')
+        return json.dumps(values)
+
+    bag = to_bag(recordings[layout], tmp_path, read=ReadOptions(period_ns=10**8))
+    report = back(with_texts(bag, change), tmp_path / 'out')
+    assert report.losses == ()
+    assert files_of(tmp_path / 'out') == files_of(recordings[layout])
 
 
 def test_lines_of_frames_that_would_escape_are_refused_by_the_name_of_the_bag(

@@ -184,11 +184,12 @@ def line_error(points: np.ndarray, laser: np.ndarray, metres: float) -> float:
 
 
 def test_scans_that_are_not_compensated_keep_their_lines(real_kitti):
+    raw = real_kitti / 'raw/2011_09_26'
     for path in (
-        real_kitti / 'raw/2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data/0000000000.bin',
-        real_kitti / 'raw/2011_09_26/2011_09_26_drive_0052_sync/velodyne_points/data/0000000003.bin',
+        raw / '2011_09_26_drive_0005_sync/velodyne_points/data/0000000000.bin',
+        raw / '2011_09_26_drive_0052_sync/velodyne_points/data/0000000003.bin',
         real_kitti / 'object/training/velodyne/000002.bin',
-    ):  # fmt: skip
+    ):
         scan = load(path)
         assert line_error(*scan, 0.0) < 0.0025
         assert line_error(*scan, 0.8) > 0.05

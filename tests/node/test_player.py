@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+from kitti_ros2.cli import main
 from kitti_ros2.convert import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
@@ -101,6 +102,24 @@ def test_live_bytes_are_the_bags(player, listen, recording_path, tmp_path):
     """Every message of every topic, in every layout."""
     bag = to_bag(recording_path, tmp_path / 'o.mcap')
     expected, heard = hear_all(player, listen, recording_path, bag)
+    assert heard == expected
+
+
+@pytest.mark.parametrize(
+    ('words', 'parameters'),
+    [
+        (['--ring-time'], ['ring_time:=true']),
+        (['--scan-stamp', 'start', '--period', '0.2'], ['scan_stamp:=start', 'period:=0.2']),
+    ],
+)
+def test_options_of_scans_are_the_converter_s(
+    player, listen, recordings, tmp_path, words, parameters
+):
+    source, bag = recordings[Layout.TRACKING], tmp_path / 'o.mcap'
+    assert main(['to-bag', str(source), str(bag), '-q', '--streams', 'scan', *words]) == 0
+    given = itertools.chain.from_iterable(('-p', each) for each in parameters)
+    options = ('--streams', 'scan', '--ros-args', *given)
+    expected, heard = hear_all(player, listen, source, bag, *options)
     assert heard == expected
 
 
