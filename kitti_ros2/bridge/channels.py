@@ -153,18 +153,13 @@ class Channels:
         for data, stamp_ns in kept:
             self._channels[outlet].log(data, log_time=stamp_ns)
 
-    def finish(self, seconds: float) -> bool:
-        """Give viewers the time to receive what is queued; the server cannot tell when they have.
-
-        Returns:
-            Whether there is nobody to wait for.
-        """
+    def finish(self, seconds: float) -> tuple[str, ...]:
+        """Give viewers time to receive what is queued; the server does not say when they have."""
         if self._renew_ns is not None:
             self._renew()
-        if not any(channel.has_sinks() for channel in self._channels):
-            return True
-        time.sleep(min(seconds, _LAST_WAIT_S))
-        return False
+        if any(channel.has_sinks() for channel in self._channels):
+            time.sleep(min(seconds, _LAST_WAIT_S))
+        return ()
 
     def close(self) -> None:
         """Take the channels away."""

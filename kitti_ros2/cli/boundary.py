@@ -39,7 +39,16 @@ def main(args: list[str] | None = None) -> int:
         if words[:1] == ['play']:
             from .ending import end_by_signal
 
-            end_by_signal()  # from the first moment on: a player that is told to end has no error
+            # From the first moment on: a player that is told to end has no error.
+            ending = end_by_signal()
+            code = _run_to_one_line(words, debug=debug)
+            ending.leave(code)
+            return code
+    return _run_to_one_line(words, debug=debug)
+
+
+def _run_to_one_line(words: list[str], *, debug: bool) -> int:
+    """Run; an error becomes a line and an exit code."""
     try:
         return _run_and_flush(words)
     except KeyboardInterrupt:

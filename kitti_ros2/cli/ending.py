@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import select
 import signal
+import sys
 from contextlib import suppress
 from functools import lru_cache
 
@@ -17,6 +18,7 @@ class Ending:
     def __init__(self) -> None:
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._writer, False)
+        self._abandoned = False
 
     def set(self) -> None:
         """Let the wait end."""
@@ -26,6 +28,17 @@ class Ending:
     def wait(self) -> None:
         """Wait until it is set."""
         select.select([self._reader], [], [])
+
+    def abandon(self) -> None:
+        """Let leave end the process without what cannot be closed."""
+        self._abandoned = True
+
+    def leave(self, code: int) -> None:
+        """End the process at once where something cannot be closed: an exit would wait for it."""
+        if self._abandoned:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
 
 
 @lru_cache(maxsize=1)

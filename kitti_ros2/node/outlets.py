@@ -8,13 +8,12 @@ import struct
 import time
 from typing import TYPE_CHECKING
 
-from rclpy.duration import Duration
-from rclpy.qos import ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..errors import LackingError
 from ..playing.audience import Audience
 from .byte_publisher import byte_publisher
+from .flow import FlowControl
 from .message_types import message_class
 from .qos import make_profile
 
@@ -82,12 +81,7 @@ class Outlets:
             for index, each in self._publishers.items()
         }
         self._large = [index for index in self._publishers if self.outlets[index].on_demand]
-        self._window = {
-            index: max(1, publisher.qos_profile.depth - 1)
-            for index, publisher in self._publishers.items()
-            if publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
-        }
-        self._unacknowledged = dict.fromkeys(self._window, 0)
+        self._flow = FlowControl(self._publishers, node.get_logger())
         self._wanted: frozenset[int] = frozenset()
         self._counted_ns = 0
 
@@ -138,20 +132,7 @@ class Outlets:
         Returns:
             Whether it has; best-effort outlets always have.
         """
-        window = self._window.get(outlet)
-        if window is None:
-            return True
-        if self._unacknowledged[outlet] >= window:
-            if not self._acknowledged(outlet, seconds):
-                self._node.get_logger().warning(
-                    f'{self.outlets[outlet].name}: waiting for a subscriber that acknowledges'
-                    f' nothing',
-                    throttle_duration_sec=10.0,
-                )
-                return False
-            self._unacknowledged[outlet] = 0
-        self._unacknowledged[outlet] += 1
-        return True
+        return self._flow.make_room(outlet, seconds)
 
     def tell_time(self, stamp_ns: int) -> None:
         """Publish /clock."""
@@ -161,20 +142,9 @@ class Outlets:
     def jump(self, stamp_ns: int) -> None:
         """Nothing: time that goes backwards tells subscribers all there is to tell."""
 
-    def finish(self, seconds: float) -> bool:
-        """Wait until all reliable messages have arrived; returns whether they have."""
-        end = time.monotonic() + seconds
-        late = [
-            outlet
-            for outlet in self._window
-            if not self._acknowledged(outlet, max(0.0, end - time.monotonic()))
-        ]
-        return not late
-
-    def _acknowledged(self, outlet: int, seconds: float) -> bool:
-        duration = Duration(seconds=seconds)
-        arrived: bool = self._publishers[outlet].wait_for_all_acked(duration)
-        return arrived
+    def finish(self, seconds: float) -> tuple[str, ...]:
+        """Wait until all reliable messages have arrived; the topics of those that have not."""
+        return self._flow.finish(seconds)
 
     def close(self) -> None:
         """Take the topics away."""

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import threading
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from ..playing.session import favour_what_is_due
+from ..playing.session import LAST_WAIT_S, favour_what_is_due
 from ..playing.to_the_end import play_to_the_end
+from .closing import Closing
+from .creation import create_node
 from .middleware import start_ros
 from .parameters import to_parameters
 from .player import KittiPlayer
@@ -34,28 +35,32 @@ def run_player(
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, and what was
-        missing from the start; 0 when it was told to end.
+        How much was lost, when all was played: messages that could not be made, what was missing
+        from the start, and topics whose last messages did not arrive although it was lossless; 0
+        when it was told to end.
 
     Raises:
         KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
     """
     favour_what_is_due()
     context = start_ros(ros_args)
-    with ExitStack() as stack:
-        stack.callback(context.try_shutdown)
-        node = KittiPlayer(to_parameters(values), context=context)
+    with Closing(ending) as closing:
+        closing.callback(context.try_shutdown)
+        node = create_node(lambda: KittiPlayer(to_parameters(values), context=context))
         node.on_ended = ending.set
-        stack.callback(node.destroy_node)
+        closing.callback(node.destroy_node)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         node.start()
-        stack.callback(node.stop)
+        closing.callback(node.stop)
         stop = threading.Event()
         thread = threading.Thread(target=_spin, args=(executor, stop, ending.set), name='executor')
         thread.start()
-        stack.callback(_end_spin, executor, stop, thread)
-        return play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
+        closing.callback(_end_spin, executor, stop, thread)
+        losses = play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
+        if node.session.late:
+            closing.seconds -= LAST_WAIT_S
+        return losses
 
 
 def _spin(

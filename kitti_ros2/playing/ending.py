@@ -15,3 +15,6 @@ class Ending(Protocol):
 
     def wait(self) -> None:
         """Wait for it."""
+
+    def abandon(self) -> None:
+        """Let the process end without what cannot be closed."""

@@ -27,8 +27,11 @@ if TYPE_CHECKING:
     from .audience import Audience
 
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
-_LAST_WAIT_S = 2.0
-_PATIENCE_S = 1.0
+LAST_WAIT_S = 1.0
+"""How long the last messages have to arrive."""
+
+_STOPPED_WAIT_S = 0.4
+_PATIENCE_S = 0.2
 _LONG_GAP_NS = 20_000_000
 
 
@@ -90,8 +93,8 @@ class Transport(Protocol):
     def jump(self, stamp_ns: int) -> None:
         """The position was moved to a time: what subscribers keep of another one is void."""
 
-    def finish(self, seconds: float) -> bool:
-        """Wait until everything has arrived; whether it has."""
+    def finish(self, seconds: float) -> tuple[str, ...]:
+        """Wait until everything has arrived; the topics of what has not."""
 
     def close(self) -> None:
         """Take the topics away."""
@@ -112,6 +115,7 @@ class Session:
         playback: The controls.
         counts: What it did so far.
         reception: Which messages had a subscriber.
+        late: Topics whose last messages had not arrived LAST_WAIT_S after the end.
         on_publish: Called with each outlet, its sample's due time and the time of the call, steady
             nanoseconds; for measuring.
     """
@@ -136,6 +140,7 @@ class Session:
         self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
         self.counts = Counts()
         self.reception = Reception()
+        self.late: tuple[str, ...] = ()
         self._wait = SubscriberWait(settings.playback.subscribers)
         self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
         self._done: Callable[[BaseException | None], None] = lambda _: None
@@ -186,7 +191,15 @@ class Session:
                 self._say(self._wait.beginning())
             for event in self.playback.events():
                 self._do(event, ahead)
-            self._transport.finish(_LAST_WAIT_S)
+            if self.playback.stopped:
+                self._transport.finish(_STOPPED_WAIT_S)
+                return
+            self.late = self._transport.finish(LAST_WAIT_S)
+            if self.late and self.playback.options.lossless:
+                self._complain_once(
+                    f'{", ".join(self.late)}: the last messages were not acknowledged within'
+                    f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
+                )
 
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
@@ -225,6 +238,8 @@ class Session:
             self._frame = frame
         sent = 0
         for message in messages:
+            if self.playback.stopped:
+                break
             if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
                 self.reception.note(message.outlet, received=False)
                 continue

@@ -47,8 +47,9 @@ def play_to_the_end(
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, and what was
-        missing from the start; 0 when it was told to end.
+        How much was lost, when all was played: messages that could not be made, what was missing
+        from the start, and topics whose last messages did not arrive although it was lossless; 0
+        when it was told to end.
 
     Raises:
         BaseException: What stopped the player.
@@ -64,4 +65,6 @@ def play_to_the_end(
             raise player.error
         session = player.session
         losses = session.counts.failures + len(session.program.losses)
+        if session.playback.options.lossless:
+            losses += len(session.late)
         return losses if player.ended.is_set() else 0

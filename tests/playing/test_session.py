@@ -9,7 +9,7 @@ import pytest
 
 from kitti_ros2.playing import audience
 from kitti_ros2.playing.audience import Audience
-from kitti_ros2.playing.session import Session
+from kitti_ros2.playing.session import LAST_WAIT_S, Session
 from kitti_ros2.program import Due, Outlet
 from kitti_ros2.settings import make_play_settings
 
@@ -57,6 +57,7 @@ class FakeTransport:
         self.subscribed = {IMU}
         self.has_room = lambda: True
         self.finished = []
+        self.late = ()
         self.looked = threading.Event()
 
     def audience(self):
@@ -88,7 +89,7 @@ class FakeTransport:
 
     def finish(self, seconds):
         self.finished.append(seconds)
-        return True
+        return self.late
 
     def close(self):
         self.happened.append('closed')
@@ -190,3 +191,40 @@ def test_nothing_is_said_where_all_is_received():
     transport.subscribed = {IMU, SCAN}
     assert Run(transport).to_the_end().reception.describe() == ''
     assert transport.happened.count(SCAN) == POSITIONS
+
+
+def test_the_last_messages_have_a_second_to_arrive():
+    transport = FakeTransport((0, 0))
+    run = Run(transport)
+    run.to_the_end()
+    assert transport.finished == [LAST_WAIT_S] == [1.0]
+    assert run.said == []
+
+
+@pytest.mark.parametrize('lossless', [False, True])
+def test_topics_whose_last_messages_did_not_arrive_are_named(lossless):
+    transport = FakeTransport((0, 0))
+    transport.late = ('/scan', '/imu')
+    run = Run(transport, lossless=lossless, wait_for=0)
+    session = run.to_the_end()
+    assert session.late == ('/scan', '/imu')
+    assert [text.split(':')[0] for text in run.said] == ['/scan, /imu'] * lossless
+
+
+def test_a_stop_while_there_is_no_room_publishes_no_more_and_waits_less():
+    transport = FakeTransport((0, 0))
+    asked = threading.Event()
+
+    def has_no_room():
+        asked.set()
+        return False
+
+    transport.has_room = has_no_room
+    run = Run(transport, lossless=True, wait_for=0)
+    assert asked.wait(20)
+    run.session.stop()
+    assert run.ended.is_set()
+    assert transport.happened == ['closed']
+    (seconds,) = transport.finished
+    assert seconds < LAST_WAIT_S
+    assert run.session.late == ()
