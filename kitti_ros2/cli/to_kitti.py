@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.staging import refuse_inside
 from ..errors import UsageError
-from ..importer.blueprint import EarlierVersionError, find_blueprint
+from ..importer.blueprint import UndescribedError, find_blueprint
 from ..settings import make_import_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
@@ -116,13 +116,13 @@ def _own(bags: Sequence[Path], options: ImportOptions) -> list[tuple[Path, Bluep
 
     Raises:
         BadBagError: One is no bag, or tells what cannot be meant.
-        EarlierVersionError: One tells too little, and no layout is given to go by a plan.
+        UndescribedError: One tells too little, and no layout is given to go by a plan.
     """
     found = []
     for bag in bags:
         try:
             blueprint = find_blueprint(bag)
-        except EarlierVersionError:
+        except UndescribedError:
             if options.layout is None:
                 raise
             return []

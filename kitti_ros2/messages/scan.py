@@ -92,10 +92,13 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
     """(N,) structured array of all fields of a cloud made by encode_scan, a view.
 
     Raises:
-        ValueError: A field is of another type.
+        ValueError: A field is of another type, or the data are of another length.
     """
     if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
         raise ValueError('a cloud with fields other than single float32 and uint16')
+    count = message.width * message.height
+    if len(message.data) != count * message.point_step:
+        raise ValueError(f'a cloud of {count} points with {len(message.data)} bytes of data')
     return message.data.view(
         np.dtype(
             {
