@@ -14,6 +14,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..bags.reader import open_messages
+from ..errors import BadBagError
 from ..kitti import names
 from ..kitti.recording import NOMINAL_PERIOD_NS
 from ..kitti.stamps_file import parse_times, parse_timestamps
@@ -23,7 +24,7 @@ from .decoding import Decoder
 from .description import EarlierVersionError, UndescribedError, parse_description
 from .earlier import implied_texts, without_absent_streams
 from .own_topics import own_topics
-from .report import LossTally
+from .report import LossTally, damage
 from .source_texts import TEXT_FILE, TextFiles
 
 if TYPE_CHECKING:
@@ -35,7 +36,13 @@ if TYPE_CHECKING:
     from .description import RecordingDescription
     from .folders import Folder
 
-__all__ = ['Blueprint', 'EarlierVersionError', 'UndescribedError', 'find_blueprint']
+__all__ = [
+    'Blueprint',
+    'EarlierVersionError',
+    'UndescribedError',
+    'find_blueprint',
+    'missing_from',
+]
 
 _STRING = 'std_msgs/msg/String'
 
@@ -117,6 +124,22 @@ class Blueprint:
         numbers = self.folders[stream].carried
         return {number: self.epoch_ns + number * NOMINAL_PERIOD_NS for number in numbers}
 
+    def shortfall(self, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+        """Streams of which a bag holds fewer messages than its description lists.
+
+        Args:
+            counts: Messages by topic.
+        """
+        losses = []
+        for stream, folder in self.folders.items():
+            rows = (row for row in own_topics().values() if row.restores and row.stream is stream)
+            found = max((counts.get(row.name, 0) for row in rows), default=0)
+            absent = len(folder.carried) - found
+            if absent > 0:
+                text = f'the bag holds {found} of {len(folder.carried)} {stream.value} messages'
+                losses.append(Loss(stream.value, absent, text))
+        return tuple(losses)
+
 
 def find_blueprint(path: Path) -> Blueprint | None:
     """How the recording in a bag was laid out, None where the bag is not of our own.
@@ -128,16 +151,34 @@ def find_blueprint(path: Path) -> Blueprint | None:
     with open_messages(path) as messages:
         topics = frozenset(topic for topic, _ in messages.channels)
         left_out = [each for each in messages.left_out if each.topic in own_topics()]
-        damage: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
+        damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
         is_own = (RECORDING, _STRING) in messages.channels
     if not is_own:
         return None
     with open_messages(path, {RECORDING, FILES, CALIBRATION} & topics) as messages:
         source = _Source(messages, path)
-        damage |= messages.losses
-    found = source.blueprint(topics, damage)
+        damaged |= messages.losses
+    found = source.blueprint(topics, damaged)
     unread = tuple(Loss(each.topic, each.messages, each.reason) for each in left_out)
     return replace(found, losses=(*unread, *found.losses))
+
+
+def missing_from(path: Path, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+    """What a bag of our own should hold and does not; nothing for a bag of others.
+
+    Args:
+        path: A bag that can be read.
+        counts: Its messages by topic.
+    """
+    try:
+        found = find_blueprint(path)
+    except EarlierVersionError:
+        return ()
+    except BadBagError as error:
+        return (Loss(RECORDING, 1, str(error)),)
+    if found is None:
+        return ()
+    return (*damage(found.damage, path.name), *found.losses, *found.shortfall(counts))
 
 
 class _Source:
@@ -162,11 +203,11 @@ class _Source:
             else:
                 self._found.append((message.topic, message.stamp_ns, decode_text(decoded)))
 
-    def blueprint(self, topics: frozenset[str], damage: Mapping[str, int | None]) -> Blueprint:
+    def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
         """The layout and its text files; those that are refused or missing are losses."""
         description = self._description
         if description is None:
-            reasons = [*(loss.text() for loss in self._tally.losses()), *damage]
+            reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
             because = f' ({reasons[0]})' if reasons else ''
             raise UndescribedError(self._path, f'has no readable {RECORDING}{because}')
         texts, calibrations = self._files(description)
@@ -187,7 +228,7 @@ class _Source:
             topics=topics,
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),
-            damage=damage,
+            damage=damaged,
         )
 
     def _files(
