@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
 from .messages.png import decode_png
+from .messages.source import promise
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from .samples import Calibration, Description, FrameLabels, Scan, Stream, format_numbers
 from .stamps import NS_PER_S
@@ -208,10 +209,24 @@ class Encoder:
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
-            return self._recording.describe()
+            return self._describe()
         if entry.stream is Stream.PATH:
             return self._recording.trajectory(self._pose_numbers)
         return self._recording.read(entry.stream, entry.number)
+
+    def _describe(self) -> Description:
+        """The recording as a whole, and which of its files the messages carry.
+
+        A sample that turns out to be unreadable is among them: the description is sent first.
+        """
+        carried = {
+            row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
+        }
+        numbered = Stream.CALIBRATION in self._recording.streams
+        calibrations: Sequence[str] | None = None
+        if Stream.CALIBRATION in carried and not numbered:
+            calibrations = [file.name for file in self._recording.calibration(0).files]
+        return promise(self._recording.describe(), carried, calibrations)
 
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from .geometry import rotation_from_rpy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from .boxes import Box, Cuboid
@@ -340,14 +340,20 @@ class Loss:
         return self.message.replace('{}', format_numbers(self.numbers))
 
 
-def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
-    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+def runs_of(numbers: Iterable[int]) -> list[list[int]]:
+    """Ascending numbers as [first, last] of each run without a gap."""
     spans: list[list[int]] = []
     for number in numbers:
         if spans and number == spans[-1][1] + 1:
             spans[-1][1] = number
         else:
             spans.append([number, number])
+    return spans
+
+
+def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
+    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    spans = runs_of(numbers)
     texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
     rest = sum(last - first + 1 for first, last in spans[most:])
     return ', '.join(texts) + (f' and {rest} more' if rest else '')

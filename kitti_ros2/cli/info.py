@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.locate import is_bag
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
+from ..messages.source import RECORDING
 from ..one_line import one_line
 from ..settings import make_settings
 from ..stamps import format_stamp
@@ -50,7 +51,12 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
     """The overview of a bag, or of a KITTI folder."""
     read = make_settings({'layout': layout, 'sequence': sequence}).read
     if is_bag(path, read.layout):
-        return inspect_bag(path)
+        from ..importer.blueprint import missing_from
+
+        overview = inspect_bag(path)
+        counts = {series.name: series.count for series in overview.series}
+        losses = missing_from(path, counts) if RECORDING in counts else ()
+        return replace(overview, losses=(*overview.losses, *losses))
     return inspect_recording(open_recording(path, read), path)
 
 

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.staging import refuse_inside
 from ..errors import UsageError
-from ..importer.blueprint import EarlierVersionError, find_blueprint
+from ..importer.blueprint import EarlierVersionError, UndescribedError, find_blueprint
+from ..messages.source import RECORDING
+from ..samples import Loss
 from ..settings import make_import_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from ..importer.blueprint import Blueprint
     from ..importer.report import ImportReport
     from ..options import ImportOptions
-    from ..samples import Loss
 
 
 def run_to_kitti(
@@ -82,8 +83,9 @@ def _convert(
 ) -> list[ImportReport]:
     from ..importer.verbatim import restore
 
-    recordings = _own(bags, options) if plan_file is None else []
-    if recordings and all(options.keeps(blueprint.layout) for _, blueprint in recordings):
+    recordings, losses = _own(bags, options, planned=plan_file is not None)
+    keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
+    if recordings and keeps and plan_file is None:
         files = sum(blueprint.files for _, blueprint in recordings)
         frames = sum(blueprint.frames for _, blueprint in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
@@ -95,12 +97,14 @@ def _convert(
     from ..kitti.store import STORE
 
     survey = look(bags)
-    losses: tuple[Loss, ...] = ()
+    counts = {topic.name: topic.count for topic in survey.topics.values()}
+    for _, blueprint in recordings:
+        losses += (*blueprint.losses, *blueprint.shortfall(counts))
     if plan_file is not None:
         plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
     else:
         found = guess(bags, survey, options)
-        plan, losses = found.plan, found.losses
+        plan, losses = found.plan, (*losses, *found.losses)
         if not quiet:
             for remark in found.remarks:
                 say(f'note: {remark}')
@@ -115,24 +119,36 @@ def _convert(
     return [replace(report, losses=(*losses, *report.losses), notes=notes)]
 
 
-def _own(bags: Sequence[Path], options: ImportOptions) -> list[tuple[Path, Blueprint]]:
-    """Bags with what they tell of their layout; none unless every one does.
+def _own(
+    bags: Sequence[Path], options: ImportOptions, *, planned: bool = False
+) -> tuple[list[tuple[Path, Blueprint]], tuple[Loss, ...]]:
+    """Bags with how their recordings were laid out, and descriptions that are damaged.
+
+    Args:
+        bags: Those of one call.
+        options: A layout among them allows to go by a plan.
+        planned: Whether a plan is given.
+
+    Returns:
+        No bag unless every one is of our own.
 
     Raises:
-        BadBagError: One is no bag, or tells what cannot be meant.
-        EarlierVersionError: One tells too little, and no layout is given to go by a plan.
+        BadBagError: One is no bag.
+        UndescribedError: A description cannot be used, and there is no plan to go by.
     """
-    found = []
+    found, losses = [], []
     for bag in bags:
         try:
             blueprint = find_blueprint(bag)
-        except EarlierVersionError:
-            if options.layout is None:
+        except UndescribedError as error:
+            if options.layout is None and not planned:
                 raise
-            return []
+            if not isinstance(error, EarlierVersionError):
+                losses.append(Loss(RECORDING, 1, str(error)))
+            continue
         if blueprint is not None:
             found.append((bag, blueprint))
-    return found if len(found) == len(bags) else []
+    return found if len(found) == len(bags) else [], tuple(losses)
 
 
 def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
@@ -141,7 +157,7 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     from ..importer.planned import guess, look
 
     remarks: tuple[str, ...] = ()
-    own = _own(bags, options)
+    own, damaged = _own(bags, options)
     if own:
         blueprint = own[0][1]
         if options.layout in (None, blueprint.layout):
@@ -151,7 +167,7 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
         remarks = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
     survey = look(bags)
     found = guess(bags, survey, options)
-    remarks += (*found.remarks, *(loss.text() for loss in found.losses))
+    remarks += (*found.remarks, *(loss.text() for loss in (*damaged, *found.losses)))
     remarks += (*survey.notes, *survey.losses)
     remarks = tuple(dict.fromkeys(remarks))
     sys.stdout.write(format_plan(found.plan, remarks))

@@ -1,75 +1,51 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a recording was laid out before it became a bag: what /kitti/source/* of our own bags tell.
+"""How a recording was laid out before it became a bag, from /kitti/source/* of our own bags.
 
 It gives every sample its file back: the text files of a layout map stamps to file numbers, and the
-description maps streams to folders.
+description maps streams to folders. The description also lists the files that the bag carries, so
+that a lost message is noticed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..bags.reader import open_messages
 from ..errors import BadBagError
 from ..kitti import names
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
-from ..messages.source import decode_description, decode_text
-from ..options import ScanStamp, is_period
-from ..samples import Layout, Stream
+from ..messages.source import CALIBRATION, FILES, RECORDING, decode_text
+from ..options import ScanStamp
+from ..samples import Layout, Loss, Stream
+from .decoding import Decoder
+from .description import EarlierVersionError, UndescribedError, parse_description
+from .earlier import implied_texts, without_absent_streams
+from .own_topics import own_topics
+from .report import LossTally, damage
+from .source_texts import TEXT_FILE, TextFiles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from ..bags.reader import BagMessages
+    from ..samples import TextFile
+    from .description import RecordingDescription
+    from .folders import Folder
 
-RECORDING = '/kitti/source/recording'
-FILES = '/kitti/source/files'
-CALIBRATION = '/kitti/source/calibration'
+__all__ = [
+    'Blueprint',
+    'EarlierVersionError',
+    'UndescribedError',
+    'find_blueprint',
+    'missing_from',
+]
+
 _STRING = 'std_msgs/msg/String'
-_MOST_DIGITS = 12
-_MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
-_SUFFIXES = (names.PNG, names.BIN, names.TXT)
-_EARLIER_PERIOD_NS = 100_000_000  # of bags whose description has no period
-
-
-_ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
-
-
-class EarlierVersionError(BadBagError):
-    """A bag of our own whose description lacks what tells every file its number."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(
-            path,
-            'was made by an earlier version of to-bag, which did not tell the files their numbers',
-            'a bag of this version: make it again with to-bag, or give --layout to go by a plan',
-        )
-
-
-@dataclass(frozen=True)
-class Folder:
-    """Where a stream's numbered files are.
-
-    Attributes:
-        path: Relative to the recording's root.
-        digits: How many digits the names have.
-        suffix: Their suffix.
-        numbers: Those that were there, ascending.
-    """
-
-    path: PurePosixPath
-    digits: int
-    suffix: str
-    numbers: tuple[int, ...]
-
-    def file(self, number: int) -> PurePosixPath:
-        """The path of the file with a number."""
-        return self.path / names.file_name(number, self.digits, self.suffix)
 
 
 @dataclass(frozen=True)
@@ -80,21 +56,30 @@ class Blueprint:
         layout: Which of the four.
         name: Drive, sequence or split.
         epoch_ns: Where time begins in layouts without absolute time.
+        period_ns: Distance of the frames in layouts without time.
+        scan_stamp: The moment of a scan that is its stamp.
         folders: By stream.
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
-        period_ns: Distance of the frames in layouts without time.
-        scan_stamp: The moment of a scan that is its stamp.
+        topics: Topics of the bag.
+        missing: Text files that the bag should hold and does not.
+        losses: Those files, and texts that are unreadable or were refused.
+        damage: What the bag's reader found damaged so far, and how many messages that costs; None:
+            unknown.
     """
 
     layout: Layout
     name: str
     epoch_ns: int
+    period_ns: int
+    scan_stamp: ScanStamp
     folders: Mapping[Stream, Folder]
     texts: Mapping[PurePosixPath, str]
     calibrations: Mapping[PurePosixPath, str]
-    period_ns: int = _EARLIER_PERIOD_NS
-    scan_stamp: ScanStamp = ScanStamp.FORWARD
+    topics: frozenset[str] = frozenset()
+    missing: frozenset[PurePosixPath] = frozenset()
+    losses: tuple[Loss, ...] = ()
+    damage: Mapping[str, int | None] = field(default_factory=dict)
 
     @property
     def root(self) -> PurePosixPath:
@@ -107,159 +92,187 @@ class Blueprint:
 
     @property
     def files(self) -> int:
-        """How many numbered files there were."""
-        return sum(len(folder.numbers) for folder in self.folders.values())
+        """How many numbered files the bag was made to hold."""
+        return sum(len(folder.carried) for folder in self.folders.values())
 
     @property
     def frames(self) -> int:
-        """How many files the longest stream had."""
-        return max((len(folder.numbers) for folder in self.folders.values()), default=0)
+        """How many files the longest stream has in the bag."""
+        return max((len(folder.carried) for folder in self.folders.values()), default=0)
 
     def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
-        """Stamp to the file numbers of a stream that have it; None where no file tells."""
-        numbers = self.folders[stream].numbers
+        """Stamp to the file numbers of a stream that have it; None where their file is missing."""
         stamps = self._stamps(stream)
         if stamps is None:
             return None
         found: dict[int, list[int]] = {}
-        for number in numbers:
+        for number in self.folders[stream].carried:
             if number in stamps:
                 found.setdefault(stamps[number], []).append(number)
         return found
 
+    def stamps_path(self, stream: Stream) -> PurePosixPath:
+        """The text file with a stream's stamps, in layouts that have one."""
+        name = names.TIMESTAMPS if self.layout is Layout.RAW else names.TIMES
+        return self.folders[stream].path.parent / name
+
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
-        """The stamps of a stream's messages, by file number."""
+        """File number to a message's stamp; numbers without a valid stamp are left out."""
         stamps = self._file_stamps(stream)
-        if stream is not Stream.SCAN or stamps is None or self.layout is Layout.ODOMETRY:
+        if (
+            stream is not Stream.SCAN
+            or stamps is None
+            or self.scan_stamp is ScanStamp.FORWARD
+            or self.layout is Layout.ODOMETRY
+        ):
             return stamps
-        turns = find_turns(
-            stamps,
-            self._turn_stamps(names.TIMESTAMPS_START),
-            self._turn_stamps(names.TIMESTAMPS_END),
-            self.period_ns,
-        )
+        starts = self._turn_stamps(names.TIMESTAMPS_START)
+        ends = self._turn_stamps(names.TIMESTAMPS_END)
+        if starts is None or ends is None:
+            return None
+        turns = find_turns(stamps, starts, ends, self.period_ns)
         return scan_stamps(stamps, turns, self.scan_stamp)
 
-    def _turn_stamps(self, name: str) -> Mapping[int, int]:
+    def _turn_stamps(self, name: str) -> Mapping[int, int] | None:
+        """Starts or ends of the scanner's turns; None where the bag should hold them."""
         path = self.folders[Stream.SCAN].path.parent / name
+        if path in self.missing:
+            return None
         return parse_timestamps(self.texts.get(path, ''), str(path)).sound()
 
     def _file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
-        """The stamps of a stream's files."""
-        numbers = self.folders[stream].numbers
-        nominal = {number: self.epoch_ns + number * self.period_ns for number in numbers}
-        if self.layout is Layout.RAW:
-            folders = [folder.path.parent / names.TIMESTAMPS for folder in self.folders.values()]
-            if not any(path in self.texts for path in folders):
-                return nominal
-            path = self.folders[stream].path.parent / names.TIMESTAMPS
-            if path not in self.texts:
-                return None
+        """File number to the stamp of the file."""
+        path = self.stamps_path(stream)
+        if path in self.missing:
+            return None
+        if self.layout is Layout.RAW and path in self.texts:
             return parse_timestamps(self.texts[path], str(path)).sound()
-        if self.layout is Layout.ODOMETRY:
-            path = self.folders[stream].path.parent / names.TIMES
-            if path in self.texts:
-                offsets = parse_times(self.texts[path], str(path)).sound()
-                return {line: self.epoch_ns + offset for line, offset in offsets.items()}
-        return nominal
+        if self.layout is Layout.ODOMETRY and path in self.texts:
+            offsets = parse_times(self.texts[path], str(path)).sound()
+            return {line: self.epoch_ns + offset for line, offset in offsets.items()}
+        numbers = self.folders[stream].carried
+        return {number: self.epoch_ns + number * self.period_ns for number in numbers}
+
+    def shortfall(self, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+        """Streams of which a bag holds fewer messages than its description lists.
+
+        Args:
+            counts: Messages by topic.
+        """
+        losses = []
+        for stream, folder in self.folders.items():
+            rows = (row for row in own_topics().values() if row.restores and row.stream is stream)
+            found = max((counts.get(row.name, 0) for row in rows), default=0)
+            absent = len(folder.carried) - found
+            if absent > 0:
+                text = f'the bag holds {found} of {len(folder.carried)} {stream.value} messages'
+                losses.append(Loss(stream.value, absent, text))
+        return tuple(losses)
 
 
 def find_blueprint(path: Path) -> Blueprint | None:
-    """How the recording in a bag was laid out, None where the bag does not tell.
+    """How the recording in a bag was laid out, None where the bag is not of our own.
 
     Raises:
-        BadBagError: It is no bag, what it tells cannot be meant, or it names files outside of its
-            root.
+        UndescribedError: It is of our own, and its description is missing, invalid or too old.
+        BadBagError: It is no bag, or its description names folders outside of its root.
     """
-    with open_messages(path, {RECORDING, FILES, CALIBRATION}) as messages:
-        if RECORDING not in {topic for topic, _ in messages.channels}:
-            return None
-        return _read(messages, path)
-
-
-def _read(messages: BagMessages, path: Path) -> Blueprint | None:
-    values: dict[str, Any] | None = None
-    texts: dict[PurePosixPath, str] = {}
-    calibrations: dict[PurePosixPath, str] = {}
-    kept = {FILES: texts, CALIBRATION: calibrations}
-    for message in messages:
-        if message.msgtype != _STRING:
-            continue
-        text: Any = messages.typestore.deserialize_cdr(message.data, _STRING)
-        if message.topic == RECORDING:
-            values = _description(text, path)
-        elif message.topic in kept:
-            file = decode_text(text)
-            kept[message.topic][inside(file.name, path)] = file.text
-    if values is None:
+    with open_messages(path) as messages:
+        topics = frozenset(topic for topic, _ in messages.channels)
+        left_out = [each for each in messages.left_out if each.topic in own_topics()]
+        damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
+        is_own = (RECORDING, _STRING) in messages.channels
+    if not is_own:
         return None
-    try:
-        if any('numbers' not in entry for entry in values['files'].values()):
-            raise EarlierVersionError(path)
-        folders = {Stream(name): _folder(entry, path) for name, entry in values['files'].items()}
-        if sum(len(folder.numbers) for folder in folders.values()) > _MOST_FILES:
-            raise ValueError(f'more than {_MOST_FILES} files')
-        return Blueprint(
-            Layout(values['layout']),
-            str(values['name']),
-            int(values['epoch_ns']),
-            folders,
-            texts,
-            calibrations,
-            _period(values),
-            ScanStamp(values.get('scan_stamp', ScanStamp.FORWARD.value)),
-        )
-    except _ERRORS as error:
-        raise _unknown(path, error) from error
+    with open_messages(path, {RECORDING, FILES, CALIBRATION} & topics) as messages:
+        source = _Source(messages, path)
+        damaged |= messages.losses
+    found = source.blueprint(topics, damaged)
+    unread = tuple(Loss(each.topic, each.messages, each.reason) for each in left_out)
+    return replace(found, losses=(*unread, *found.losses))
 
 
-def _period(values: Mapping[str, Any]) -> int:
-    period_ns = int(values.get('period_ns', _EARLIER_PERIOD_NS))
-    if not is_period(period_ns):
-        raise ValueError(f'a period of {period_ns} ns')
-    return period_ns
+def missing_from(path: Path, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+    """What a bag of our own should hold and does not; nothing for a bag of others.
 
-
-def _description(message: Any, path: Path) -> dict[str, Any]:  # noqa: ANN401 - of the bag's types
-    try:
-        return decode_description(message)
-    except _ERRORS as error:
-        raise _unknown(path, error) from error
-
-
-def _unknown(path: Path, error: Exception) -> BadBagError:
-    return BadBagError(
-        path,
-        f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})',
-        'the description of a recording; --plan-file goes by a plan instead',
-    )
-
-
-def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
-    digits, suffix = int(entry['digits']), str(entry['suffix'])
-    if not 0 < digits <= _MOST_DIGITS or suffix not in _SUFFIXES:
-        raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
-    numbers = tuple(_numbers(entry['numbers'], 10**digits))
-    return Folder(inside(entry['folder'], path), digits, suffix, numbers)
-
-
-def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
-    least = 0
-    for first, last in spans:
-        if not least <= int(first) <= int(last) < limit or int(last) - int(first) >= _MOST_FILES:
-            raise ValueError(f'file numbers {first} to {last}')
-        yield from range(int(first), int(last) + 1)
-        least = int(last) + 1
-
-
-def inside(name: str, bag: Path) -> PurePosixPath:
-    """The relative path that a bag names.
-
-    Raises:
-        BadBagError: It would lie outside of the output.
+    Args:
+        path: A bag that can be read.
+        counts: Its messages by topic.
     """
-    path = PurePosixPath(name)
-    if path.is_absolute() or '..' in path.parts or not path.parts or '\0' in name:
-        found = f'names a file {name!r}, which would lie outside of the output'
-        raise BadBagError(bag, found, 'paths within the recording')
-    return path
+    try:
+        found = find_blueprint(path)
+    except EarlierVersionError:
+        return ()
+    except BadBagError as error:
+        return (Loss(RECORDING, 1, str(error)),)
+    if found is None:
+        return ()
+    return (*damage(found.damage, path.name), *found.losses, *found.shortfall(counts))
+
+
+class _Source:
+    """What /kitti/source/{recording,files,calibration} of a bag hold, from a pass over them."""
+
+    def __init__(self, messages: BagMessages, path: Path) -> None:
+        self._path = path
+        self._tally = LossTally()
+        self._description: RecordingDescription | None = None
+        self._found: list[tuple[str, int, TextFile]] = []
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            if message.msgtype != _STRING:
+                continue
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._tally.lose(message.topic, message.stamp_ns, str(error))
+                continue
+            if message.topic == RECORDING:
+                self._description = parse_description(decoded, path)
+            else:
+                self._found.append((message.topic, message.stamp_ns, decode_text(decoded)))
+
+    def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
+        """The layout and its text files; those that are refused or missing are losses."""
+        description = self._description
+        if description is None:
+            reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
+            because = f' ({reasons[0]})' if reasons else ''
+            raise UndescribedError(self._path, f'has no readable {RECORDING}{because}')
+        texts, calibrations = self._files(description)
+        present = dict.fromkeys((*texts, *calibrations))
+        listed = description.texts
+        if listed is None:
+            description = without_absent_streams(description, topics)
+            listed = implied_texts(description, topics, present)
+        missing = [path for path in dict.fromkeys(listed) if path not in present]
+        absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
+        return Blueprint(
+            layout=description.layout,
+            name=description.name,
+            epoch_ns=description.epoch_ns,
+            period_ns=description.period_ns,
+            scan_stamp=description.scan_stamp,
+            folders=description.folders,
+            texts=texts,
+            calibrations=calibrations,
+            topics=topics,
+            missing=frozenset(missing),
+            losses=(*self._tally.losses(), *absent),
+            damage=damaged,
+        )
+
+    def _files(
+        self, description: RecordingDescription
+    ) -> tuple[dict[PurePosixPath, str], dict[PurePosixPath, str]]:
+        """The text files by path, and the calibration files; two of one path cannot be."""
+        found = TextFiles(description.folders)
+        kept: dict[str, dict[PurePosixPath, str]] = {FILES: {}, CALIBRATION: {}}
+        for topic, stamp_ns, file in self._found:
+            try:
+                path = found.add(file, Stream.CALIBRATION if topic == CALIBRATION else None)
+            except ValueError as error:
+                self._tally.lose(topic, stamp_ns, str(error))
+                continue
+            kept[topic].setdefault(path, file.text)
+        return kept[FILES], kept[CALIBRATION]

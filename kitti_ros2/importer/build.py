@@ -283,7 +283,7 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*losses, *self._losses.losses()),
+            losses=(*losses, *self._losses.losses(), *self._rigging.losses()),
             notes=tuple(notes),
         )
 

@@ -13,8 +13,8 @@ from ..errors import BadFileError, LackingError, UsageError
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
+from ..messages.source import CALIBRATION
 from ..samples import Layout
-from .blueprint import CALIBRATION
 from .plan import NONE, SOURCE, TF, parse_drive
 from .rig import make_calibration
 

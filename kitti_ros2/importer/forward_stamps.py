@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..kitti.turns import turn_length
-from ..messages.source import decode_description, decode_sweep
+from ..messages.source import RECORDING, decode_description, decode_sweep
 from ..options import NOMINAL_PERIOD_NS, ScanStamp, is_period
-from .blueprint import RECORDING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -70,6 +70,16 @@ def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
     return tuple(Loss(name, count or 1, text) for text, count in losses.items())
 
 
+def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
+    """What passes over different topics of a bag found damaged; None: an unknown count."""
+    total: dict[str, int | None] = {}
+    for losses in found:
+        for text, count in losses.items():
+            known = total.get(text, 0)
+            total[text] = None if count is None or known is None else known + count
+    return total
+
+
 def unread(survey: Survey, plan: Plan) -> tuple[Loss, ...]:
     """Transforms and camera_infos that a plan goes by and that cannot be decoded."""
     infos = {camera.info for camera in plan.cameras.values()}

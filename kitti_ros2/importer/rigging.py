@@ -21,10 +21,10 @@ from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of, s
 from ..messages.png_writer import encode_png
 from ..messages.rectify import Rectifier
 from ..messages.source import decode_text
-from ..samples import Scan
+from ..samples import Loss, Scan
 from . import survey as types
 from .calibrations import make_calibrations
-from .cuboids import cuboids_of_detections, cuboids_of_markers, has_scores
+from .cuboids import ABSURD, cuboids_of_detections, cuboids_of_markers, has_scores
 from .frame_tree import FrameTree
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
@@ -255,7 +255,7 @@ class Rigging:
         found += [
             f'{count} boxes {reason} were left out of the labels'
             for reason, count in self.boxes_left_out.items()
-            if count
+            if count and reason != ABSURD
         ]
         if self._max_tilt > _WORTH_A_WORD_RAD:
             found.append(
@@ -263,6 +263,13 @@ class Rigging:
                 f' axis, about which alone labels turn: their heading was kept'
             )
         return [*found, *self._changing, *self.calibrations.notes]
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Boxes so far that no label can hold."""
+        count, plan = self.boxes_left_out[ABSURD], self._plan.labels
+        if not count or plan is None:
+            return ()
+        return (Loss(plan.topic, count, f'{plan.topic}: boxes {ABSURD} (NaN, 0 or beyond 100 km)'),)
 
 
 def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:

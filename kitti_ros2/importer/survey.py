@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.header import body_after_header, peek_header
-from ..messages.source import decode_text
+from ..messages.source import CALIBRATION, decode_text
 from ..messages.transforms import decode_static
-from .blueprint import CALIBRATION
 from .decoding import Decoder
 from .forward_stamps import ForwardStamps
 from .sync import usable_stamps

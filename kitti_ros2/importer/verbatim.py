@@ -18,34 +18,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..errors import BadFileError, UsageError
+from ..errors import KittiRos2Error, UsageError
 from ..kitti import names
 from ..kitti.png_file import parse_image
 from ..kitti.scan_file import format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
-from ..kitti.store import STORE
 from ..messages.header import stamp_ns_of
 from ..messages.image import decode_compressed
 from ..messages.scan import decode_points, decode_scan
 from ..messages.source import decode_text
-from ..messages.topics import make_table
-from ..options import Images, MessageOptions, Preset
 from ..ordered_map import ordered_map
-from ..samples import CAMERA_COUNT, CAMERA_NAMES, Stream, format_numbers
-from .blueprint import inside
+from ..samples import Loss, Stream, format_numbers
 from .decoding import Decoder
+from .folders import owner_of, shown
+from .new_files import write_new, write_texts
 from .output import staged
-from .report import ImportReport, LossTally, damage
+from .own_topics import LINES, sample_topics
+from .report import ImportReport, LossTally, damage, merged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
     from pathlib import Path
 
     from ..bags.reader import BagMessage, BagMessages
     from ..samples import Layout
     from .blueprint import Blueprint
 
-LINES = {'/kitti/source/oxts': Stream.OXTS, '/kitti/source/labels': Stream.LABELS}
 _MOST_WORKERS = 8
 
 
@@ -70,24 +68,9 @@ class _Written:
     error: str = ''
 
 
-def sample_topics() -> dict[str, Stream]:
-    """The topics of scans and images under every preset, with their streams."""
-    numbered = {index: str(index) for index in range(CAMERA_COUNT)}
-    found: dict[str, Stream] = {}
-    for preset in Preset:
-        options = MessageOptions(images=Images.BOTH, preset=preset)
-        for cameras in (CAMERA_NAMES, numbered):
-            for image_topic in ('image_rect', 'image_raw'):
-                for row in make_table(cameras, image_topic, options):
-                    if row.on_demand:
-                        found[row.name] = row.stream
-    return found
-
-
-def _topics(channels: Iterable[tuple[str, str]]) -> set[str]:
+def _topics(present: Collection[str]) -> set[str]:
     """The topics of a bag to read; a camera's pixels only where the bag lacks its PNG files."""
-    present = {topic for topic, _ in channels}
-    wanted = (set(sample_topics()) | set(LINES)) & present
+    wanted = {*sample_topics(), *LINES}.intersection(present)
     return {topic for topic in wanted if f'{topic}/compressed' not in present}
 
 
@@ -122,49 +105,38 @@ def restore(
 def _restore(
     path: Path, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
 ) -> ImportReport:
-    with open_messages(path) as messages:
-        wanted = _topics(messages.channels)
-    _write_shared(stage / blueprint.root, blueprint, path)
-    with open_messages(path, wanted) as messages:
-        report = _write(path, messages, blueprint, stage, progress)
-        return replace(report, losses=report.losses + damage(messages.losses, path.name))
-
-
-def _write_shared(root: Path, blueprint: Blueprint, bag: Path) -> None:
-    """The text files, some of which several recordings of a data set share."""
-    for path, text in (*blueprint.texts.items(), *blueprint.calibrations.items()):
-        target = root / path
-        if STORE.is_file(target) and STORE.read_text(target) != text:
-            raise UsageError(f'{bag}: its {path} differs from that of another bag')
-        STORE.write_text(target, text)
+    refused = write_texts(stage / blueprint.root, blueprint, path)
+    with open_messages(path, _topics(blueprint.topics)) as messages:
+        report = _write(messages, blueprint, stage, progress)
+        damaged = damage(merged(blueprint.damage, messages.losses), path.name)
+    return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
 
 
 def _write(
-    bag: Path,
     messages: BagMessages,
     blueprint: Blueprint,
     stage: Path,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+    writer = _Writer(messages, blueprint, stage / blueprint.root)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
         writer.take(written)
         progress(done, writer.size_bytes)
-    writer.write_calibrations()
     return writer.report(stage)
 
 
 class _Writer:
-    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: Path) -> None:
-        self._bag = bag
+    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path) -> None:
         self._messages = messages
         self._blueprint = blueprint
         self._root = root
         self._streams = sample_topics()
         self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
         self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
-        self._counts: Counter[str] = Counter()
+        self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._unplaced: Counter[Stream] = Counter()
+        self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
         self.size_bytes = 0
 
@@ -175,7 +147,7 @@ class _Writer:
             try:
                 decoded = decode(message)
             except ValueError as error:
-                self._losses.lose(message.topic, message.stamp_ns, str(error))
+                self._lose(message, str(error))
                 continue
             file = (
                 self._line(decoded, message)
@@ -185,47 +157,72 @@ class _Writer:
             if file is not None:
                 yield file
 
+    def _lose(self, message: BagMessage, reason: str) -> None:
+        """Name a message that becomes no file; our bags log a sample at its own stamp."""
+        self._losses.lose(message.topic, message.stamp_ns, reason)
+        stream = self._stream(message)
+        found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
+        if found:
+            self._lost[stream].add(found.pop(0))
+        else:
+            self._unplaced[stream] += 1
+
+    def _stream(self, message: BagMessage) -> Stream:
+        return LINES.get(message.topic) or self._streams[message.topic]
+
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """A text of one frame, unless the whole file is known."""
-        text = decode_text(decoded)
-        path = inside(text.name, self._bag)
+        text, stream = decode_text(decoded), self._stream(message)
+        path = PurePosixPath(text.name)
         if path in self._blueprint.texts:
-            self._counts[LINES[message.topic].value] += 1
+            self._counts[stream.value] += 1
             return None
-        stem = PurePosixPath(path).stem
-        number = int(stem) if stem.isdecimal() else -1
+        if path in self._blueprint.missing:
+            self._lose(message, f'a part of {path}, which the bag does not hold')
+            return None
+        owner = owner_of(path, self._blueprint.folders)
+        if owner is None or owner[0] is not stream:
+            what = f'no {stream.value} file of {self._blueprint.name}'
+            self._lose(message, f'names a file {shown(text.name)}, which is {what}')
+            return None
         data = text.text.encode()
-        return _File(LINES[message.topic], number, path, lambda: data, *_origin(message))
+        return _File(stream, owner[1], path, lambda: data, *_origin(message))
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = self._streams[message.topic]
-        numbers = self._numbers.get(stream)
-        stamp_ns = stamp_ns_of(decoded.header)
-        if not numbers or not numbers.get(stamp_ns):
-            self._losses.lose(
-                message.topic, message.stamp_ns, f'no file of {self._blueprint.name} has this stamp'
-            )
+        found = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
+        if not found:
+            self._lose(message, self._why_unplaced(stream))
             return None
-        number = numbers[stamp_ns].pop(0)
+        number = found.pop(0)
         folder = self._blueprint.folders[stream]
         content: Callable[[], bytes | memoryview]
         if stream is Stream.SCAN:
             content = partial(self._scan, decoded, number, folder.suffix)
         elif message.topic.endswith('/compressed'):
-            content = partial(_sound_png, decoded, folder.file(number))
+            content = partial(_checked_png, decoded, folder.file(number))
         else:
             content = partial(_png, decoded)
         return _File(stream, number, folder.file(number), content, *_origin(message))
 
+    def _why_unplaced(self, stream: Stream) -> str:
+        folder = self._blueprint.folders.get(stream)
+        if folder is not None and self._numbers[stream] is None:
+            path = self._blueprint.stamps_path(stream)
+            return f'its file number is unknown, for the bag does not hold {path}'
+        return f'no file of {self._blueprint.name} has this stamp'
+
     def _scan(self, cloud: Any, number: int, suffix: str) -> bytes | memoryview:  # noqa: ANN401
         """A scan's file; the labels of its points go to a file of their own."""
         points = decode_points(cloud)
-        if 'label' in (points.dtype.names or ()):
+        if {'label', 'instance'} <= set(points.dtype.names or ()):
             labels = points['label'].astype(np.uint32)
             labels |= points['instance'].astype(np.uint32) << np.uint32(16)
             folder = self._blueprint.folders[Stream.SCAN].path.parent / names.POINT_LABELS
             path = folder / names.file_name(number, names.FRAME_DIGITS, names.LABEL)
-            STORE.write(self._root / path, format_point_labels(labels))
+            error = write_new(self._root / path, format_point_labels(labels))
+            if error:
+                raise ValueError(error)
         scan = decode_scan(cloud)
         return format_scan_text(scan.points) if suffix == names.TXT else format_scan(scan.points)
 
@@ -233,50 +230,39 @@ class _Writer:
         """Write a file; safe to call from several threads, a path by one of them."""
         try:
             content = file.content()
-        except ValueError as error:
+        except (ValueError, KittiRos2Error) as error:
             return _Written(file, 0, str(error))
-        STORE.write(self._root / file.path, content)
-        return _Written(file, len(content))
+        return _Written(file, len(content), write_new(self._root / file.path, content))
 
     def take(self, written: _Written) -> None:
         """Count a file."""
         stream = written.file.stream
         if written.error:
+            self._lost.setdefault(stream, set()).add(written.file.number)
             self._losses.lose(written.file.topic, written.file.stamp_ns, written.error)
             return
         self._counts[stream.value] += 1
         self._written.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
-    def write_calibrations(self) -> None:
-        """The calibration files of frames without one of their own: that of the frame before."""
-        self._counts[Stream.CALIBRATION.value] = len(self._blueprint.calibrations)
-        folder = self._blueprint.folders.get(Stream.CALIBRATION)
-        if folder is None:
-            return
-        last = max((max(found) for found in self._written.values() if found), default=-1)
-        last_text: str | None = None
-        for number in folder.numbers:
-            path = folder.file(number)
-            last_text = self._blueprint.calibrations.get(path, last_text)
-            if last_text is None or (path not in self._blueprint.calibrations and number > last):
-                continue
-            if path not in self._blueprint.calibrations:
-                STORE.write_text(self._root / path, last_text)
-                self._counts[Stream.CALIBRATION.value] += 1
-            self._written.setdefault(Stream.CALIBRATION, set()).add(number)
-
     def report(self, path: Path) -> ImportReport:
-        """What was written, and what the recording had that the bag does not hold."""
-        absent = []
+        """What was written, and which files the bag should hold and does not."""
+        missing, notes = [], []
         for stream, folder in self._blueprint.folders.items():
-            lacking = sorted(set(folder.numbers) - self._written.get(stream, set()))
-            if lacking:
-                absent.append(
-                    f'the bag holds no {stream.value} of frames {format_numbers(lacking)}'
-                )
-        numbers = [found for stream, found in self._written.items() if stream.camera is not None]
-        frames = len(self._written.get(Stream.SCAN, ())) or max(map(len, numbers), default=0)
+            written = self._written[stream]
+            if stream is Stream.CALIBRATION:
+                found = self._blueprint.calibrations
+                written = {number for number in folder.carried if folder.file(number) in found}
+            absent = sorted({*folder.carried} - written - self._lost[stream])
+            if len(absent) > self._unplaced[stream]:
+                text = f'the bag does not hold {stream.value} of frames {{}}'
+                missing.append(Loss(stream.value, len(absent), text, tuple(absent)))
+            others = sorted({*folder.numbers} - {*folder.carried})
+            if others:
+                numbers = format_numbers(others)
+                notes.append(f'the bag was made without {stream.value} of frames {numbers}')
+        images = [found for stream, found in self._written.items() if stream.camera is not None]
+        frames = len(self._written.get(Stream.SCAN, ())) or max(map(len, images), default=0)
         return ImportReport(
             path=path,
             layout=self._blueprint.layout,
@@ -284,23 +270,18 @@ class _Writer:
             counts=dict(self._counts),
             frames=frames,
             size_bytes=self.size_bytes,
-            losses=self._losses.losses(),
-            notes=tuple(absent),
+            losses=(*self._losses.losses(), *missing),
+            notes=tuple(notes),
         )
 
 
-def _sound_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
-    """The PNG file of a CompressedImage, as it was.
+def _checked_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
+    """The PNG file that a CompressedImage holds.
 
     Raises:
-        ValueError: It is damaged.
+        BadFileError: It is empty, not a PNG, truncated or damaged.
     """
-    png = decode_compressed(image)
-    try:
-        parse_image(png, str(path))
-    except BadFileError as error:
-        raise ValueError(str(error)) from None
-    return png
+    return parse_image(decode_compressed(image), str(path)).png
 
 
 def _png(image: Any) -> bytes:  # noqa: ANN401 - of the bag's types

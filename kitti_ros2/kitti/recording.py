@@ -28,6 +28,7 @@ from ..samples import (
     TextFile,
     Trajectory,
     Turn,
+    runs_of,
 )
 from ..stamps import LAST_NS, NS_PER_S
 from .calib_file import NOMINAL_VELO_T_IMU, parse_calibration
@@ -95,7 +96,7 @@ class KittiRecording:
                 'folder': listing.folder.relative_to(self.root).as_posix(),
                 'digits': listing.digits,
                 'suffix': listing.suffix,
-                'numbers': _spans(listing.numbers),
+                'numbers': runs_of(listing.numbers.tolist()),
             }
             for stream, listing in self._listings.items()
         }
@@ -338,12 +339,6 @@ def load_calibration(path: Path, root: Path) -> Calibration:
     except (BadFileError, OSError) as error:
         reason = str(error)
     return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason}, files=files)
-
-
-def _spans(numbers: Int64Array) -> list[list[int]]:
-    """Ascending numbers as [first, last] of each run without a gap."""
-    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
-    return [[int(run[0]), int(run[-1])] for run in runs if len(run)]
 
 
 def _some(names: Sequence[str]) -> str:

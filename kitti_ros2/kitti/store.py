@@ -139,10 +139,20 @@ class LocalStore:
                 path, f'byte {error.start} is no text', 'a text file in UTF-8'
             ) from None
 
-    def write(self, path: Path, data: bytes | memoryview) -> None:
-        """Write a file whole, making its folders."""
+    def write(self, path: Path, data: bytes | memoryview, *, new: bool = False) -> None:
+        """Write a file whole, making its folders.
+
+        Args:
+            path: The file.
+            data: Its content.
+            new: Refuse to overwrite a file.
+
+        Raises:
+            FileExistsError: It is there, and was to be new.
+            OSError: It cannot be written.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open('wb', buffering=0) as file:
+        with path.open('xb' if new else 'wb', buffering=0) as file:
             view = memoryview(data).cast('B')
             position = 0
             while position < len(view):

@@ -104,10 +104,14 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
     A view where that is the message's.
 
     Raises:
-        ValueError: A field is of another type, or file_index does not give each place once.
+        ValueError: A field is of another type, the data are of another length, or file_index does
+            not give each place once.
     """
     if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
         raise ValueError('a cloud with fields other than single float32, uint16 and uint32')
+    count = message.width * message.height
+    if len(message.data) != count * message.point_step:
+        raise ValueError(f'a cloud of {count} points with {len(message.data)} bytes of data')
     points: npt.NDArray[np.void] = message.data.view(
         np.dtype(
             {

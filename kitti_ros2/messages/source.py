@@ -9,9 +9,18 @@ file's text, or the part of it that belongs to the frame.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from ..samples import Scan, TextFile
+from ..samples import Description, Scan, Stream, TextFile, runs_of
 from .ros_types import String
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+RECORDING = '/kitti/source/recording'
+FILES = '/kitti/source/files'
+CALIBRATION = '/kitti/source/calibration'
 
 
 def encode_text(file: TextFile) -> String:
@@ -36,6 +45,37 @@ def decode_sweep(message: String) -> tuple[int | None, int | None]:
     """The inverse of encode_sweep."""
     values = json.loads(message.data)
     return values['start_ns'], values['end_ns']
+
+
+def promise(
+    description: Description,
+    carried: Mapping[Stream, Sequence[int]],
+    calibrations: Sequence[str] | None,
+) -> Description:
+    """Add which of the recording's files the messages of a selection carry.
+
+    A reader of the bag compares what it finds with this, so a lost message is always noticed.
+
+    Args:
+        description: As the recording gives it; its files name all numbered files of a stream.
+        carried: By stream whose files are carried: the selected numbers; those without a file do
+            not count. The text files are carried where Stream.RECORDING is among them.
+        calibrations: Names of the calibration files that are carried, where these are not numbered.
+    """
+    values: dict[str, Any] = dict(description.values)
+    values['files'] = {
+        name: {**entry, 'carried': _common_runs(entry['numbers'], carried.get(Stream(name), ()))}
+        for name, entry in values['files'].items()
+    }
+    texts = description.files if Stream.RECORDING in carried else ()
+    values['texts'] = [*(file.name for file in texts), *(calibrations or ())]
+    return replace(description, values=values)
+
+
+def _common_runs(runs: Iterable[Sequence[int]], numbers: Iterable[int]) -> list[list[int]]:
+    """The runs of those numbers that are within other runs."""
+    within = {number for first, last in runs for number in range(first, last + 1)}
+    return runs_of(sorted(within.intersection(numbers)))
 
 
 def encode_description(description: dict[str, object]) -> String:

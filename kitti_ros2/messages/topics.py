@@ -116,6 +116,7 @@ class Topic:
         latched: Whether it is transient local, for subscribers that come late.
         depth: How many messages its publisher keeps.
         change_key: What the message depends on; one equal to the last is not sent again.
+        restores: Whether the file of a sample can be written again from its messages.
     """
 
     name: str
@@ -125,6 +126,7 @@ class Topic:
     latched: bool = False
     depth: int = 10
     change_key: Callable[[Any], Hashable] | None = None
+    restores: bool = False
 
     @property
     def on_demand(self) -> bool:
@@ -165,7 +167,8 @@ def make_table(
         image_topic: image_rect or image_raw.
         options: Which messages are made.
     """
-    every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES}
+    every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
+    own: dict[str, Any] = {'restores': True}
     last: dict[str, Any] = {'latched': True, 'depth': 1}
     rows = [
         Topic('/tf_static', _TF, Stream.CALIBRATION, _static, change_key=_calibration_key, **last),
@@ -177,13 +180,13 @@ def make_table(
         Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, _imu),
         Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, _fix),
         Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS, _velocity),
-        Topic('/kitti/source/oxts', _STRING, Stream.OXTS, _packet_text),
-        Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN, _scan),
+        Topic('/kitti/source/oxts', _STRING, Stream.OXTS, _packet_text, **own),
+        Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN, _scan, **own),
         Topic('/kitti/source/sweep', _STRING, Stream.SCAN, _sweep),
         Topic('/kitti/labels/detections', _DETECTIONS_3D, Stream.LABELS, _detections),
         Topic('/kitti/labels/boxes_2d', _DETECTIONS_2D, Stream.LABELS, _boxes_2d),
         Topic('/kitti/labels/markers', _MARKERS, Stream.LABELS, _markers),
-        Topic('/kitti/source/labels', _STRING, Stream.LABELS, _label_text),
+        Topic('/kitti/source/labels', _STRING, Stream.LABELS, _label_text, **own),
     ]  # fmt: skip
     if options.publish_tf:
         rows.append(Topic('/tf', _TF, Stream.POSE, _tf))
@@ -199,9 +202,9 @@ def _camera_rows(
     rows = [Topic(f'{camera}/camera_info', 'sensor_msgs/msg/CameraInfo', stream, _camera_info)]
     if options.images is not Images.RAW:
         compressed = 'sensor_msgs/msg/CompressedImage'
-        rows.append(Topic(f'{image}/compressed', compressed, stream, _compressed))
+        rows.append(Topic(f'{image}/compressed', compressed, stream, _compressed, restores=True))
     if options.images is not Images.COMPRESSED:
-        rows.append(Topic(image, 'sensor_msgs/msg/Image', stream, _image))
+        rows.append(Topic(image, 'sensor_msgs/msg/Image', stream, _image, restores=True))
     if options.annotated:
         rows.append(Topic(f'{camera}/annotated', 'sensor_msgs/msg/Image', stream, _annotated))
     return rows

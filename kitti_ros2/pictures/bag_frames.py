@@ -16,6 +16,7 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..errors import KittiRos2Error, LackingError, UsageError
 from ..geometry import Transform
+from ..importer.cuboids import ABSURD
 from ..importer.frame_tree import FrameTree
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
@@ -179,8 +180,12 @@ class BagFrames:
             text = decode_text(message)
             return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
         if stream is Stream.LABELS:
-            cuboids, _ = self._rigging.cuboids(message)
-            return FrameLabels(cuboids=[_identified(each) for each in cuboids])
+            cuboids, left_out = self._rigging.cuboids(message)
+            lacks = {}
+            if ABSURD in left_out:
+                topic = frame_topics(self._plan)[stream]
+                lacks['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
+            return FrameLabels(cuboids=[_identified(each) for each in cuboids], lacks=lacks)
         return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
 
     def _pose(self, stamp_ns: int) -> Pose | None:

@@ -198,8 +198,9 @@ def test_an_interrupted_run_leaves_nothing(recordings, tmp_path):
     assert main(['to-bag', str(recordings[Layout.RAW]), str(bag), '-q', '--images', 'raw']) == 0
     out = tmp_path / 'to' / 'out'
     slow = (
-        'import sys, time; from kitti_ros2.importer import verbatim; put = verbatim.STORE.write;'
-        'verbatim.STORE.__class__.write = lambda _, *words: (time.sleep(0.2), put(*words));'
+        'import sys, time; from kitti_ros2.kitti.store import STORE; put = STORE.write;'
+        'slow = lambda _, *words, **more: (time.sleep(0.2), put(*words, **more));'
+        'STORE.__class__.write = slow;'
         'from kitti_ros2.cli import main; sys.exit(main())'
     )
     process = subprocess.Popen(

@@ -145,7 +145,7 @@ def test_a_selection_gives_its_files_and_says_what_the_bag_lacks(recordings, tmp
         'training/calib/000002.txt',
     ]
     assert report.losses == ()
-    assert 'the bag holds no scan of frames 0, 3-4' in report.notes
+    assert 'the bag was made without scan of frames 0, 3-4' in report.notes
 
 
 def test_point_labels_become_files_again(recordings, tmp_path):
@@ -180,11 +180,12 @@ def test_an_output_that_holds_something_is_refused(recordings, tmp_path):
 def write_strings(path, texts):
     """A bag of strings by topic."""
     with open_bag(path, BagOptions(), TYPESTORE) as writer:
+        channels = {
+            topic: writer.add_channel(Channel(topic, 'std_msgs/msg/String', latched=True, depth=1))
+            for topic in dict.fromkeys(topic for topic, _ in texts)
+        }
         for topic, text in texts:
-            channel = writer.add_channel(
-                Channel(topic, 'std_msgs/msg/String', latched=True, depth=1)
-            )
-            writer.write(channel, 1, serialize(String(text)))
+            writer.write(channels[topic], 1, serialize(String(text)))
 
 
 DESCRIPTION = {'layout': 'object', 'name': 'training', 'epoch_ns': 1, 'files': {}}
@@ -192,11 +193,15 @@ SCANS = {'folder': 'training/velodyne', 'digits': 6, 'suffix': '.bin', 'numbers'
 
 
 @pytest.mark.parametrize('name', ['../escaped.txt', '/escaped.txt', 'a/../../escaped.txt', ''])
-def test_file_names_that_would_escape_are_refused(name, tmp_path):
+def test_file_names_that_would_escape_cost_that_file_only(name, tmp_path):
     path = tmp_path / 'bag.mcap'
-    write_strings(path, [(RECORDING, json.dumps(DESCRIPTION)), (FILES, f'{name}\ntext')])
-    with pytest.raises(BadBagError, match='outside of the output'):
-        find_blueprint(path)
+    texts = [(RECORDING, json.dumps(DESCRIPTION)), (FILES, f'{name}\ntext'), (FILES, 'a.txt\nb')]
+    write_strings(path, texts)
+    report = back(path, tmp_path / 'deep/in/out')
+    assert files_of(tmp_path / 'deep') == {'in/out/a.txt': b'b'}
+    (loss,) = report.losses
+    assert loss.stream == FILES
+    assert f'names a file {name!r}, which would lie outside of the output' in loss.text()
 
 
 @pytest.mark.parametrize(
@@ -273,17 +278,22 @@ def test_a_description_without_a_period_means_a_tenth_of_a_second(recordings, tm
     assert files_of(tmp_path / 'out') == files_of(recordings[layout])
 
 
-def test_lines_of_frames_that_would_escape_are_refused_by_the_name_of_the_bag(
+def test_lines_of_frames_that_would_escape_are_named_and_nothing_else_is_lost(
     recordings, tmp_path, capsys
 ):
     def change(topic, text):
         return '../../evil\ntext' if topic == '/kitti/source/labels' else text
 
-    hostile = with_texts(to_bag(recordings[Layout.OBJECT], tmp_path), change)
-    assert main(['to-kitti', str(hostile), str(tmp_path / 'a/b/out')]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"kitti-ros2: {hostile}: names a file '../../evil'")
-    assert not (tmp_path / 'a').exists()
+    source = recordings[Layout.OBJECT]
+    hostile = with_texts(to_bag(source, tmp_path), change)
+    assert main(['to-kitti', str(hostile), str(tmp_path / 'a/b/out'), '-q']) == 1
+    first, last = capsys.readouterr().err.splitlines()
+    assert first.startswith('skipped /kitti/source/labels (5): ')
+    assert "names a file '../../evil', which is no labels file of training" in first
+    assert last == 'kitti-ros2: 5 skipped in all, as named above; exit code 1'
+    made = files_of(tmp_path / 'a')
+    true = {f'b/out/{name}': data for name, data in files_of(source).items()}
+    assert made == {name: data for name, data in true.items() if 'label_2' not in name}
 
 
 def with_texts(bag, change):

@@ -13,6 +13,7 @@ import numpy as np
 from ...bags.locate import is_bag
 from ...bags.reader import bag_stamps
 from ...errors import KittiRos2Error
+from ...importer.blueprint import missing_from
 from ...importer.planned import look
 from ...inspection import inspect_bag, inspect_recording
 from ...kitti.layouts import open_recording
@@ -122,6 +123,10 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
     steps.step()
     streams = bag_streams(overview.series, bag_stamps(path), survey, findings)
     steps.step()
+    counts = {series.name: series.count for series in overview.series}
+    absent = (loss for loss in missing_from(path, counts) if loss.text() not in survey.losses)
+    findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
+    findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
     for parent, child in survey.changing:
         text = f'the static transform {parent} -> {child} is told anew and differently'
         findings.append(Finding(Severity.WARNING, '/tf_static', text))
