@@ -17,7 +17,7 @@ from ..errors import BadBagError
 from ..kitti import names
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
-from ..messages.source import decode_description, decode_text
+from ..messages.source import RECORDING, decode_description, decode_text
 from ..options import ScanStamp, is_period
 from ..samples import Layout, Stream
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessages
 
-RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 _STRING = 'std_msgs/msg/String'

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bags.forward_stamps import ForwardStamps
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import decode_text
 from ..messages.transforms import decode_static
 from .blueprint import CALIBRATION
 from .decoding import Decoder
-from .forward_stamps import ForwardStamps
 from .sync import usable_stamps
 
 if TYPE_CHECKING:

@@ -13,6 +13,9 @@ import json
 from ..samples import Scan, TextFile
 from .ros_types import String
 
+RECORDING = '/kitti/source/recording'
+SWEEP = '/kitti/source/sweep'
+
 
 def encode_text(file: TextFile) -> String:
     """A String of a file's name and text."""
