@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .bags.forward_stamps import read_lead_ns
 from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
 from .messages.cdr import filling
@@ -182,13 +183,18 @@ def _due(outlet: int, message: BagMessage) -> Due:
 
 
 def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
-    """The stamps of the topic by which frames are counted."""
+    """The moments of the frames: the stamps of the topic by which frames are counted.
+
+    Scans of our own that are stamped at their start count as half-way to facing forward.
+    """
     with open_messages(path) as messages:
         channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
     scans = [topic for topic, msgtype in channels if msgtype == _SCAN]
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
-    return stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
+    chosen = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
+    # Images come after facing forward: the middle of both is in the middle of a frame.
+    return chosen + read_lead_ns(path) // 2 if scans else chosen
 
 
 def _bound_ns(

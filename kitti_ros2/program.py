@@ -16,12 +16,12 @@ from .samples import Stream
 from .schedule import ONCE, make_schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Hashable, Sequence
+    from collections.abc import Collection, Hashable, Mapping, Sequence
 
     from .encoder import Message
     from .messages.ros_types import Typestore
     from .options import MessageOptions, SelectionOptions
-    from .samples import Int64Array, Recording
+    from .samples import Int64Array, Recording, Turn
     from .schedule import Schedule
 
 
@@ -132,7 +132,9 @@ class RecordingProgram:
             for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
-        self.frames = frame_numbers(schedule, numbered=recording.common_numbers)
+        self.frames = frame_numbers(
+            schedule, numbered=recording.common_numbers, turns=recording.turns
+        )
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
         self.losses = tuple(
@@ -184,13 +186,17 @@ def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
     return [np.flatnonzero(schedule.streams == code) for code in codes]
 
 
-def frame_numbers(schedule: Schedule, *, numbered: bool) -> Int64Array:
+def frame_numbers(
+    schedule: Schedule, *, numbered: bool, turns: Mapping[int, Turn] | None = None
+) -> Int64Array:
     """(N,) int64: the frame that each entry of a schedule belongs to, never falling.
 
     Args:
         schedule: The entries.
         numbered: Whether a file number means the same frame in every stream. Where it does not, a
-            scan's frame reaches half-way to the scans beside it.
+            scan's frame reaches half-way to the scans beside it. A scan stamped at its start counts
+            as half-way to facing forward, as the images of its frame come after that.
+        turns: Of the scans, by file number.
     """
     codes = {stream: code for code, stream in enumerate(Stream)}
     alone = [codes[stream] for stream in ONCE if schedule.count(stream) == 1]
@@ -205,7 +211,12 @@ def frame_numbers(schedule: Schedule, *, numbered: bool) -> Int64Array:
     chosen = schedule.streams == codes[reference]
     if not chosen.any():
         return np.zeros(len(schedule), dtype=np.int64)
-    return nearest_frames(schedule.stamps_ns, schedule.stamps_ns[chosen], schedule.numbers[chosen])
+    numbers, reference_ns = schedule.numbers[chosen], schedule.stamps_ns[chosen]
+    if reference is Stream.SCAN and turns:
+        forward_ns = np.array([turns[number].forward_ns for number in numbers.tolist()])
+        # Between both, for the scan is a frame's first sample and an image its last.
+        reference_ns = np.maximum.accumulate((reference_ns + forward_ns) // 2)
+    return nearest_frames(schedule.stamps_ns, reference_ns, numbers)
 
 
 def nearest_frames(

@@ -93,6 +93,11 @@ class Turn:
     length_ns: int
     nominal: bool = False
 
+    @property
+    def forward_ns(self) -> int:
+        """When the scanner faces forward."""
+        return self.start_ns + self.length_ns // 2
+
 
 @dataclass(frozen=True, eq=False)
 class Scan:

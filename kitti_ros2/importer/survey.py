@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bags.forward_stamps import ForwardStamps
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
 from ..messages.transforms import decode_static
 from .decoding import Decoder
-from .forward_stamps import ForwardStamps
 from .sync import usable_stamps
 
 if TYPE_CHECKING:

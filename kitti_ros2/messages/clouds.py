@@ -127,7 +127,7 @@ def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
     return next((name for name in cloud.dtype.names or () if name not in _XYZ), None)
 
 
-def _file_order(message: PointCloud2) -> npt.NDArray[np.int64] | None:
+def _file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
     """Indices that put points in the order of their file, None where the message has that."""
     field = next((field for field in message.fields if field.name == FILE_INDEX), None)
     if field is None or field.datatype != PointField.UINT32:

@@ -49,7 +49,7 @@ def encode_scan(
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
     more: list[tuple[str, str, npt.NDArray[np.generic]]] = []
-    order: slice | npt.NDArray[np.intp] = slice(None)
+    order: npt.NDArray[np.intp] | None = None
     if ring_and_time:
         more.append(('ring', '<u2', rings(points)))
     if ring_and_time and scan.turn is not None:
@@ -67,10 +67,10 @@ def encode_scan(
     if more:
         rich = np.empty(len(points), dtype=point)
         for index, name in enumerate(_XYZI):
-            rich[name] = points[order, index]
+            rich[name] = points[:, index]
         for name, _, values in more:
-            rich[name] = values[order]
-        data = rich.view(np.uint8)
+            rich[name] = values
+        data = _taken(rich, order).view(np.uint8)
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
         height=1,
@@ -127,19 +127,28 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
     order = file_order(points[FILE_INDEX])
     if order is None:
         raise ValueError(f'a cloud whose {FILE_INDEX} does not give each place once')
-    return points[order]
+    return _taken(points, order)
 
 
-def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64] | None:
+def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp] | None:
     """Indices that put points in the order of their file; None unless each place is there once.
 
     Args:
         places: (N,) the field file_index.
     """
-    order = np.full(len(places), -1, dtype=np.int64)
+    order = np.full(len(places), -1, dtype=np.intp)
     inside = places < len(places)
     order[places[inside]] = np.flatnonzero(inside)
     return order if (order >= 0).all() else None
+
+
+def _taken(
+    points: npt.NDArray[np.void], order: npt.NDArray[np.intp] | None
+) -> npt.NDArray[np.void]:
+    """Points in another order; whole points are moved, which is faster than field by field."""
+    if order is None:
+        return points
+    return points.view(f'V{points.dtype.itemsize}')[order].view(points.dtype)
 
 
 def _fields(point: np.dtype[np.void]) -> list[PointField]:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
+SWEEP = '/kitti/source/sweep'
 
 
 def encode_text(file: TextFile) -> String:

@@ -44,7 +44,7 @@ from .oxts import encode_fix, encode_imu, encode_velocity
 from .png import decode_png
 from .pose import encode_odometry, encode_path, encode_tf
 from .scan import encode_scan
-from .source import encode_description, encode_sweep, encode_text
+from .source import SWEEP, encode_description, encode_sweep, encode_text
 from .transforms import encode_static, static_links
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def make_table(
         Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS, _velocity),
         Topic('/kitti/source/oxts', _STRING, Stream.OXTS, _packet_text, **own),
         Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN, _scan, **own),
-        Topic('/kitti/source/sweep', _STRING, Stream.SCAN, _sweep),
+        Topic(SWEEP, _STRING, Stream.SCAN, _sweep),
         Topic('/kitti/labels/detections', _DETECTIONS_3D, Stream.LABELS, _detections),
         Topic('/kitti/labels/boxes_2d', _DETECTIONS_2D, Stream.LABELS, _boxes_2d),
         Topic('/kitti/labels/markers', _MARKERS, Stream.LABELS, _markers),

@@ -95,7 +95,7 @@ PARAMETERS = (
     _P('annotated', False, 'images with the labels drawn on; made only while subscribed'),
     _P('preset', 'default', 'names of topics and frames: default or kitti2bag'),
     _P('tf', True, 'map -> base_link on /tf; false where a SLAM stack owns it'),
-    _P('ring_time', False, 'points also have ring and time'),
+    _P('ring_time', False, 'points also have ring and time, in order of time'),
     _P('scan_stamp', '', 'start or forward; empty is start with ring_time, else forward'),
     _P('semantic', False, "points also have SemanticKITTI's label, instance and rgb"),
     _P('base_to_imu', '', "x,y,z of imu_link in base_link, metres; empty is the preset's"),

@@ -12,11 +12,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from kitti_ros2.bag_program import BagProgram
 from kitti_ros2.cli import main
 from kitti_ros2.importer.planned import look
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import ReadOptions
+from kitti_ros2.options import MessageOptions, ReadOptions, ScanStamp, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
+from kitti_ros2.program import RecordingProgram
 from kitti_ros2.samples import Layout, Stream
 from kitti_ros2.stamps import NS_PER_S, parse_stamp
 
@@ -209,3 +211,24 @@ def test_a_plan_and_pictures_pair_each_scan_with_its_own_image(recordings, tmp_p
         assert again.tobytes() == plain.read(Stream.SCAN, number).points.tobytes()
         png = made.read(Stream.IMAGE_2, index).png
         assert png == plain.read(Stream.IMAGE_2, number).png
+
+
+@pytest.mark.parametrize('kind', ['folder', 'extract', 'bag'])
+def test_a_frame_to_play_is_a_scan_and_its_own_images(recordings, tmp_path, kind):
+    source = recordings[Layout.RAW]
+    read, all_of_it = ReadOptions(scan_stamp=ScanStamp.START), SelectionOptions()
+    if kind == 'bag':
+        program = BagProgram(to_bag(source, tmp_path / 'bag.mcap'), all_of_it)
+    else:
+        recording = open_recording(source, read)
+        recording.common_numbers = kind == 'folder'
+        program = RecordingProgram(recording, MessageOptions(), all_of_it, workers=1)
+    names = [outlet.name for outlet in program.outlets]
+    wanted = range(len(names))
+    frames: dict[str, list[int]] = {}
+    for index, frame in enumerate(program.frames.tolist()):
+        for due in program.fetch(index, wanted)[0]:
+            frames.setdefault(names[due.outlet], []).append(frame)
+    program.close()
+    for topic in (POINTS, '/kitti/camera_color_left/image_rect/compressed', '/kitti/oxts/imu'):
+        assert frames[topic] == [0, 1, 2, 3, 4], topic

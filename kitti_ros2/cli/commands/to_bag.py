@@ -62,7 +62,9 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     ] = None,
     ring_time: Annotated[
         Optional[bool],
-        typer.Option('--ring-time/--no-ring-time', help='Points also have ring and time'),
+        typer.Option(
+            '--ring-time/--no-ring-time', help='Points also have ring and time, in order of time'
+        ),
     ] = None,
     scan_stamp: Annotated[
         Optional[str],
