@@ -54,8 +54,9 @@ class RecordingDescription:
     Attributes:
         layout, name, epoch_ns: As Blueprint has them.
         folders: By stream.
-        texts: The text files that the bag carries, calibration files among them where
-            these are not numbered; None in a description that does not list them.
+        texts: The text files that the bag carries, calibration apart; None where the description
+            does not list them.
+        calibrations: The calibration files that it carries, where these are not numbered.
     """
 
     layout: Layout
@@ -63,6 +64,7 @@ class RecordingDescription:
     epoch_ns: int
     folders: Mapping[Stream, Folder]
     texts: tuple[PurePosixPath, ...] | None
+    calibrations: tuple[PurePosixPath, ...]
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
@@ -90,6 +92,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             epoch_ns=int(values['epoch_ns']),
             folders=folders,
             texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
+            calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'
