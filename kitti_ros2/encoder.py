@@ -223,7 +223,7 @@ class Encoder:
             row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
         }
         numbered = Stream.CALIBRATION in self._recording.streams
-        calibrations: Sequence[str] | None = None
+        calibrations: list[str] = []
         if Stream.CALIBRATION in carried and not numbered:
             calibrations = [file.name for file in self._recording.calibration(0).files]
         return promise(self._recording.describe(), carried, calibrations)

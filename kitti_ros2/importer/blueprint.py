@@ -239,12 +239,14 @@ class _Source:
             reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
             because = f' ({reasons[0]})' if reasons else ''
             raise UndescribedError(self._path, f'has no readable {RECORDING}{because}')
-        texts, calibrations = self._files(description)
+        found = self._files(description)
+        texts, calibrations = found.of(FILES), found.of(CALIBRATION)
         present = dict.fromkeys((*texts, *calibrations))
-        listed = description.texts
-        if listed is None:
+        if description.texts is None:
             description = without_absent_streams(description, topics)
             listed = implied_texts(description, topics, present)
+        else:
+            listed = (*description.texts, *description.calibrations)
         missing = [path for path in dict.fromkeys(listed) if path not in present]
         absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
         return Blueprint(
@@ -262,17 +264,13 @@ class _Source:
             damage=damaged,
         )
 
-    def _files(
-        self, description: RecordingDescription
-    ) -> tuple[dict[PurePosixPath, str], dict[PurePosixPath, str]]:
-        """The text files by path, and the calibration files; two of one path cannot be."""
-        found = TextFiles(description.folders)
-        kept: dict[str, dict[PurePosixPath, str]] = {FILES: {}, CALIBRATION: {}}
+    def _files(self, description: RecordingDescription) -> TextFiles:
+        """The text files that can be written; the others are losses."""
+        listed = {FILES: description.texts, CALIBRATION: description.calibrations}
+        found = TextFiles(description.folders, {} if description.texts is None else listed)
         for topic, stamp_ns, file in self._found:
             try:
-                path = found.add(file, Stream.CALIBRATION if topic == CALIBRATION else None)
+                found.add(topic, file)
             except ValueError as error:
                 self._tally.lose(topic, stamp_ns, str(error))
-                continue
-            kept[topic].setdefault(path, file.text)
-        return kept[FILES], kept[CALIBRATION]
+        return found

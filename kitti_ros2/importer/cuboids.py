@@ -15,7 +15,7 @@ from .marker_boxes import class_of_marker, is_list, shown_markers
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-ABSURD = 'without a possible size or place'
+ABSURD = 'without a possible size, place or score'
 AS_LINES = 'drawn as lines or lists of cubes'
 
 _TRUTH_SCORES = frozenset({0.0, 1.0})
@@ -133,5 +133,6 @@ def _sound(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
         for each in cuboids
         if (np.abs([*each.velo_T_box.matrix().ravel(), *each.size_lwh]) < _FARTHEST_M).all()
         and min(each.size_lwh) > 0
+        and (each.score is None or np.isfinite(each.score))
     ]
     return kept, [ABSURD] * (len(cuboids) - len(kept))

@@ -56,8 +56,9 @@ class RecordingDescription:
     Attributes:
         layout, name, epoch_ns, period_ns, scan_stamp: As Blueprint has them.
         folders: By stream.
-        texts: The text files that the bag carries, calibration files among them where
-            these are not numbered; None in a description that does not list them.
+        texts: The text files that the bag carries, calibration apart; None where the description
+            does not list them.
+        calibrations: The calibration files that it carries, where these are not numbered.
     """
 
     layout: Layout
@@ -67,6 +68,7 @@ class RecordingDescription:
     scan_stamp: ScanStamp
     folders: Mapping[Stream, Folder]
     texts: tuple[PurePosixPath, ...] | None
+    calibrations: tuple[PurePosixPath, ...]
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
@@ -96,6 +98,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             scan_stamp=ScanStamp(values.get('scan_stamp', ScanStamp.FORWARD.value)),
             folders=folders,
             texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
+            calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'

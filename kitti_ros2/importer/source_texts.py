@@ -7,12 +7,14 @@ from __future__ import annotations
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..messages.source import CALIBRATION
+from ..samples import Stream
 from .folders import is_inside, owner_of, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
-    from ..samples import Stream, TextFile
+    from ..samples import TextFile
     from .folders import Folder
 
 TEXT_FILE = 'text file'
@@ -27,43 +29,65 @@ class TextFiles:
 
     Args:
         folders: Where the numbered files are, by stream.
+        listed: By topic the files that it may carry, besides numbered calibrations; None: any.
     """
 
-    def __init__(self, folders: Mapping[Stream, Folder]) -> None:
+    def __init__(
+        self,
+        folders: Mapping[Stream, Folder],
+        listed: Mapping[str, Collection[PurePosixPath] | None],
+    ) -> None:
         self._folders = folders
-        self._texts: dict[PurePosixPath, str] = {}
+        self._listed = listed
+        self._found: dict[PurePosixPath, tuple[str, str]] = {}
+        self._doubtful: set[PurePosixPath] = set()
         self._taken = {
             path for folder in folders.values() for path in (folder.path, *folder.path.parents)
         }
 
-    def add(self, file: TextFile, stream: Stream | None = None) -> PurePosixPath:
-        """Take a file, and again if it has the same text; returns its path.
-
-        Args:
-            file: The name is checked.
-            stream: Of which it may be a numbered file.
+    def add(self, topic: str, file: TextFile) -> None:
+        """Take a file; one that comes again with the same text counts once.
 
         Raises:
             ValueError: The name is invalid, or belongs to another file or to a folder.
         """
         path = _valid_path(file.name)
-        if path not in self._texts:
-            self._refuse_taken(path, stream)
-            self._texts[path] = file.text
+        self._refuse_unlisted(topic, path)
+        if path not in self._found:
+            self._refuse_taken(topic, path)
+            self._found[path] = topic, file.text
             self._taken.update(path.parents)
-        elif self._texts[path] != file.text:
-            raise ValueError(f'a second {path} with another text; the first is kept')
-        return path
+        elif self._found[path][1] != file.text:
+            self._doubtful.add(path)  # one of the two has a damaged name, or a damaged text
+            raise ValueError(f'a second {path} with another text; neither is written')
 
-    def _refuse_taken(self, path: PurePosixPath, stream: Stream | None) -> None:
+    def of(self, topic: str) -> dict[PurePosixPath, str]:
+        """The texts of a topic by path, in the order they came."""
+        return {
+            path: text
+            for path, (origin, text) in self._found.items()
+            if origin == topic and path not in self._doubtful
+        }
+
+    def _refuse_taken(self, topic: str, path: PurePosixPath) -> None:
         if path in self._taken:
             raise ValueError(f'a text named {path}, which is a folder')
         for place in (path, *path.parents):
-            owner = owner_of(place, self._folders)
-            if owner is not None and owner[0] is not stream:
-                raise ValueError(f'a text named {path}, which is {owner[0].value} {owner[1]}')
-            if place != path and place in self._texts:
+            stream, number = owner_of(place, self._folders) or (None, 0)
+            if stream is Stream.CALIBRATION and topic == CALIBRATION and place == path:
+                return
+            if stream is not None:
+                raise ValueError(f'a text named {path}, which is {stream.value} {number}')
+            if place in self._found:
                 raise ValueError(f'a text named {path}, though {place} is a file')
+
+    def _refuse_unlisted(self, topic: str, path: PurePosixPath) -> None:
+        listed = self._listed.get(topic)
+        stream, _ = owner_of(path, self._folders) or (None, 0)
+        if listed is not None and path not in listed and stream is None:
+            raise ValueError(
+                f'a text named {shown(str(path))}, which the description does not list'
+            )
 
 
 def _valid_path(name: str) -> PurePosixPath:

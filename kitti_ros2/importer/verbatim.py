@@ -174,7 +174,7 @@ class _Writer:
         """A text of one frame, unless the whole file is known."""
         text, stream = decode_text(decoded), self._stream(message)
         path = PurePosixPath(text.name)
-        if path in self._blueprint.texts:
+        if path in self._blueprint.texts and stream not in self._blueprint.folders:
             self._counts[stream.value] += 1
             return None
         if path in self._blueprint.missing:
@@ -184,6 +184,11 @@ class _Writer:
         if owner is None or owner[0] is not stream:
             what = f'no {stream.value} file of {self._blueprint.name}'
             self._lose(message, f'names a file {shown(text.name)}, which is {what}')
+            return None
+        # The log times of another recorder are not the samples' stamps, and tell no number.
+        expected = (self._numbers[stream] or {}).get(message.stamp_ns)
+        if expected and owner[1] not in expected:
+            self._lose(message, f'names {path}, which has another stamp')
             return None
         data = text.text.encode()
         return _File(stream, owner[1], path, lambda: data, *_origin(message))

@@ -51,7 +51,7 @@ def decode_sweep(message: String) -> tuple[int | None, int | None]:
 def promise(
     description: Description,
     carried: Mapping[Stream, Sequence[int]],
-    calibrations: Sequence[str] | None,
+    calibrations: Sequence[str],
 ) -> Description:
     """Add which of the recording's files the messages of a selection carry.
 
@@ -69,7 +69,8 @@ def promise(
         for name, entry in values['files'].items()
     }
     texts = description.files if Stream.RECORDING in carried else ()
-    values['texts'] = [*(file.name for file in texts), *(calibrations or ())]
+    values['texts'] = [file.name for file in texts]
+    values['calibrations'] = list(calibrations)
     return replace(description, values=values)
 
 

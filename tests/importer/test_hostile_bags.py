@@ -399,8 +399,9 @@ def test_boxes_of_no_possible_size_are_left_out(change, tmp_path):
         return (bytes(TYPESTORE.serialize_cdr(message, kind)),)
 
     report = convert(hostile(tmp_path, BOXES, None, resize), tmp_path / 'out')
-    note = f'{foreign.FRAMES} boxes without a possible size or place were left out of the labels'
-    assert note in report.notes
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == (BOXES, foreign.FRAMES)
+    assert f'{BOXES}: boxes without a possible size, place or score' in loss.text()
 
 
 @pytest.mark.parametrize('name', ['x\ny: evil\nz', '\x1b[31mred', '../../x', '{x}[red]', ''])
