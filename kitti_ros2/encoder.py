@@ -10,6 +10,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
+from .messages.map_frame import has_no_gravity
+from .messages.mounts import with_nominal_mounts
 from .messages.png import decode_png
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from .samples import Calibration, Description, FrameLabels, Scan, Stream
@@ -30,6 +32,7 @@ _KINDS = {
     FrameLabels: Stream.LABELS,
     Scan: Stream.SCAN,
 }
+_IN_MAP = (Stream.POSE, Stream.PATH)
 _CAMERA_PART = re.compile(r'P\d')
 
 
@@ -83,7 +86,7 @@ class Encoder:
         for index, row in enumerate(self.table):
             self._rows[row.stream].append((index, row))
         self._recording = recording
-        self._rig = make_rig(recording.cameras, options)
+        self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
         self._timeless = False
@@ -109,7 +112,7 @@ class Encoder:
         except (KittiRos2Error, OSError) as error:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
         if isinstance(sample, Calibration):
-            self._nominal.update(sample.nominal)
+            self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
         if isinstance(sample, Scan) and sample.start_ns is None:
             self._timeless = True
         moment = Moment(
@@ -132,13 +135,20 @@ class Encoder:
 
     def notes(self) -> tuple[str, ...]:
         """What is worth a word of the samples encoded so far."""
-        nominal = [
+        notes = [
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
+        if has_no_gravity(self._recording.start, self._rig.options.map) and any(
+            row.stream in _IN_MAP for row in self.table
+        ):
+            notes.append(
+                f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
+                f' layout has no gravity'
+            )
         if self._timeless and self._rig.options.ring_and_time:
-            nominal.append('points have time 0: their sweeps have no start and end')
-        return (*nominal, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+            notes.append('points have time 0: their sweeps have no start and end')
+        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
     def _labels_of(self, number: int) -> FrameLabels:
         """The labels of an image's frame; none where the frame has none."""
