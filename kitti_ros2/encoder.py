@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from .errors import KittiRos2Error, LackingError
 from .messages.map_frame import has_no_gravity
 from .messages.mounts import with_nominal_mounts
+from .messages.naming import image_topic
 from .messages.png import decode_png
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from .samples import Calibration, Description, FrameLabels, Scan, Stream
@@ -75,7 +76,8 @@ class Encoder:
         options: MessageOptions,
         selection: SelectionOptions,
     ) -> None:
-        table = make_table(recording.cameras, recording.image_topic, options)
+        images = image_topic(recording.layout, recording.image_topic, options.preset)
+        table = make_table(recording.cameras, images, options)
         selected = select_topics(table, selection.topics)
         self._selected = {row.stream for row in selected} if selection.topics else set(Stream)
         self._schedule = schedule

@@ -25,6 +25,7 @@ from ..kitti.semantic_file import format_point_labels
 from ..kitti.store import STORE
 from ..messages.header import stamp_ns_of
 from ..messages.image import decode_compressed
+from ..messages.naming import IMAGE_TOPICS
 from ..messages.scan import decode_points, decode_scan
 from ..messages.source import decode_text
 from ..messages.topics import make_table
@@ -76,7 +77,7 @@ def sample_topics() -> dict[str, Stream]:
     for preset in Preset:
         options = MessageOptions(images=Images.BOTH, preset=preset)
         for cameras in (CAMERA_NAMES, numbered):
-            for image_topic in ('image_rect', 'image_raw'):
+            for image_topic in IMAGE_TOPICS:
                 for row in make_table(cameras, image_topic, options):
                     if row.on_demand:
                         found[row.name] = row.stream

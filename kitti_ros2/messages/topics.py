@@ -177,7 +177,7 @@ def make_table(
 
     Args:
         cameras: Camera index to name.
-        image_topic: image_rect or image_raw.
+        image_topic: One of naming.IMAGE_TOPICS.
         options: Which messages are made.
     """
     every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES}
