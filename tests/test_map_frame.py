@@ -8,11 +8,15 @@ from math import cos, log, pi, radians, tan
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.convert import convert
+from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.importer.planned import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.map_frame import map_from_world
 from kitti_ros2.options import (
     BagOptions,
     Bound,
@@ -26,7 +30,7 @@ from kitti_ros2.options import (
 )
 from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.pictures.recording_frames import RecordingFrames
-from kitti_ros2.samples import Layout
+from kitti_ros2.samples import Layout, Start
 
 ODOMETRY = '/kitti/ground_truth/odometry'
 BASE_TO_IMU = np.array([-0.05, 0.32, 0.93])
@@ -170,6 +174,30 @@ def test_the_first_base_link_is_the_origin(recordings, tmp_path, layout, options
     write(recordings[layout], tmp_path / 'o.mcap', **options)
     first = messages(tmp_path / 'o.mcap', ODOMETRY)[0].pose.pose.position
     assert (first.x, first.y, first.z) == (0, 0, 0)
+
+
+METRES = st.floats(-1e3, 1e3)
+POSES = st.builds(
+    lambda rpy, t: Transform(rotation_from_rpy(*rpy), np.array(t)),
+    st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+    st.tuples(METRES, METRES, METRES),
+)
+
+
+@given(POSES, POSES, st.tuples(METRES, METRES, METRES), st.sampled_from(MapFrame), st.booleans())
+def test_every_map_keeps_what_lies_between_poses(first, later, arm, kind, level):
+    base_t_imu = Transform.from_translation(arm)
+    map_t_world = map_from_world(Start(first, level), base_t_imu, kind)
+    here, there = map_t_world @ first, map_t_world @ later
+    moved = (here.inverse() @ there).matrix()
+    np.testing.assert_allclose(moved, (first.inverse() @ later).matrix(), atol=1e-9)
+    if kind is MapFrame.ENU:
+        base = here @ base_t_imu.inverse()
+        np.testing.assert_allclose(base.translation, 0, atol=1e-9)
+        rotation = first.rotation if level else np.eye(3)
+        np.testing.assert_allclose(base.rotation, rotation, atol=1e-12)
+    elif level:
+        np.testing.assert_allclose(here.matrix(), np.eye(4), atol=1e-9)
 
 
 def test_the_first_readable_packet_counts(drive, tmp_path):
