@@ -10,6 +10,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from .errors import KittiRos2Error, LackingError
+from .messages.map_frame import has_no_gravity
+from .messages.mounts import with_nominal_mounts
+from .messages.naming import image_topic
 from .messages.png import decode_png
 from .messages.source import promise
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
@@ -32,6 +35,7 @@ _KINDS = {
     FrameLabels: Stream.LABELS,
     Scan: Stream.SCAN,
 }
+_IN_MAP = (Stream.POSE, Stream.PATH)
 _CAMERA_PART = re.compile(r'P\d')
 
 
@@ -74,7 +78,8 @@ class Encoder:
         options: MessageOptions,
         selection: SelectionOptions,
     ) -> None:
-        table = make_table(recording.cameras, recording.image_topic, options)
+        images = image_topic(recording.layout, recording.image_topic, options.preset)
+        table = make_table(recording.cameras, images, options)
         selected = select_topics(table, selection.topics)
         self._selected = {row.stream for row in selected} if selection.topics else set(Stream)
         self._schedule = schedule
@@ -85,7 +90,7 @@ class Encoder:
         for index, row in enumerate(self.table):
             self._rows[row.stream].append((index, row))
         self._recording = recording
-        self._rig = make_rig(recording.cameras, options)
+        self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
 
@@ -110,7 +115,7 @@ class Encoder:
         except (KittiRos2Error, OSError) as error:
             return [], [Failure(tuple(row.name for _, row in rows), error)]
         if isinstance(sample, Calibration):
-            self._nominal.update(sample.nominal)
+            self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -134,14 +139,24 @@ class Encoder:
         return [part for part in parts if part is not None]
 
     def notes(self) -> tuple[str, ...]:
-        """What is worth a word of the samples encoded so far."""
-        nominal = [
+        """Non-fatal remarks on the samples encoded so far."""
+        notes = [
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
-        turns = (note for note in (self._compensation_note(), self._turn_note()) if note)
-        topics = (f'no topic is called {pattern}' for pattern in self._unmatched)
-        return (*nominal, *turns, *topics)
+        remarks = (self._map_note(), self._compensation_note(), self._turn_note())
+        notes += [remark for remark in remarks if remark]
+        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+
+    def _map_note(self) -> str:
+        if not has_no_gravity(self._recording.start, self._rig.options.map) or not any(
+            row.stream in _IN_MAP for row in self.table
+        ):
+            return ''
+        return (
+            f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
+            f' layout has no gravity'
+        )
 
     def _compensation_note(self) -> str:
         turns, timed = self._recording.turns, self._rig.options.ring_and_time

@@ -20,6 +20,7 @@ from .messages.camera_info import (
     image_frame_camera,
 )
 from .messages.cdr import deserialize
+from .messages.mounts import with_nominal_mounts
 from .messages.topics import make_rig
 from .messages.transforms import decode_static, static_links
 from .options import MessageOptions
@@ -166,15 +167,16 @@ Calibrated = tuple[tuple[CameraGlance, ...], tuple[LinkGlance, ...], tuple[str, 
 def _recording_calibration(recording: KittiRecording) -> Calibrated:
     first = min(int(index.numbers[0]) for index in recording.streams.values())
     calibration = recording.calibration(first)
-    rig = make_rig(recording.cameras, MessageOptions())
+    rig = make_rig(recording, MessageOptions())
     cameras = []
     for index, camera in sorted(calibration.cameras.items()):
         frame = rig.frames.camera(image_frame_camera(calibration, index))
         info = encode_camera_info(calibration, index, camera.size or (0, 0), 0, frame)
         cameras.append(_camera_glance(f'camera_{rig.frames.cameras.get(index, index)}', info))
-    links = static_links(calibration, rig.base_t_imu, rig.frames)
+    mounted = with_nominal_mounts(calibration, rig.cameras)
+    links = static_links(mounted, rig.base_t_imu, rig.frames)
     notes = tuple(reason for part, reason in calibration.lacks.items() if not part.startswith('P'))
-    nominal = tuple(f'{part} is nominal, not in the calibration' for part in calibration.nominal)
+    nominal = tuple(f'{part} is nominal, not in the calibration' for part in mounted.nominal)
     return tuple(cameras), _link_glances(links), notes + nominal
 
 

@@ -64,17 +64,17 @@ def _track_identity(track_id: int, place: int) -> str:
 
 
 class Trails:
-    """Where every track of a recording was, in map."""
+    """Where every track of a recording was, in the fixed frame of its poses."""
 
     def __init__(
         self,
         frames: Mapping[int, Sequence[Cuboid]],
-        map_t_velo: Callable[[int], Transform | None],
+        world_t_velo: Callable[[int], Transform | None],
     ) -> None:
         self._numbers: dict[int, list[int]] = {}
         self._places: dict[int, list[Float64Array]] = {}
         for number in sorted(frames):
-            pose = map_t_velo(number)
+            pose = world_t_velo(number)
             for cuboid in frames[number] if pose is not None else ():
                 if cuboid.track_id is not None and cuboid.track_id >= 0 and pose is not None:
                     self._numbers.setdefault(cuboid.track_id, []).append(number)
@@ -82,7 +82,7 @@ class Trails:
                     self._places.setdefault(cuboid.track_id, []).append(place)
 
     def up_to(self, number: int) -> dict[int, Float64Array]:
-        """Track id to its places up to a frame that has it, (N, 3) metres in map."""
+        """Track id to its places up to a frame that has it, (N, 3) metres in the world."""
         return {
             track: np.array(self._places[track][: numbers.index(number) + 1])
             for track, numbers in self._numbers.items()

@@ -151,6 +151,13 @@ class Preset(str, Enum):
     KITTI2BAG = 'kitti2bag'
 
 
+class MapFrame(str, Enum):
+    """What the map frame is: east-north-up from the first base_link, or KITTI's own."""
+
+    ENU = 'enu'
+    DEVKIT = 'devkit'
+
+
 class Images(str, Enum):
     """How images are written: the PNG's own bytes, decoded pixels, or both."""
 
@@ -216,6 +223,7 @@ class MessageOptions:
     Attributes:
         images: compressed, raw or both.
         preset: Names of topics and frames.
+        map: Axes and origin of the map frame; see messages/map_frame.py.
         publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack owns it.
         ring_and_time: Whether points also have ring and time.
         base_to_imu: x, y, z of imu_link in base_link, metres; None as the preset has it.
@@ -229,6 +237,7 @@ class MessageOptions:
 
     images: Images = Images.COMPRESSED
     preset: Preset = Preset.DEFAULT
+    map: MapFrame = MapFrame.ENU
     publish_tf: bool = True
     ring_and_time: bool = False
     base_to_imu: tuple[float, ...] | None = None

@@ -192,16 +192,17 @@ class OxtsPacket:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the vehicle is: imu_link in map, and how it moves where that is known.
+    """Where the vehicle is: imu_link in a fixed frame, and how it moves where that is known.
 
     Attributes:
-        map_T_imu: Pose of imu_link in map.
+        world_T_imu: Pose of imu_link in the frame that is fixed to the world: a reader's own (see
+            Start), or map.
         velocity: (3,) m/s in imu_link axes, or None.
         angular_velocity: (3,) rad/s in imu_link axes, or None.
         position_sigma, velocity_sigma: One standard deviation in metres and m/s, or None.
     """
 
-    map_T_imu: Transform
+    world_T_imu: Transform
     velocity: Float64Array | None = None
     angular_velocity: Float64Array | None = None
     position_sigma: float | None = None
@@ -210,10 +211,24 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """All poses of imu_link in map that a recording holds: stamps and transforms of one length."""
+    """Poses of imu_link in a fixed frame, as in Pose: stamps and transforms of one length."""
 
     stamps_ns: Int64Array
-    map_T_imu: Sequence[Transform]
+    world_T_imu: Sequence[Transform]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The first readable pose of a recording; it decides where map is.
+
+    Attributes:
+        world_T_imu: The pose, in the reader's fixed frame.
+        level: Whether the axes of that frame are east, north and up; False where the layout has no
+            gravity (odometry).
+    """
+
+    world_T_imu: Transform
+    level: bool
 
 
 @dataclass(frozen=True)
@@ -434,10 +449,15 @@ class Recording(Protocol):
         ...
 
     def trails(self, number: int) -> Mapping[int, Float64Array]:
-        """Track id to where that track's middle was up to a frame, (N, 3) metres in map.
+        """Track id to where that track's middle was up to a frame, (N, 3) metres in the world.
 
         Tracks that the frame does not have are left out; all are, where there are no poses.
         """
+        ...
+
+    @property
+    def start(self) -> Start | None:
+        """The first readable pose of the whole recording, None without one."""
         ...
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:

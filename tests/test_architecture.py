@@ -14,7 +14,9 @@ import pytest
 PACKAGE = 'kitti_ros2'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
-GROUND = frozenset({'errors', 'one_line', 'stamps', 'geometry', 'boxes', 'samples', 'labels'})
+GROUND = frozenset(
+    {'errors', 'one_line', 'stamps', 'geometry', 'nominal', 'boxes', 'samples', 'labels'}
+)
 BELOW_JOBS = GROUND | {
     'options',
     'ordered_map',
@@ -45,6 +47,7 @@ ROOMS = {
     'one_line': frozenset(),
     'stamps': frozenset({'errors'}),
     'geometry': frozenset({'errors', 'stamps'}),
+    'nominal': frozenset({'geometry'}),
     'boxes': frozenset({'errors', 'stamps', 'geometry'}),
     'samples': GROUND - {'samples', 'labels'},
     'labels': GROUND - {'labels'},

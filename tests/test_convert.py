@@ -200,13 +200,40 @@ def test_kitti2bag_names(recordings, tmp_path):
     options = MessageOptions(preset=Preset.KITTI2BAG)
     found = read(run(recordings[Layout.RAW], tmp_path / 'out.mcap', messages=options).path)
     assert {'/kitti/velo/pointcloud', '/kitti/oxts/gps/fix', '/kitti/oxts/gps/vel'} <= set(found)
-    assert '/kitti/camera_gray_left/image/compressed' in found
+    assert '/kitti/camera_gray_left/image_raw/compressed' in found
     [(_, tf), *_] = found['/tf']
     assert tf.transforms[0].header.frame_id == 'world'
     [(_, static)] = found['/tf_static']
     children = {t.child_frame_id: t.transform.translation.x for t in static.transforms}
     assert 'camera_color_right' in children
     assert children['imu_link'] == -1.405
+
+
+@pytest.mark.parametrize('preset', list(Preset))
+@pytest.mark.parametrize('layout', list(Layout))
+def test_image_topics_of_each_layout(recordings, tmp_path, layout, preset):
+    """kitti2bag 1.5: image_raw of raw drives, image_rect of odometry; it knows no other layout."""
+    options = MessageOptions(preset=preset, images=Images.BOTH)
+    report = run(recordings[layout], tmp_path / 'out.mcap', messages=options)
+    raw = (layout, preset) == (Layout.RAW, Preset.KITTI2BAG)
+    image = 'image_raw' if raw else 'image_rect'
+    found = {topic for topic, count in report.counts.items() if count and '/image' in topic}
+    cameras = {'color_left', 'color_right'}
+    cameras |= {'gray_left', 'gray_right'} if layout in {Layout.RAW, Layout.ODOMETRY} else set()
+    names = {f'/kitti/camera_{camera}/{image}' for camera in cameras}
+    assert found == names | {f'{name}/compressed' for name in names}
+
+
+def test_what_ultralytics_ros_subscribes_to(recordings, tmp_path):
+    """The topics of its launch/kitti_tracker_with_cloud.launch.xml."""
+    options = MessageOptions(preset=Preset.KITTI2BAG, images=Images.RAW)
+    found = read(run(recordings[Layout.RAW], tmp_path / 'out.mcap', messages=options).path)
+    wanted = {
+        '/kitti/camera_color_left/image_raw',
+        '/kitti/camera_color_left/camera_info',
+        '/kitti/velo/pointcloud',
+    }
+    assert wanted <= set(found)
 
 
 def test_tf_can_be_left_to_a_slam_stack(recordings, tmp_path):

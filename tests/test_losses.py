@@ -257,7 +257,7 @@ def test_odometry_poses_swing_about_the_camera(recordings):
     recording = open_recording(recordings[Layout.ODOMETRY])
     calibration = recording.calibration(0)
     assert calibration.velo_T_imu.translation.tolist() == [-0.81, 0.32, -0.8]
-    first = recording.read(Stream.POSE, 0).map_T_imu
+    first = recording.read(Stream.POSE, 0).world_T_imu
     np.testing.assert_allclose(first.matrix(), np.eye(4), atol=1e-5)
 
 

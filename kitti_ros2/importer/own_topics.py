@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from ..messages.naming import IMAGE_TOPICS
 from ..messages.topics import make_table
 from ..options import Images, MessageOptions, Preset
 from ..samples import CAMERA_COUNT, CAMERA_NAMES, Stream
@@ -26,7 +27,7 @@ def own_topics() -> dict[str, Topic]:
     for preset in Preset:
         options = MessageOptions(images=Images.BOTH, preset=preset)
         for cameras in (CAMERA_NAMES, numbered):
-            for image_topic in ('image_rect', 'image_raw'):
+            for image_topic in IMAGE_TOPICS:
                 for row in make_table(cameras, image_topic, options):
                     found[row.name] = row
     return found

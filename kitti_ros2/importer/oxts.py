@@ -15,7 +15,8 @@ wx wy wz, wf wl wu      Imu, else TwistStamped; levelled, wl about the left; 0 w
 pos_accuracy            square root of NavSatFix's variance; 0 where that is unknown
 vel_accuracy            0: a TwistStamped has none
 navstat numsats         0
-posmode velmode orimode -1, as KITTI itself writes them where they are not known
+posmode                 of the NavSatFix's status: 3 (SPS), 4 (differential) or 7 (WAAS); -1 without
+velmode orimode         -1, as KITTI itself writes them where they are not known
 ======================  ============================================================================
 
 A number that a message declares unknown (-1 at the head of its covariance), or that is not finite
@@ -39,7 +40,7 @@ import numpy as np
 from ..geometry import Transform, quaternion_to_rotation, rotation_from_rpy, rotation_to_rpy
 from ..kitti.oxts_file import parse_packet
 from ..messages.header import vector_of
-from ..messages.oxts import decode_fix
+from ..messages.oxts import decode_fix, position_mode
 from ..messages.ros_types import NavSatFix
 
 if TYPE_CHECKING:
@@ -94,7 +95,8 @@ def make_packet(
     if fix is not None:
         columns |= _fix_columns(fix)
     unsigned_zeros = {name: value + 0.0 for name, value in columns.items()}
-    return replace(_UNKNOWN, **unsigned_zeros)  # type: ignore[arg-type] # no whole numbers
+    posmode = _UNKNOWN.posmode if fix is None else position_mode(fix)
+    return replace(_UNKNOWN, posmode=posmode, **unsigned_zeros)  # type: ignore[arg-type] # floats
 
 
 def has_orientation(imu: Imu) -> bool:

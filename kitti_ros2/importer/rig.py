@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import LackingError
 from ..geometry import Transform
-from ..kitti.calib_file import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
+from ..nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..samples import Calibration, CameraCalibration
 from .camera_model import CameraModel, camera_model
 from .viewpoints import angle_of, viewpoints

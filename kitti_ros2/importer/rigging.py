@@ -13,7 +13,6 @@ import numpy as np
 
 from ..errors import BadFileError, UsageError
 from ..geometry import Transform
-from ..kitti.calib_file import NOMINAL_CAM0_T_VELO
 from ..kitti.png_file import parse_image
 from ..labels import rect_from_velo
 from ..messages.clouds import decode_cloud
@@ -21,6 +20,7 @@ from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of, s
 from ..messages.png_writer import encode_png
 from ..messages.rectify import Rectifier
 from ..messages.source import decode_text
+from ..nominal import NOMINAL_CAM0_T_VELO
 from ..samples import Loss, Scan
 from . import survey as types
 from .calibrations import make_calibrations

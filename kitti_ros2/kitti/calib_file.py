@@ -20,6 +20,7 @@ import numpy as np
 
 from ..errors import BadFileError
 from ..geometry import Transform
+from ..nominal import NOMINAL_VELO_T_IMU
 from ..samples import CAMERA_COUNT, Calibration, CameraCalibration, TextFile
 from . import names
 from .calib_table import CalibTable
@@ -31,14 +32,6 @@ if TYPE_CHECKING:
     from ..geometry import Float64Array
 
 T = TypeVar('T')
-
-NOMINAL_VELO_T_IMU = Transform.from_translation((-0.81, 0.32, -0.80))
-"""Where the imu stands on KITTI's car, to a centimetre: for layouts that do not tell (odometry)."""
-
-NOMINAL_CAM0_T_VELO = Transform(
-    np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.array([0.0, -0.08, -0.27])
-)
-"""Where the scanner stands on KITTI's car, to a centimetre: for poses without a Tr."""
 
 _KITTI_CAMERAS = 4
 

@@ -38,6 +38,7 @@ class OdometryRecording(KittiRecording):
     """One sequence of an odometry set."""
 
     layout = Layout.ODOMETRY
+    level_poses = False
 
     def __init__(self, sequence: Path, options: ReadOptions) -> None:
         grouped = sequence.parent.name == names.SEQUENCES

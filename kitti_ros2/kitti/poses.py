@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry import Transform, rotation_from_rpy
+from ..nominal import NOMINAL_CAM0_T_VELO
 from ..samples import Pose
-from .calib_file import NOMINAL_CAM0_T_VELO
 
 if TYPE_CHECKING:
     from ..geometry import Float64Array
@@ -21,41 +21,46 @@ EARTH_RADIUS_M = 6378137.0
 
 
 @dataclass(frozen=True, eq=False)
-class MercatorMap:
-    """The map frame of a recording with oxts: imu_link at its first packet.
+class MercatorWorld:
+    """The fixed frame of a recording with oxts: east, north, up from imu_link at its first packet.
 
-    Source: convertOxtsToPose.m and latlonToMercator.m of the raw devkit: Mercator scaled by
-    cos(lat0), rotation Rz Ry Rx, relative to the first pose.
+    Source: latlonToMercator.m and convertOxtsToPose.m of the raw devkit: Mercator scaled by
+    cos(lat0), rotation Rz Ry Rx. The devkit then makes all poses relative to the first one; here
+    only the first position is subtracted, as pykitti does, so that the axes stay level.
+
+    Attributes:
+        scale: cos(lat0).
+        origin: (3,) east, north, up of the first packet, metres.
     """
 
     scale: float
-    map_T_mercator: Transform
+    origin: Float64Array
 
     @classmethod
-    def at(cls, first: OxtsPacket) -> MercatorMap:
-        """The map whose origin and axes are those of imu_link in a packet."""
+    def at(cls, first: OxtsPacket) -> MercatorWorld:
+        """The frame whose origin is imu_link in a packet."""
         scale = float(np.cos(np.radians(first.lat)))
-        return cls(scale, _mercator_t_imu(first, scale).inverse())
+        return cls(scale, _mercator(first, scale))
 
     def pose(self, packet: OxtsPacket) -> Transform:
-        """map_T_imu of a packet."""
-        return self.map_T_mercator @ _mercator_t_imu(packet, self.scale)
+        """world_T_imu of a packet."""
+        return Transform(
+            rotation_from_rpy(packet.roll, packet.pitch, packet.yaw),
+            _mercator(packet, self.scale) - self.origin,
+        )
 
 
-def _mercator_t_imu(packet: OxtsPacket, scale: float) -> Transform:
-    """imu_link in east, north, up metres."""
+def _mercator(packet: OxtsPacket, scale: float) -> Float64Array:
+    """(3,) east, north, up of imu_link, metres."""
     east = scale * EARTH_RADIUS_M * np.radians(packet.lon)
     north = scale * EARTH_RADIUS_M * np.log(np.tan(np.pi / 4 + np.radians(packet.lat) / 2))
-    return Transform(
-        rotation_from_rpy(packet.roll, packet.pitch, packet.yaw),
-        np.array([east, north, packet.alt]),
-    )
+    return np.array([east, north, packet.alt])
 
 
-def pose_from_packet(packet: OxtsPacket, map_: MercatorMap) -> Pose:
-    """The pose and motion that an oxts packet tells."""
+def pose_from_packet(packet: OxtsPacket, world: MercatorWorld) -> Pose:
+    """The pose and motion of an oxts packet."""
     return Pose(
-        map_.pose(packet),
+        world.pose(packet),
         velocity=packet.body_velocity(),
         angular_velocity=np.array([packet.wx, packet.wy, packet.wz]),
         position_sigma=packet.pos_accuracy,
@@ -66,8 +71,8 @@ def pose_from_packet(packet: OxtsPacket, map_: MercatorMap) -> Pose:
 def pose_from_odometry(first_cam0_t_cam0: Float64Array, calibration: Calibration) -> Pose:
     """The pose of imu_link from a (3, 4) pose of the rectified camera 0 in its first frame.
 
-    The map is imu_link at the first frame; the camera's mounting is taken from the calibration,
-    or its nominal place where that does not tell.
+    The world is imu_link at the first frame, which is not level: odometry has no gravity. The
+    camera's mounting is the calibration's, or the nominal one where that has none.
     """
     rect_r_cam0 = np.eye(3) if calibration.r0_rect is None else calibration.r0_rect
     cam0_t_velo = calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import BadFileError, KittiRos2Error, MissingFileError
 from ..labels import Trails, cuboids_of
+from ..nominal import NOMINAL_VELO_T_IMU
 from ..samples import (
     CAMERA_NAMES,
     Calibration,
@@ -23,6 +24,7 @@ from ..samples import (
     Pose,
     Sample,
     Scan,
+    Start,
     Stream,
     StreamIndex,
     TextFile,
@@ -31,9 +33,9 @@ from ..samples import (
     runs_of,
 )
 from ..stamps import LAST_NS, NS_PER_S
-from .calib_file import NOMINAL_VELO_T_IMU, parse_calibration
+from .calib_file import parse_calibration
 from .png_file import parse_image
-from .poses import MercatorMap, pose_from_packet
+from .poses import MercatorWorld, pose_from_packet
 from .scan_file import parse_scan
 from .store import STORE
 from .turns import find_turns, scan_stamps
@@ -55,6 +57,7 @@ class KittiRecording:
     layout: Layout
     image_topic = 'image_rect'
     common_numbers = True
+    level_poses = True
 
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         self.root = root
@@ -118,6 +121,17 @@ class KittiRecording:
                 lacks[name] = str(error)
         return Description(values, files, lacks)
 
+    @cached_property
+    def start(self) -> Start | None:
+        """The first readable pose of the whole recording; see samples.Recording."""
+        index = self.streams.get(Stream.POSE)
+        for number in () if index is None else index.numbers.tolist():
+            try:
+                return Start(self._pose(number).world_T_imu, self.level_poses)
+            except (KittiRos2Error, OSError):
+                continue  # it is named where its own messages fail
+        return None
+
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
         """The poses of these numbers, those that cannot be read left out."""
         stamps: list[int] = []
@@ -131,7 +145,7 @@ class KittiRecording:
                 except (KittiRos2Error, OSError):
                     continue
                 stamps.append(stamp_of[number])
-                poses.append(pose.map_T_imu)
+                poses.append(pose.world_T_imu)
         return Trajectory(np.array(stamps, dtype=np.int64), poses)
 
     def read(self, stream: Stream, number: int) -> Sample:
@@ -160,15 +174,15 @@ class KittiRecording:
                 frames[number] = cuboids_of(self._labels(number), self.calibration(number))
             except (KittiRos2Error, OSError, ValueError):
                 continue  # it is named where its own messages fail
-        return Trails(frames, self._map_t_velo)
+        return Trails(frames, self._world_t_velo)
 
-    def _map_t_velo(self, number: int) -> Transform | None:
+    def _world_t_velo(self, number: int) -> Transform | None:
         """Where the scanner was at a frame, None where the recording does not tell."""
         try:
             pose = self._pose(number)
         except (KittiRos2Error, OSError, LookupError):
             return None
-        return pose.map_T_imu @ self.calibration(number).velo_T_imu.inverse()
+        return pose.world_T_imu @ self.calibration(number).velo_T_imu.inverse()
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
@@ -181,14 +195,14 @@ class KittiRecording:
         raise NotImplementedError
 
     def _pose(self, number: int) -> Pose:
-        return pose_from_packet(self._packet_cached(number), self._map)
+        return pose_from_packet(self._packet_cached(number), self._world)
 
     @cached_property
-    def _map(self) -> MercatorMap:
-        """The map of the poses, at the first oxts packet that can be read."""
+    def _world(self) -> MercatorWorld:
+        """The fixed frame of the poses, at the first readable oxts packet."""
         for number in self.streams[Stream.OXTS].numbers.tolist():
             try:
-                return MercatorMap.at(self._packet(number))
+                return MercatorWorld.at(self._packet(number))
             except (KittiRos2Error, OSError):
                 continue
         raise MissingFileError(self.root, 'the origin of the map: not one oxts packet is readable')
@@ -338,7 +352,15 @@ def load_calibration(path: Path, root: Path) -> Calibration:
         reason = f'{path}: no such file'
     except (BadFileError, OSError) as error:
         reason = str(error)
-    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason}, files=files)
+    return Calibration(
+        {},
+        None,
+        None,
+        NOMINAL_VELO_T_IMU,
+        nominal=('velo_T_imu',),
+        lacks={'file': reason},
+        files=files,
+    )
 
 
 def _some(names: Sequence[str]) -> str:

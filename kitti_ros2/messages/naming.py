@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..geometry import Transform
 from ..options import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
-from ..samples import CAMERA_NAMES
+from ..samples import CAMERA_NAMES, Layout
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +22,7 @@ class Frames:
     """Frame names.
 
     Attributes:
-        map: Fixed to the world, imu_link at the recording's first pose.
+        map: Fixed to the world; see map_frame.
         base: On the ground below the middle of the rear axle.
         imu: The GPS/IMU unit (x forward, y left, z up).
         velo: The laser scanner (x forward, y left, z up).
@@ -48,8 +48,6 @@ _RENAMED_TOPICS = {
         '/kitti/velo/points': '/kitti/velo/pointcloud',
         '/kitti/oxts/fix': '/kitti/oxts/gps/fix',
         '/kitti/oxts/vel': '/kitti/oxts/gps/vel',
-        '/image_rect': '/image',
-        '/image_raw': '/image',
     },
 }
 
@@ -59,6 +57,22 @@ def rename_topic(topic: str, preset: Preset) -> str:
     for default, renamed in _RENAMED_TOPICS[preset].items():
         topic = topic.replace(default, renamed)
     return topic
+
+
+IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
+"""What images may be called; image in bags of other versions of kitti2bag."""
+
+
+def image_topic(layout: Layout, own: str, preset: Preset) -> str:
+    """The last part of an image topic's name.
+
+    Args:
+        layout: Of the recording.
+        own: image_rect, or image_raw where the images are not rectified.
+        preset: kitti2bag 1.5 calls the images of raw drives image_raw although they are rectified,
+            and those of odometry image_rect (save_camera_data).
+    """
+    return 'image_raw' if preset is Preset.KITTI2BAG and layout is Layout.RAW else own
 
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:

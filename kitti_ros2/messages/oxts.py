@@ -24,12 +24,21 @@ if TYPE_CHECKING:
 _UNKNOWN = np.zeros(9)
 """All zeros: covariance unknown (Imu.msg)."""
 
-# OXTS position modes (devkit gps_mode_to_string). No position: none, search, doppler, and no data,
-# blanked, doppler post-processed; a ground station: differential and RTK, the same
-# post-processed; a satellite: WAAS and Omnistar, Omnistar XP and CDGPS.
-_STATUS_BY_MODE = dict.fromkeys((0, 1, 2, 10, 11, 12), NavSatStatus.STATUS_NO_FIX)
-_STATUS_BY_MODE |= dict.fromkeys((4, 5, 6, 14, 15, 16), NavSatStatus.STATUS_GBAS_FIX)
+# Position modes with a fix, of all that OXTS documents (devkit gps_mode_to_string; "Position modes
+# quoted by OxTS units"). Unaided: SPS, also post-processed, gx and ix, and PPP; a ground station:
+# differential and RTK, the same variants; a satellite: WAAS, OmniSTAR, OmniSTAR XP and CDGPS. Any
+# other is no fix: none, search, doppler, no data, blanked, and -1, KITTI's for unknown.
+_STATUS_BY_MODE = dict.fromkeys((3, 13, 21, 26, 30, 31), NavSatStatus.STATUS_FIX)
+_STATUS_BY_MODE |= dict.fromkeys(
+    (4, 5, 6, 14, 15, 16, 22, 23, 24, 27, 28, 29), NavSatStatus.STATUS_GBAS_FIX
+)
 _STATUS_BY_MODE |= dict.fromkeys((7, 8, 9, 17, 18), NavSatStatus.STATUS_SBAS_FIX)
+_LEAST_MODE_BY_STATUS = {
+    NavSatStatus.STATUS_FIX: 3,
+    NavSatStatus.STATUS_GBAS_FIX: 4,
+    NavSatStatus.STATUS_SBAS_FIX: 7,
+}
+_NO_MODE = -1
 
 
 def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
@@ -60,7 +69,15 @@ def decode_imu(message: Imu) -> dict[str, float]:
 
 
 def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
-    """Latitude, longitude, altitude; pos_accuracy is a sigma, so its square is the variance."""
+    """Latitude, longitude and altitude as the packet has them: KITTI's altitude is above sea level.
+
+    NavSatFix.msg asks for the height above the ellipsoid, some 48 m more in Karlsruhe: KITTI has no
+    geoid to convert with (the unit's default: OXTS, "Altitude reference options"). pos_accuracy is
+    the sigma of north and east, so its square is the variance, for up an approximation; 0 is
+    unknown. A packet without a fix keeps its position, which the unit carries on from its inertial
+    sensors.
+    """
+    known = packet.pos_accuracy > 0
     return NavSatFix(
         header=make_header(stamp_ns, frame_id),
         status=_status(packet),
@@ -68,12 +85,14 @@ def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
         longitude=packet.lon,
         altitude=packet.alt,
         position_covariance=np.diag([packet.pos_accuracy**2] * 3).ravel(),
-        position_covariance_type=NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
+        position_covariance_type=(
+            NavSatFix.COVARIANCE_TYPE_APPROXIMATED if known else NavSatFix.COVARIANCE_TYPE_UNKNOWN
+        ),
     )
 
 
 def _status(packet: OxtsPacket) -> Any:  # noqa: ANN401 - rosbags types the field by an older class
-    status = _STATUS_BY_MODE.get(packet.posmode, NavSatStatus.STATUS_FIX)
+    status = _STATUS_BY_MODE.get(packet.posmode, NavSatStatus.STATUS_NO_FIX)
     return NavSatStatus(status, NavSatStatus.SERVICE_GPS)
 
 
@@ -85,6 +104,11 @@ def decode_fix(message: NavSatFix) -> dict[str, float]:
         'alt': message.altitude,
         'pos_accuracy': float(np.sqrt(message.position_covariance[0])),
     }
+
+
+def position_mode(message: NavSatFix) -> int:
+    """A posmode of the fix's status, the least accurate one; -1 without a fix."""
+    return _LEAST_MODE_BY_STATUS.get(message.status.status, _NO_MODE)
 
 
 def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistStamped:

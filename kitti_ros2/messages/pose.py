@@ -33,12 +33,12 @@ def encode_odometry(
     """The pose of base_link in map, and its motion in base_link.
 
     Args:
-        pose: Of imu_link.
+        pose: Of imu_link in map.
         base_t_imu: Where imu_link is on the vehicle; the lever arm is accounted for.
         stamp_ns: Nanoseconds.
         frames: Names of map and base_link.
     """
-    map_t_base = pose.map_T_imu @ base_t_imu.inverse()
+    map_t_base = pose.world_T_imu @ base_t_imu.inverse()
     linear, angular = np.zeros(3), np.zeros(3)
     if pose.velocity is not None and pose.angular_velocity is not None:
         angular = base_t_imu.rotation @ pose.angular_velocity
@@ -73,7 +73,7 @@ def encode_tf(
     pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
 ) -> TFMessage:
     """The dynamic transform map -> base_link."""
-    map_t_base = pose.map_T_imu @ base_t_imu.inverse()
+    map_t_base = pose.world_T_imu @ base_t_imu.inverse()
     return TFMessage([make_transform(map_t_base, stamp_ns, frames[0], frames[1])])
 
 
@@ -85,7 +85,7 @@ def encode_path(
     poses = [
         PoseStamped(make_header(stamp, frame_id), make_pose(map_t_imu @ imu_t_base))
         for stamp, map_t_imu in zip(
-            trajectory.stamps_ns.tolist(), trajectory.map_T_imu, strict=True
+            trajectory.stamps_ns.tolist(), trajectory.world_T_imu, strict=True
         )
     ]
     return Path(make_header(stamp_ns, frame_id), poses)

@@ -38,7 +38,9 @@ from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import BULK_TAIL, Parts, restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
 from .image import encode_compressed, encode_pixels
+from .map_frame import map_from_world, place_pose, place_trajectory
 from .markers import encode_markers
+from .mounts import with_nominal_mounts
 from .naming import Frames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
 from .png import decode_png
@@ -53,6 +55,7 @@ if TYPE_CHECKING:
 
     from ..boxes import Cuboid
     from ..geometry import Float64Array, Transform
+    from ..samples import Recording
     from .pixels import Pixels
 
 
@@ -69,12 +72,16 @@ class Rig:
 
     Attributes:
         frames: Frame names.
+        cameras: Those whose images or labels are in messages.
         base_t_imu: Where imu_link is on base_link.
+        map_T_world: The fixed frame of the reader's poses in map.
         options: How messages are made.
     """
 
     frames: Frames
+    cameras: frozenset[int]
     base_t_imu: Transform
+    map_T_world: Transform
     options: MessageOptions
 
 
@@ -87,7 +94,7 @@ class Moment:
         stamp_ns: The sample's own.
         path: The file it came from, for errors.
         calibration: Gives the calibration of the sample's frame.
-        trails: Gives where the tracks of the sample's frame were.
+        trails: Gives where the tracks of the sample's frame were, in the reader's fixed frame.
         camera: KITTI camera index of an image.
         pixels: Decodes an image.
         labels: Gives the labels of the sample's frame, if any.
@@ -152,9 +159,17 @@ class Topic:
         return messages
 
 
-def make_rig(cameras: Mapping[int, str], options: MessageOptions) -> Rig:
-    """The rig of a recording whose cameras have names."""
-    return Rig(make_frames(options.preset, cameras), base_t_imu(options), options)
+def make_rig(recording: Recording, options: MessageOptions) -> Rig:
+    """What all messages of a recording share."""
+    mount = base_t_imu(options)
+    labelled = {LABELLED_CAMERA} if Stream.LABELS in recording.streams else set()
+    return Rig(
+        frames=make_frames(options.preset, recording.cameras),
+        cameras=frozenset(recording.cameras) | labelled,
+        base_t_imu=mount,
+        map_T_world=map_from_world(recording.start, mount, options.map),
+        options=options,
+    )
 
 
 def make_table(
@@ -164,7 +179,7 @@ def make_table(
 
     Args:
         cameras: Camera index to name.
-        image_topic: image_rect or image_raw.
+        image_topic: One of naming.IMAGE_TOPICS.
         options: Which messages are made.
     """
     every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
@@ -247,7 +262,8 @@ _MARKERS = 'visualization_msgs/msg/MarkerArray'
 
 
 def _static(calibration: Calibration, moment: Moment) -> object:
-    links = static_links(calibration, moment.rig.base_t_imu, moment.rig.frames)
+    mounted = with_nominal_mounts(calibration, moment.rig.cameras)
+    links = static_links(mounted, moment.rig.base_t_imu, moment.rig.frames)
     return encode_static(links, moment.stamp_ns)
 
 
@@ -287,7 +303,8 @@ def _boxes_2d(labels: FrameLabels, moment: Moment) -> Any:  # noqa: ANN401 - as 
 
 def _markers(labels: FrameLabels, moment: Moment) -> object:
     options = moment.rig.options.markers
-    trails = moment.trails() if options.trails else {}
+    found = moment.trails() if options.trails else {}
+    trails = {track: moment.rig.map_T_world.apply(places) for track, places in found.items()}
     cuboids = _cuboids(labels, moment)
     return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
 
@@ -301,19 +318,22 @@ def _description(description: Description, moment: Moment) -> object:  # noqa: A
 
 
 def _path(trajectory: Trajectory, moment: Moment) -> object | None:
-    if not trajectory.map_T_imu:
+    if not trajectory.world_T_imu:
         return None
-    return encode_path(trajectory, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
+    placed = place_trajectory(trajectory, moment.rig.map_T_world)
+    return encode_path(placed, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
 
 
 def _odometry(pose: Pose, moment: Moment) -> object:
     frames = (moment.rig.frames.map, moment.rig.frames.base)
-    return encode_odometry(pose, moment.rig.base_t_imu, moment.stamp_ns, frames)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
 
 
 def _tf(pose: Pose, moment: Moment) -> object:
     frames = (moment.rig.frames.map, moment.rig.frames.base)
-    return encode_tf(pose, moment.rig.base_t_imu, moment.stamp_ns, frames)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
 
 
 def _imu(packet: OxtsPacket, moment: Moment) -> object:

@@ -94,6 +94,7 @@ PARAMETERS = (
     _P('images', 'both', 'compressed, raw or both; each is made only while subscribed'),
     _P('annotated', False, 'images with the labels drawn on; made only while subscribed'),
     _P('preset', 'default', 'names of topics and frames: default or kitti2bag'),
+    _P('map', 'enu', "enu: east-north-up at the first base_link; devkit: KITTI's own poses"),
     _P('tf', True, 'map -> base_link on /tf; false where a SLAM stack owns it'),
     _P('ring_time', False, 'points also have ring and time, in order of time'),
     _P('scan_stamp', '', 'start or forward; empty is start with ring_time, else forward'),

@@ -29,9 +29,9 @@ from ..importer.report import LossTally, damage
 from ..importer.rigging import Rigging
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
-from ..kitti.calib_file import NOMINAL_CAM0_T_VELO
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
+from ..nominal import NOMINAL_CAM0_T_VELO
 from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream
 from .frame import Frame
 

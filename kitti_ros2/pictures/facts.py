@@ -68,7 +68,7 @@ def _motion(frame: Frame) -> list[tuple[str, str]]:
             ('yaw', f'{math.degrees(packet.yaw):.1f} deg from east'),
         ]
     if pose is not None:
-        x, y, z = (round(value, 1) + 0.0 for value in pose.map_T_imu.translation.tolist())
+        x, y, z = (round(value, 1) + 0.0 for value in pose.world_T_imu.translation.tolist())
         return [('place', f'{x:.1f} {y:.1f} {z:.1f} m')]
     return []
 

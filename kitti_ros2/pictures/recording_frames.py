@@ -12,7 +12,10 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..errors import BadFileError, KittiRos2Error, LackingError, UsageError
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
+from ..messages.map_frame import place_pose
 from ..messages.png import decode_png
+from ..messages.topics import make_rig
+from ..options import MessageOptions
 from ..samples import (
     Calibration,
     FrameLabels,
@@ -65,6 +68,7 @@ class RecordingFrames:
         self.cautions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self._recording = recording
+        self._map_t_world = make_rig(recording, MessageOptions()).map_T_world
         self.cameras: Mapping[int, str] = recording.cameras
         streams = [each for each in _OF_FRAMES if each in recording.streams]
         if not streams:
@@ -96,6 +100,7 @@ class RecordingFrames:
             except (KittiRos2Error, OSError) as error:
                 lacks[stream.value] = str(error)
         scan = _of(samples, Stream.SCAN, Scan)
+        pose = _of(samples, Stream.POSE, Pose)
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
         lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
         return Frame(
@@ -107,7 +112,7 @@ class RecordingFrames:
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
-            pose=_of(samples, Stream.POSE, Pose),
+            pose=None if pose is None else place_pose(pose, self._map_t_world),
             timed=self._recording.layout is Layout.RAW,
             lacks=lacks,
         )

@@ -37,7 +37,7 @@ MOUNTINGS = st.builds(
 
 
 def packet(**values):
-    zeros = dict.fromkeys(COLUMNS, 0) | dict.fromkeys(('posmode', 'velmode', 'orimode'), -1)
+    zeros = dict.fromkeys(COLUMNS, 0) | {'posmode': 3, 'velmode': -1, 'orimode': -1}
     made = zeros | values
     cr, sr = np.cos(made['roll']), np.sin(made['roll'])
     cp, sp = np.cos(made['pitch']), np.sin(made['pitch'])
@@ -55,7 +55,7 @@ PACKETS = st.builds(
     lat=st.floats(-85, 85), lon=st.floats(-180, 180), alt=st.floats(-400, 9000),
     roll=ANGLES, pitch=st.floats(-1.5, 1.5), yaw=ANGLES,
     ve=SMALL, vn=SMALL, vu=SMALL, ax=SMALL, ay=SMALL, az=SMALL, wx=SMALL, wy=SMALL, wz=SMALL,
-    pos_accuracy=st.floats(0, 100),
+    pos_accuracy=st.floats(0, 100), posmode=st.sampled_from((3, 4, 7)),
 )  # fmt: skip
 
 PACKET = packet(
@@ -81,7 +81,8 @@ def assert_same(made, expected, names=COLUMNS, tolerance=1e-9):
 def test_a_packet_comes_back_from_its_messages(source):
     made = make_packet(*messages(source))
     assert_same(made, source)
-    assert [getattr(made, name) for name in COLUMNS[-5:]] == [0, 0, -1, -1, -1]
+    modes = [0, 0, source.posmode, -1, -1]
+    assert [getattr(made, name) for name in COLUMNS[-5:]] == modes
 
 
 @given(PACKETS)
@@ -103,7 +104,7 @@ def test_levelling_is_that_of_the_real_packets(real_kitti):
         assert len(paths) > 100
         for path in paths:
             real = parse_packet(path.read_text(), path)
-            made = make_packet(*messages(real))
+            made = make_packet(*messages(replace(real, posmode=max(real.posmode, 3))))
             assert_same(made, real, [n for n in FLOATS if n not in (*LEVELLED, 'vel_accuracy')])
             for name, limit in limits.items():
                 assert abs(getattr(made, name) - getattr(real, name)) < limit, (path, name)

@@ -18,13 +18,7 @@ from kitti_ros2.errors import LackingError
 from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.importer.frame_tree import FrameTree
 from kitti_ros2.importer.rig import CameraModel, camera_model, make_calibration, rect_in_frame
-from kitti_ros2.kitti.calib_file import (
-    NOMINAL_CAM0_T_VELO,
-    NOMINAL_VELO_T_IMU,
-    format_raw,
-    parse_calibration,
-    parse_raw_calibration,
-)
+from kitti_ros2.kitti.calib_file import format_raw, parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.labels import rect_from_velo
 from kitti_ros2.messages.camera_info import encode_camera_info, image_frame_camera
@@ -33,6 +27,7 @@ from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.naming import make_frames
 from kitti_ros2.messages.ros_types import CameraInfo, RegionOfInterest
 from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
+from kitti_ros2.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from kitti_ros2.options import Preset
 from kitti_ros2.samples import Calibration, CameraCalibration, Layout
 

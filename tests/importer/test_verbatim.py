@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -104,6 +105,29 @@ def test_images_of_pixels_come_back_pixel_for_pixel(recordings, layout, tmp_path
             assert np.array_equal(*pixels), name
         else:
             assert made[name] == content, name
+
+
+@pytest.mark.parametrize('image', ['image_rect', 'image_raw', 'image'])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY])
+def test_every_name_of_images_comes_back_to_the_byte(recordings, layout, image, tmp_path):
+    source = recordings[layout]
+    bag = to_bag(source, tmp_path, messages=MessageOptions(preset=Preset.KITTI2BAG))
+    renamed = tmp_path / 'renamed.mcap'
+    with open_messages(bag) as messages, open_bag(renamed, BagOptions(), TYPESTORE) as writer:
+        names = {
+            topic: re.sub(r'/image_(raw|rect)', f'/{image}', topic)
+            for topic, _ in messages.channels
+        }
+        ids = {
+            topic: writer.add_channel(Channel(names[topic], msgtype))
+            for topic, msgtype in messages.channels
+        }
+        for message in messages:
+            writer.write(ids[message.topic], message.stamp_ns, (message.data,))
+    assert {topic for topic in names.values() if f'/{image}/compressed' in topic}
+    report = back(renamed, tmp_path / 'out')
+    assert report.losses == ()
+    assert files_of(tmp_path / 'out') == files_of(data_set_of(source, layout))
 
 
 def test_a_bag_of_both_kinds_of_images_gives_each_once(recordings, tmp_path):

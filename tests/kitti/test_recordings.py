@@ -64,10 +64,11 @@ def test_poses_agree_across_layouts(recordings, layout):
     """oxts by Mercator and odometry's camera poses tell the same trajectory."""
     raw = open_recording(recordings[Layout.RAW])
     other = open_recording(recordings[layout])
-    origin = other.read(Stream.POSE, 0).map_T_imu.inverse()
+    origin = other.read(Stream.POSE, 0).world_T_imu.inverse()
+    start = raw.read(Stream.POSE, 0).world_T_imu.inverse()
     for number in range(SMALL.frames):
-        expected = raw.read(Stream.POSE, number).map_T_imu
-        moved = origin @ other.read(Stream.POSE, number).map_T_imu
+        expected = start @ raw.read(Stream.POSE, number).world_T_imu
+        moved = origin @ other.read(Stream.POSE, number).world_T_imu
         # Odometry has no imu calibration; its nominal one is off by centimetres and a degree.
         np.testing.assert_allclose(moved.translation, expected.translation, atol=0.15)
 

@@ -30,6 +30,7 @@ from kitti_ros2.messages.oxts import (
     encode_fix,
     encode_imu,
     encode_velocity,
+    position_mode,
 )
 from kitti_ros2.messages.png import decode_png
 from kitti_ros2.messages.pose import (
@@ -86,7 +87,7 @@ PACKETS = st.builds(
     ve=st.floats(-50, 50), vn=st.floats(-50, 50), vu=st.floats(-5, 5),
     ax=st.floats(-20, 20), ay=st.floats(-20, 20), az=st.floats(-20, 20),
     wx=ANGLES, wy=ANGLES, wz=ANGLES, af=METRES, wf=METRES,
-    pos_accuracy=st.floats(0, 100), posmode=st.integers(0, 20),
+    pos_accuracy=st.floats(0, 100), posmode=st.integers(-1, 40),
 )  # fmt: skip
 
 
@@ -193,8 +194,9 @@ def test_velocity_to_the_left_is_positive_whatever_vl_says():
 
 @pytest.mark.parametrize(
     ('mode', 'status'),
-    [(0, -1), (3, 0), (4, 2), (6, 2), (7, 1), (10, -1), (13, 0), (16, 2), (99, 0)],
-)
+    [(-1, -1), (0, -1), (2, -1), (3, 0), (4, 2), (5, 2), (6, 2), (7, 1), (10, -1), (13, 0), (16, 2),
+     (19, -1), (21, 0), (24, 2), (99, -1)],
+)  # fmt: skip
 def test_fix_status_by_position_mode(mode, status):
     assert encode_fix(packet(posmode=mode), STAMP, 'imu_link').status.status == status
 
@@ -204,7 +206,15 @@ def test_fix_covariance_is_the_square_of_the_accuracy():
     assert fix.position_covariance[0] == 0.25
     assert fix.position_covariance_type == 1
     assert fix.status.status == 2
-    assert encode_fix(packet(posmode=0), STAMP, 'imu_link').status.status == -1
+    assert encode_fix(packet(pos_accuracy=0.0), STAMP, 'imu_link').position_covariance_type == 0
+
+
+@given(PACKETS)
+def test_a_fix_stays_one_on_the_way_back(source):
+    fix = through_cdr(encode_fix(source, STAMP, 'imu_link'))
+    again = encode_fix(replace(source, posmode=position_mode(fix)), STAMP, 'imu_link')
+    assert again.status.status == fix.status.status
+    assert (fix.status.status < 0) == (position_mode(fix) == -1)
 
 
 @given(TRANSFORMS)
@@ -221,7 +231,7 @@ def test_odometry_and_back(map_t_imu, base_t_imu, velocity, rates, sigma):
     pose = Pose(map_t_imu, velocity, rates, sigma, sigma)
     message = through_cdr(encode_odometry(pose, base_t_imu, STAMP, ('map', 'base_link')))
     again = decode_odometry(message, base_t_imu)
-    np.testing.assert_allclose(again.map_T_imu.matrix(), map_t_imu.matrix(), atol=1e-6)
+    np.testing.assert_allclose(again.world_T_imu.matrix(), map_t_imu.matrix(), atol=1e-6)
     assert again.position_sigma == pytest.approx(sigma)
     if velocity.any() or rates.any():
         np.testing.assert_allclose(again.velocity, velocity, atol=1e-6)
@@ -252,7 +262,7 @@ def test_path_and_back(poses, base_t_imu):
     message = through_cdr(encode_path(trajectory, base_t_imu, STAMP, 'map'))
     again = decode_path(message, base_t_imu)
     np.testing.assert_array_equal(again.stamps_ns, stamps)
-    for one, other in zip(again.map_T_imu, trajectory.map_T_imu, strict=True):
+    for one, other in zip(again.world_T_imu, trajectory.world_T_imu, strict=True):
         np.testing.assert_allclose(one.matrix(), other.matrix(), atol=1e-6)
 
 

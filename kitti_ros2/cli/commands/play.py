@@ -62,6 +62,10 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     preset: Annotated[
         Optional[str], typer.Option(help='Topic and frame names: default or kitti2bag')
     ] = None,
+    map_frame: Annotated[
+        Optional[str],
+        typer.Option('--map', help="map: enu (gravity-aligned) or devkit (KITTI's) [default: enu]"),
+    ] = None,
     tf: Annotated[
         Optional[bool], typer.Option('--tf/--no-tf', help='map -> base_link on /tf [default: tf]')
     ] = None,
@@ -115,6 +119,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'topics': topics or None,
         'streams': streams or None,
         'preset': preset,
+        'map': map_frame,
         'tf': tf,
         'annotated': annotated,
         'read_ahead': read_ahead,

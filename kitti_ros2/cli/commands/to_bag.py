@@ -56,6 +56,10 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     preset: Annotated[
         Optional[str], typer.Option(help='Topic and frame names: default or kitti2bag')
     ] = None,
+    map_frame: Annotated[
+        Optional[str],
+        typer.Option('--map', help="map: enu (gravity-aligned) or devkit (KITTI's) [default: enu]"),
+    ] = None,
     tf: Annotated[
         Optional[bool],
         typer.Option('--tf/--no-tf', help='Write map -> base_link on /tf [default: tf]'),
@@ -124,6 +128,7 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'start': start,
         'end': end,
         'preset': preset,
+        'map': map_frame,
         'tf': tf,
         'ring_time': ring_time,
         'scan_stamp': scan_stamp,

@@ -195,7 +195,7 @@ def _look_through(
         tally.add(frame.objects)
         if frame.pose is not None:
             stamps.append(frame.stamp_ns)
-            positions.append(frame.pose.map_T_imu.translation)
+            positions.append(frame.pose.world_T_imu.translation)
         steps.step()
     scenes = draw_scenes(source, pictured, SCENES, lacks.add, steps.step)
     projections = draw_projections(source, pictured, lacks.add)
