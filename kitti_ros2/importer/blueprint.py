@@ -117,7 +117,7 @@ class Blueprint:
             return None
         found: dict[int, list[int]] = {}
         for number in numbers:
-            if number < len(stamps):
+            if number in stamps:
                 found.setdefault(stamps[number], []).append(number)
         return found
 
