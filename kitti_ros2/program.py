@@ -13,7 +13,7 @@ from .errors import describe_error
 from .messages.cdr import join
 from .messages.ros_types import TYPESTORE
 from .samples import Stream
-from .schedule import ONCE, make_schedule
+from .schedule import make_schedule
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
@@ -130,7 +130,7 @@ class RecordingProgram:
             for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
-        self.frames = frame_numbers(schedule, numbered=recording.common_numbers)
+        self.frames = schedule.frame_numbers
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
         self.losses = tuple(
@@ -178,42 +178,3 @@ def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
     streams = {row.stream for row in encoder.table if row.latched}
     codes = [code for code, stream in enumerate(Stream) if stream in streams]
     return [np.flatnonzero(schedule.streams == code) for code in codes]
-
-
-def frame_numbers(schedule: Schedule, *, numbered: bool) -> Int64Array:
-    """(N,) int64: the frame that each entry of a schedule belongs to, never falling.
-
-    Args:
-        schedule: The entries.
-        numbered: Whether a file number means the same frame in every stream. Where it does not, a
-            scan's frame reaches half-way to the scans beside it.
-    """
-    codes = {stream: code for code, stream in enumerate(Stream)}
-    alone = [codes[stream] for stream in ONCE if schedule.count(stream) == 1]
-    once = np.isin(schedule.streams, alone)
-    if numbered:
-        frames = schedule.numbers.copy()
-        # What holds for the whole recording is due with whatever comes first.
-        frames[once] = frames[~once][0] if not once.all() else 0
-        return np.maximum.accumulate(frames)
-    reference = max(Stream, key=lambda s: (s is Stream.SCAN and schedule.count(s) > 0,
-                                           schedule.count(s) if s not in ONCE else 0))  # fmt: skip
-    chosen = schedule.streams == codes[reference]
-    if not chosen.any():
-        return np.zeros(len(schedule), dtype=np.int64)
-    return nearest_frames(schedule.stamps_ns, schedule.stamps_ns[chosen], schedule.numbers[chosen])
-
-
-def nearest_frames(
-    stamps_ns: Int64Array, reference_ns: Int64Array, numbers: Int64Array
-) -> Int64Array:
-    """(N,) int64: the number of the reference sample nearest to each stamp.
-
-    Args:
-        stamps_ns: (N,) nanoseconds, ascending.
-        reference_ns: (M,) nanoseconds, ascending, M > 0.
-        numbers: (M,) what the reference samples are called, ascending.
-    """
-    middles = reference_ns[:-1] + np.diff(reference_ns) // 2
-    frames: Int64Array = numbers[np.searchsorted(middles, stamps_ns, 'right')]
-    return frames

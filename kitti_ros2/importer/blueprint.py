@@ -104,11 +104,6 @@ class Blueprint:
         """How many numbered files there were."""
         return sum(len(folder.numbers) for folder in self.folders.values())
 
-    @property
-    def frames(self) -> int:
-        """How many files the longest stream had."""
-        return max((len(folder.numbers) for folder in self.folders.values()), default=0)
-
     def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
         """Stamp to the file numbers of a stream that have it; None where no file tells."""
         numbers = self.folders[stream].numbers

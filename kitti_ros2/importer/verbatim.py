@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.reader import open_messages
+from ..bags.reader import bag_stamps, open_messages
 from ..errors import UsageError
 from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text
@@ -27,12 +27,12 @@ from ..messages.header import stamp_ns_of
 from ..messages.image import decode_compressed
 from ..messages.scan import decode_points, decode_scan
 from ..messages.source import decode_text
-from ..messages.topics import make_table
-from ..options import Images, MessageOptions, Preset
 from ..ordered_map import ordered_map
-from ..samples import CAMERA_COUNT, CAMERA_NAMES, Stream, format_numbers
+from ..samples import Stream, format_numbers
+from ..schedule import frames_of
 from .blueprint import inside
 from .decoding import Decoder
+from .numbering import has_common_numbers, number_bag, own_topics
 from .output import staged
 from .report import ImportReport, LossTally, damage
 
@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from .blueprint import Blueprint
 
 LINES = {'/kitti/source/oxts': Stream.OXTS, '/kitti/source/labels': Stream.LABELS}
+_IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
+"""Streams that some layouts have as lines of one file."""
+
 _MOST_WORKERS = 8
 
 
@@ -71,16 +74,7 @@ class _Written:
 
 def sample_topics() -> dict[str, Stream]:
     """The topics of scans and images under every preset, with their streams."""
-    numbered = {index: str(index) for index in range(CAMERA_COUNT)}
-    found: dict[str, Stream] = {}
-    for preset in Preset:
-        options = MessageOptions(images=Images.BOTH, preset=preset)
-        for cameras in (CAMERA_NAMES, numbered):
-            for image_topic in ('image_rect', 'image_raw'):
-                for row in make_table(cameras, image_topic, options):
-                    if row.on_demand:
-                        found[row.name] = row.stream
-    return found
+    return {row.name: row.stream for row in own_topics() if row.on_demand}
 
 
 def _topics(channels: Iterable[tuple[str, str]]) -> set[str]:
@@ -274,18 +268,24 @@ class _Writer:
                 absent.append(
                     f'the bag holds no {stream.value} of frames {format_numbers(lacking)}'
                 )
-        numbers = [found for stream, found in self._written.items() if stream.camera is not None]
-        frames = len(self._written.get(Stream.SCAN, ())) or max(map(len, numbers), default=0)
         return ImportReport(
             path=path,
             layout=self._blueprint.layout,
             name=self._blueprint.name,
             counts=dict(self._counts),
-            frames=frames,
+            frames=self._count_frames(),
             size_bytes=self.size_bytes,
             losses=self._losses.losses(),
             notes=tuple(absent),
         )
+
+    def _count_frames(self) -> int:
+        """How many frames were written, in files of their own or in a common one."""
+        numbered = number_bag(self._bag, bag_stamps(self._bag))
+        common = numbered.by_stream() if numbered is not None else {}
+        written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
+        numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
 
 
 def _png(image: Any) -> bytes:  # noqa: ANN401 - of the bag's types

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError
-from ..samples import Layout, Scan, Stream
+from ..samples import Clock, Layout, Scan, Stream
 from ..stamps import LAST_NS
 from . import names
 from .poses import pose_from_odometry
@@ -42,6 +42,7 @@ class OdometryRecording(KittiRecording):
         )
         self.sequence = sequence
         self._times_path = sequence / names.TIMES
+        self.clock = Clock.NOMINAL if self._times is None else Clock.RELATIVE
         folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
             Stream(f'image_{index}'): (f'image_{index}', names.PNG) for index in range(4)
         }

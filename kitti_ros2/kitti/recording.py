@@ -14,6 +14,7 @@ from ..labels import Trails, cuboids_of
 from ..samples import (
     CAMERA_NAMES,
     Calibration,
+    Clock,
     Description,
     FrameLabels,
     Image,
@@ -55,6 +56,7 @@ class KittiRecording:
     layout: Layout
     image_topic = 'image_rect'
     common_numbers = True
+    clock = Clock.NOMINAL
 
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         self.root = root
