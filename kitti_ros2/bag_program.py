@@ -11,9 +11,11 @@ import numpy as np
 from .bags.forward_stamps import read_lead_ns
 from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
+from .importer.numbering import BY_POSITION, number_bag
 from .messages.cdr import filling
 from .messages.topics import LARGE_TYPES, match_names
-from .program import Due, Missing, Outlet, nearest_frames
+from .program import Due, Missing, Outlet
+from .schedule import nearest_frames, never_falling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -34,8 +36,9 @@ _DEPTH = 10
 class BagProgram:
     """The messages of a bag, as they are; for one fetching thread at a time.
 
-    A frame is what is nearest to a message of the reference topic: the first with point clouds,
-    else that of a camera, else the one with most messages. Frames count from 0.
+    Frames of a bag of our own have KITTI's numbers. In another one a frame is what is nearest to a
+    message of the reference topic: the first with point clouds, else that of a camera, else the one
+    with most messages; frames count from 0.
 
     Args:
         path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
@@ -93,28 +96,42 @@ class BagProgram:
                 if topic in self._topics
             ]
         self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
+        self._numbered = number_bag(path, stamps)
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
-        reference = _reference(path, stamps)
+        own = self._own_frames(every, stamps)
         begin = min(int(found[0]) for found in stamps.values() if len(found))
+        bounds = (selection.start, selection.end)
         first, last = (
-            _bound_ns(bound, every, reference, (begin, side))
-            for side, bound in enumerate((selection.start, selection.end))
+            _bound_ns(bound, every, own, (begin, side)) for side, bound in enumerate(bounds)
         )
-        taken = every[slice(*np.searchsorted(every, [first, last + 1]))]
+        span = slice(*np.searchsorted(every, [first, last + 1]))
+        taken = every[span]
         if selection.start and selection.end and every[0] <= last < first <= every[-1]:
             raise selection.reversed_error()
         if not len(taken):
-            raise UsageError(f'{path}: the selection takes no message of {len(every)}')
+            there = f'{len(every)}; it has frames {own.min()} to {own.max()}'
+            raise UsageError(f'{path}: the selection takes no message of {there}')
         self.stamps_ns: Int64Array = taken
-        self.frames = nearest_frames(taken, reference, np.arange(len(reference)))
+        self.frames = never_falling(own)[span]
+        if selection.end is not None and selection.end.frame is not None:
+            # What precedes the last of a frame is played with it.
+            self.frames = np.minimum(self.frames, selection.end.frame)
         self._latched = self._read_latched(int(taken[-1]))
         self._messages: BagMessages | None = None
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
 
+    def _own_frames(self, every: Int64Array, stamps: Mapping[str, Int64Array]) -> Int64Array:
+        """(N,) the frame of each message played, in order of time; one may fall behind another."""
+        numbered = self._numbered
+        if numbered is None:
+            reference = _reference(self._path, stamps)
+            return nearest_frames(every, reference, np.arange(len(reference)))
+        return numbered.frames_at(every, self._topics)
+
     def notes(self) -> tuple[str, ...]:
         """As Program has it."""
-        return self._notes
+        return self._notes if self._numbered is not None else (*self._notes, BY_POSITION)
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
         """As Program has it."""
@@ -197,10 +214,15 @@ def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
     return chosen + read_lead_ns(path) // 2 if scans else chosen
 
 
-def _bound_ns(
-    bound: Bound | None, every: Int64Array, reference: Int64Array, end: tuple[int, int]
-) -> int:
-    """First (side 0) or last (side 1) stamp that a bound takes; end is the bag's begin and side."""
+def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tuple[int, int]) -> int:
+    """First (side 0) or last (side 1) stamp that a bound takes.
+
+    Args:
+        bound: None takes all.
+        every: (N,) stamps of all messages, nanoseconds, ascending.
+        own: (N,) the frame of each.
+        end: The bag's first stamp, and the side.
+    """
     begin, side = end
     if bound is None:
         return int(every[-1] if side else every[0])
@@ -208,10 +230,9 @@ def _bound_ns(
         return bound.stamp_ns
     if bound.offset_ns is not None:
         return begin + bound.offset_ns
-    frames = nearest_frames(every, reference, np.arange(len(reference)))
     frame = bound.frame or 0
     if side:
-        after = int(np.searchsorted(frames, frame, 'right'))
-        return int(every[after - 1]) if after else int(every[0]) - 1
-    first = int(np.searchsorted(frames, frame))
-    return int(every[first]) if first < len(every) else int(every[-1]) + 1
+        taken = np.flatnonzero(own <= frame)
+        return int(every[taken[-1]]) if len(taken) else int(every[0]) - 1
+    taken = np.flatnonzero(own >= frame)
+    return int(every[taken[0]]) if len(taken) else int(every[-1]) + 1

@@ -38,7 +38,7 @@ class Report:
     Attributes:
         path: The bag.
         counts: Messages by topic.
-        frames: Scans, or samples of the longest stream.
+        frames: How many frames were due; see samples.FRAME_STREAMS.
         size_bytes: Of all messages.
         first_ns, last_ns: Stamps.
         losses: What was skipped.

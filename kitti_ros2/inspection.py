@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .bags.reader import open_messages, summarize_bag
-from .bags.summary import summarize_topic
+from .bags.reader import bag_stamps, open_messages, summarize_bag
+from .bags.summary import TopicSummary, summarize_topic
 from .errors import KittiRos2Error
 from .geometry import rotation_to_rpy
+from .importer.numbering import number_bag
 from .messages.camera_info import (
     CameraInfo,
     decode_camera_info,
@@ -21,17 +22,18 @@ from .messages.camera_info import (
 )
 from .messages.cdr import deserialize
 from .messages.mounts import with_nominal_mounts
+from .messages.source import RECORDING
 from .messages.topics import make_rig
 from .messages.transforms import decode_static, static_links
 from .options import MessageOptions
-from .samples import format_numbers
+from .samples import Clock, format_numbers
+from .schedule import frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from .bags.reader import BagSummary
-    from .bags.summary import TopicSummary
     from .geometry import Transform
     from .kitti.recording import KittiRecording
     from .samples import Loss
@@ -43,16 +45,20 @@ _MOST_TF = 200
 
 @dataclass(frozen=True)
 class CameraGlance:
-    """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m."""
+    """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m.
+
+    What is not known is None: the size where only images have it, the rest of a camera that is not
+    calibrated.
+    """
 
     name: str
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    baseline_m: float
+    width: int | None
+    height: int | None
+    fx: float | None
+    fy: float | None
+    cx: float | None
+    cy: float | None
+    baseline_m: float | None
 
 
 @dataclass(frozen=True)
@@ -73,8 +79,11 @@ class Overview:
         path: What was looked at.
         kind: KITTI layout, or bag container.
         name: Drive, split or sequence; files of a bag.
-        series: Streams or topics.
-        start_ns, end_ns: First and last stamp, None where there is none.
+        series: Streams or topics; times that are not known are None.
+        frames: How many frames; None in a bag that is not ours.
+        clock: The meaning of the stamps.
+        start_ns, end_ns: First and last stamp, None where there is none or the date is assumed.
+        duration_ns: From the first to the last; None where no time is known.
         size_bytes: Of all its files.
         compression: Of a bag.
         cameras, links: Calibration.
@@ -87,8 +96,11 @@ class Overview:
     kind: str
     name: str
     series: tuple[TopicSummary, ...]
+    frames: int | None
+    clock: Clock
     start_ns: int | None
     end_ns: int | None
+    duration_ns: int | None
     size_bytes: int
     compression: str | None
     cameras: tuple[CameraGlance, ...]
@@ -104,15 +116,19 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         summarize_topic(stream.value, format_numbers(index.numbers.tolist(), 2), index.stamps_ns)
         for stream, index in recording.streams.items()
     )
-    stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
     cameras, links, notes = _recording_calibration(recording)
+    numbers = {stream: index.numbers for stream, index in recording.streams.items()}
+    times = _times(series, recording.clock)
     return Overview(
         path=path,
         kind=recording.layout.value,
         name=recording.name,
-        series=series,
-        start_ns=int(stamps.min()),
-        end_ns=int(stamps.max()),
+        series=tuple(_known(each, recording.clock) for each in series),
+        frames=len(frames_of(numbers, common=recording.common_numbers)),
+        clock=recording.clock,
+        start_ns=times.start_ns,
+        end_ns=times.end_ns,
+        duration_ns=times.duration_ns,
         size_bytes=_size_bytes(recording),
         compression=None,
         cameras=cameras,
@@ -129,6 +145,10 @@ def inspect_bag(path: Path) -> Overview:
         BadBagError: It is no bag, or cannot be read at all.
     """
     summary = summarize_bag(path)
+    own = any(topic.name == RECORDING and topic.count for topic in summary.topics)
+    numbered = number_bag(path, bag_stamps(path), by_header=False) if own else None
+    clock = Clock.UTC if numbered is None else numbered.clock
+    times = _times(summary.topics, clock)
     cameras, links, notes = _bag_calibration(path, summary)
     cut = (
         () if summary.complete else ('the bag was cut off or damaged; whole messages are counted',)
@@ -138,9 +158,12 @@ def inspect_bag(path: Path) -> Overview:
         kind=summary.container,
         name=', '.join(file.name for file in summary.files[:3])
         + (' ...' if len(summary.files) > 3 else ''),
-        series=summary.topics,
-        start_ns=summary.start_ns,
-        end_ns=summary.end_ns,
+        series=tuple(_known(topic, clock) for topic in summary.topics),
+        frames=None if numbered is None else len(numbered.frames),
+        clock=clock,
+        start_ns=times.start_ns,
+        end_ns=times.end_ns,
+        duration_ns=times.duration_ns,
         size_bytes=summary.size_bytes,
         compression=summary.compression,
         cameras=cameras,
@@ -149,6 +172,35 @@ def inspect_bag(path: Path) -> Overview:
         notes=(*cut, *summary.warnings, *notes),
         complete=summary.complete,
     )
+
+
+class _Times(NamedTuple):
+    """What is known of when a recording was made, nanoseconds."""
+
+    start_ns: int | None
+    end_ns: int | None
+    duration_ns: int | None
+
+
+def _times(series: Iterable[TopicSummary], clock: Clock) -> _Times:
+    """The times of all series, without those that the layout does not tell."""
+    starts = [each.start_ns for each in series if each.start_ns is not None]
+    ends = [each.end_ns for each in series if each.end_ns is not None]
+    if not starts or clock is Clock.NOMINAL:
+        return _Times(None, None, None)
+    start_ns, end_ns = min(starts), max(ends)
+    if clock is Clock.RELATIVE:
+        return _Times(None, None, end_ns - start_ns)
+    return _Times(start_ns, end_ns, end_ns - start_ns)
+
+
+def _known(series: TopicSummary, clock: Clock) -> TopicSummary:
+    """A series without the dates or times that its clock does not tell."""
+    if clock is Clock.NOMINAL:
+        return TopicSummary(series.name, series.msgtype, series.count)
+    if clock is Clock.RELATIVE:
+        return replace(series, start_ns=None, end_ns=None, largest_gap_at_ns=None)
+    return series
 
 
 def _size_bytes(recording: KittiRecording) -> int:
@@ -216,9 +268,16 @@ def _bag_calibration(path: Path, summary: BagSummary) -> Calibrated:
 def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
     k, _, _, p = decode_camera_info(info)
     focal = float(p[0, 0]) or float(k[0, 0])
-    baseline = -float(p[0, 3]) / focal if focal else 0.0
-    fx, fy, cx, cy = (float(value) for value in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
-    return CameraGlance(name, info.width, info.height, fx, fy, cx, cy, baseline)
+    values = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], -p[0, 3] / focal if focal else np.nan)
+    # Drivers of cameras that are not calibrated fill in zeros.
+    known = bool(k[0, 0]) and bool(k[1, 1])
+    fx, fy, cx, cy, baseline = (_finite(float(value)) if known else None for value in values)
+    return CameraGlance(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
+
+
+def _finite(value: float) -> float | None:
+    """The value without a negative zero; None where it is none."""
+    return value + 0.0 if np.isfinite(value) else None
 
 
 def _link_glances(links: Iterable[tuple[str, str, Transform]]) -> tuple[LinkGlance, ...]:

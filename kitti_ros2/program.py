@@ -13,15 +13,15 @@ from .errors import describe_error
 from .messages.cdr import join
 from .messages.ros_types import TYPESTORE
 from .samples import Stream
-from .schedule import ONCE, make_schedule
+from .schedule import make_schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Hashable, Mapping, Sequence
+    from collections.abc import Collection, Hashable, Sequence
 
     from .encoder import Message
     from .messages.ros_types import Typestore
     from .options import MessageOptions, SelectionOptions
-    from .samples import Int64Array, Recording, Turn
+    from .samples import Int64Array, Recording
     from .schedule import Schedule
 
 
@@ -132,9 +132,7 @@ class RecordingProgram:
             for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
-        self.frames = frame_numbers(
-            schedule, numbered=recording.common_numbers, turns=recording.turns
-        )
+        self.frames = schedule.frame_numbers
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
         self.losses = tuple(
@@ -184,51 +182,3 @@ def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
     streams = {row.stream for row in encoder.table if row.latched}
     codes = [code for code, stream in enumerate(Stream) if stream in streams]
     return [np.flatnonzero(schedule.streams == code) for code in codes]
-
-
-def frame_numbers(
-    schedule: Schedule, *, numbered: bool, turns: Mapping[int, Turn] | None = None
-) -> Int64Array:
-    """(N,) int64: the frame that each entry of a schedule belongs to, never falling.
-
-    Args:
-        schedule: The entries.
-        numbered: Whether a file number means the same frame in every stream. Where it does not, a
-            scan's frame reaches half-way to the scans beside it. A scan stamped at its start counts
-            as half-way to facing forward, as the images of its frame come after that.
-        turns: Of the scans, by file number.
-    """
-    codes = {stream: code for code, stream in enumerate(Stream)}
-    alone = [codes[stream] for stream in ONCE if schedule.count(stream) == 1]
-    once = np.isin(schedule.streams, alone)
-    if numbered:
-        frames = schedule.numbers.copy()
-        # What holds for the whole recording is due with whatever comes first.
-        frames[once] = frames[~once][0] if not once.all() else 0
-        return np.maximum.accumulate(frames)
-    reference = max(Stream, key=lambda s: (s is Stream.SCAN and schedule.count(s) > 0,
-                                           schedule.count(s) if s not in ONCE else 0))  # fmt: skip
-    chosen = schedule.streams == codes[reference]
-    if not chosen.any():
-        return np.zeros(len(schedule), dtype=np.int64)
-    numbers, reference_ns = schedule.numbers[chosen], schedule.stamps_ns[chosen]
-    if reference is Stream.SCAN and turns:
-        forward_ns = np.array([turns[number].forward_ns for number in numbers.tolist()])
-        # Between both, for the scan is a frame's first sample and an image its last.
-        reference_ns = np.maximum.accumulate((reference_ns + forward_ns) // 2)
-    return nearest_frames(schedule.stamps_ns, reference_ns, numbers)
-
-
-def nearest_frames(
-    stamps_ns: Int64Array, reference_ns: Int64Array, numbers: Int64Array
-) -> Int64Array:
-    """(N,) int64: the number of the reference sample nearest to each stamp.
-
-    Args:
-        stamps_ns: (N,) nanoseconds, ascending.
-        reference_ns: (M,) nanoseconds, ascending, M > 0.
-        numbers: (M,) what the reference samples are called, ascending.
-    """
-    middles = reference_ns[:-1] + np.diff(reference_ns) // 2
-    frames: Int64Array = numbers[np.searchsorted(middles, stamps_ns, 'right')]
-    return frames

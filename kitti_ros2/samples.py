@@ -65,6 +65,35 @@ class Stream(str, Enum):
 
 IMAGE_STREAMS: tuple[Stream, ...] = tuple(Stream(f'image_{i}') for i in range(CAMERA_COUNT))
 
+FRAME_STREAMS = (
+    Stream.SCAN,
+    Stream.IMAGE_2,
+    Stream.IMAGE_0,
+    Stream.IMAGE_3,
+    Stream.IMAGE_1,
+    Stream.IMAGE_4,
+    Stream.LABELS,
+    Stream.OXTS,
+    Stream.POSE,
+)
+"""The streams whose samples make frames.
+
+Where a file number is the same moment in all streams, every number that one of them has is a frame.
+Elsewhere (a raw extract) the samples of the first stream that has any are the frames.
+"""
+
+
+class Clock(str, Enum):
+    """The meaning of a recording's stamps.
+
+    UTC has date and time; RELATIVE has seconds from the start, at an assumed date; NOMINAL has no
+    time at all, only the order of frames at an assumed rate.
+    """
+
+    UTC = 'utc'
+    RELATIVE = 'relative'
+    NOMINAL = 'nominal'
+
 
 @dataclass(frozen=True)
 class TextFile:
@@ -391,6 +420,7 @@ class Recording(Protocol):
         image_topic: image_rect, or image_raw where the images are not rectified.
         common_numbers: Whether the same number is the same moment in all streams.
         turns: When each scan was made, by file number.
+        clock: The meaning of its stamps.
         losses: What the listing already shows to be missing or unusable.
         notes: What is worth a word and no loss, such as a stream that is absent.
     """
@@ -411,6 +441,7 @@ class Recording(Protocol):
 
     image_topic: str
     common_numbers: bool
+    clock: Clock
 
     @property
     def turns(self) -> Mapping[int, Turn]:

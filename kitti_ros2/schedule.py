@@ -4,20 +4,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from .errors import UsageError
-from .samples import IMAGE_STREAMS, Stream
+from .samples import FRAME_STREAMS, IMAGE_STREAMS, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from .options import Bound, SelectionOptions
-    from .samples import Int64Array, Loss, Recording
+    from .samples import Int64Array, Loss, Recording, Turn
 
 _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
@@ -25,6 +26,9 @@ _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 _STREAMS = tuple(Stream)
 ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
 """What may hold for a whole recording, and is then due once."""
+
+UNKNOWN = -1
+"""In place of a file number that is not known."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,16 @@ class Schedule:
         streams: (N,) indices into Stream.
         numbers: (N,) int64 file numbers.
         spans: First and last file number taken, by stream that is wanted.
+        common_numbers: Whether a file number is the same moment in all streams.
+        turns: When each scan was made, by file number, where that is known.
     """
 
     stamps_ns: Int64Array
     streams: Int64Array
     numbers: Int64Array
     spans: Mapping[Stream, tuple[int, int]]
+    common_numbers: bool = True
+    turns: Mapping[int, Turn] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -76,8 +84,78 @@ class Schedule:
 
     @property
     def frames(self) -> int:
-        """How many frames people would say it has: the scans, else the longest stream."""
-        return self.count(Stream.SCAN) or max((self.count(stream) for stream in Stream), default=0)
+        """How many frames it has; see samples.FRAME_STREAMS."""
+        return len(frames_of(self._frame_streams, common=self.common_numbers))
+
+    @cached_property
+    def frame_numbers(self) -> Int64Array:
+        """(N,) int64: the frame that each entry belongs to, never falling.
+
+        Without common numbers a frame reaches half-way to the frames beside it. A scan stamped at
+        its start counts as half-way to facing forward, as the images of its frame come after that.
+        """
+        streams = self._frame_streams
+        frames = frames_of(streams, common=self.common_numbers)
+        if not len(frames):
+            return np.zeros(len(self), dtype=np.int64)
+        if self.common_numbers:
+            # What holds for the whole recording is due with whatever comes first.
+            return never_falling(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
+        reference = next(stream for stream in FRAME_STREAMS if stream in streams)
+        chosen = self.streams == _STREAMS.index(reference)
+        numbers, reference_ns = self.numbers[chosen], self.stamps_ns[chosen]
+        if reference is Stream.SCAN and self.turns:
+            forward_ns = np.array([self.turns[number].forward_ns for number in numbers.tolist()])
+            reference_ns = np.maximum.accumulate((reference_ns + forward_ns) // 2)
+        return nearest_frames(self.stamps_ns, reference_ns, numbers)
+
+    @cached_property
+    def _frame_streams(self) -> dict[Stream, Int64Array]:
+        """The numbers of the streams whose samples make frames, of those that have any."""
+        return {
+            stream: np.array(numbers)
+            for stream in FRAME_STREAMS
+            if (numbers := self.numbers_of(stream))
+        }
+
+
+def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Array:
+    """(N,) int64 numbers of the frames, ascending.
+
+    Args:
+        numbers: The file numbers of each stream.
+        common: Whether a number is the same moment in all streams.
+    """
+    found = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
+    every = np.concatenate([*(found if common else found[:1]), np.empty(0, np.int64)])
+    frames: Int64Array = np.unique(every).astype(np.int64)
+    return frames
+
+
+def never_falling(numbers: Int64Array) -> Int64Array:
+    """(N,) the frame of each of (N,) samples in order of time, from their own file numbers.
+
+    One of number UNKNOWN belongs to the frame of what comes before it, or else to the first.
+    """
+    frames: Int64Array = np.maximum.accumulate(numbers)
+    known = numbers[numbers != UNKNOWN]
+    frames[frames == UNKNOWN] = known[0] if len(known) else 0
+    return frames
+
+
+def nearest_frames(
+    stamps_ns: Int64Array, reference_ns: Int64Array, numbers: Int64Array
+) -> Int64Array:
+    """(N,) int64: the number of the reference sample nearest to each stamp.
+
+    Args:
+        stamps_ns: (N,) nanoseconds, ascending.
+        reference_ns: (M,) nanoseconds, ascending, M > 0.
+        numbers: (M,) what the reference samples are called, ascending.
+    """
+    middles = reference_ns[:-1] + np.diff(reference_ns) // 2
+    frames: Int64Array = numbers[np.searchsorted(middles, stamps_ns, 'right')]
+    return frames
 
 
 def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule:
@@ -117,7 +195,8 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
     if not rows:
         raise UsageError(nothing)
     spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}
-    return _in_order(rows, {stream: span for stream, span in spans.items() if span is not None})
+    known = {stream: span for stream, span in spans.items() if span is not None}
+    return _in_order(rows, known, recording)
 
 
 def _span(
@@ -148,12 +227,16 @@ def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> boo
     return stream is Stream.RECORDING or Stream.POSE in present
 
 
-def _in_order(rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]]) -> Schedule:
+def _in_order(
+    rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]], recording: Recording
+) -> Schedule:
     streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
     numbers = np.concatenate([row[1] for row in rows])
     stamps = np.concatenate([row[2] for row in rows])
     order = np.lexsort((numbers, streams, stamps))
-    return Schedule(stamps[order], streams[order].astype(np.int64), numbers[order], spans)
+    codes = streams[order].astype(np.int64)
+    common = recording.common_numbers
+    return Schedule(stamps[order], codes, numbers[order], spans, common, recording.turns)
 
 
 def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:

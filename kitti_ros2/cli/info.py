@@ -7,14 +7,16 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict, replace
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
 from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
 from ..messages.source import RECORDING
 from ..one_line import one_line
+from ..samples import Clock
 from ..settings import make_settings
 from ..stamps import format_stamp
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -62,11 +64,20 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
 
 def print_json(overview: Overview) -> None:
     """The overview as JSON on standard output; times in nanoseconds, sizes in bytes."""
-    values = asdict(overview)
+    values = _finite(asdict(overview))
     if overview.compression is None:
         for series in values['series']:
             series['frames'] = series.pop('msgtype')
     sys.stdout.write(json.dumps(values, default=_json_value, indent=2) + '\n')
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
+    """The value with null for every number that is NaN or infinite, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _json_value(value: object) -> str:
@@ -86,12 +97,14 @@ def print_overview(overview: Overview) -> None:
     console.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     table = _table(kind)
-    for heading in ('count', 'Hz', 'gap'):
+    timed = overview.clock is not Clock.NOMINAL
+    for heading in ('count', 'Hz', 'gap') if timed else ('count',):
         table.add_column(heading, justify='right', no_wrap=True)
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series:
         kind_of = _cell(_short(series.msgtype))
-        table.add_row(_cell(series.name), f'{series.count}', *_rates(series), kind_of)
+        rates = _rates(series) if timed else ()
+        table.add_row(_cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)
@@ -104,10 +117,16 @@ def print_overview(overview: Overview) -> None:
 def _extent(overview: Overview) -> str:
     total = sum(series.count for series in overview.series)
     noun = 'sample' if overview.compression is None else 'message'
-    parts = [format_count(total, noun), format_bytes(overview.size_bytes)]
-    if overview.start_ns is not None and overview.end_ns is not None:
-        parts.append(format_duration(overview.end_ns - overview.start_ns))
+    parts = [format_count(total, noun)]
+    if overview.frames is not None:
+        parts.append(format_count(overview.frames, 'frame'))
+    parts.append(format_bytes(overview.size_bytes))
+    if overview.duration_ns is not None:
+        parts.append(format_duration(overview.duration_ns))
+    if overview.start_ns is not None:
         parts.append(f'from {format_stamp(overview.start_ns)} UTC')
+    if total and overview.clock is not Clock.UTC:
+        parts.append('no time stamps' if overview.clock is Clock.NOMINAL else 'no date')
     return ', '.join(parts)
 
 
@@ -142,8 +161,9 @@ def _camera_table(overview: Overview) -> Table:
         table.add_column(heading, justify='right', no_wrap=True)
     for camera in overview.cameras:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
-        numbers = (f'{value:.2f}' for value in (camera.fx, camera.fy, camera.cx, camera.cy))
-        baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m) > 1e-6 else ''
+        values = (camera.fx, camera.fy, camera.cx, camera.cy)
+        numbers = ('' if value is None else f'{value:.2f}' for value in values)
+        baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m or 0) > 1e-6 else ''
         table.add_row(_cell(camera.name.removesuffix('/camera_info')), size, *numbers, baseline)
     return table
 

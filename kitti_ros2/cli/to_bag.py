@@ -12,6 +12,7 @@ from ..bags.writer import guess_storage
 from ..convert import convert
 from ..kitti.layouts import open_recording
 from ..options import Images
+from ..samples import Clock
 from ..schedule import make_schedule
 from ..settings import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -81,11 +82,12 @@ def _summarize(report: Report, elapsed: float, *, images: Images, recording: Rec
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
     for note in report.notes:
         say(f'note: {note}')
+    timed = recording.clock is not Clock.NOMINAL
+    duration = f', {format_duration(report.last_ns - report.first_ns)} of recording' * timed
     say(
         f'{format_path(report.path)}: {format_count(sum(written.values()), "message")} on'
         f' {format_count(len(written), "topic")}, {format_bytes(report.size_bytes)},'
-        f' {format_count(report.frames, "frame")},'
-        f' {format_duration(report.last_ns - report.first_ns)} of recording;'
+        f' {format_count(report.frames, "frame")}{duration};'
         f' took {elapsed:.1f} s ({rate})'
     )
     if images is Images.COMPRESSED and recording.cameras:

@@ -87,7 +87,7 @@ def _convert(
     keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
     if recordings and keeps and plan_file is None:
         files = sum(blueprint.files for _, blueprint in recordings)
-        frames = sum(blueprint.frames for _, blueprint in recordings)
+        frames = sum(_count_frames(path) for path, _ in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
     from ..importer.appending import mend
@@ -117,6 +117,14 @@ def _convert(
     told = {loss.text() for loss in losses}
     notes = tuple(note for note in report.notes if note not in told)
     return [replace(report, losses=(*losses, *report.losses), notes=notes)]
+
+
+def _count_frames(bag: Path) -> int:
+    from ..bags.reader import bag_stamps
+    from ..importer.numbering import number_bag
+
+    numbered = number_bag(bag, bag_stamps(bag), by_header=False)
+    return 0 if numbered is None else len(numbered.frames)
 
 
 def _own(

@@ -95,11 +95,6 @@ class Blueprint:
         """How many numbered files the bag was made to hold."""
         return sum(len(folder.carried) for folder in self.folders.values())
 
-    @property
-    def frames(self) -> int:
-        """How many files the longest stream has in the bag."""
-        return max((len(folder.carried) for folder in self.folders.values()), default=0)
-
     def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
         """Stamp to the file numbers of a stream that have it; None where their file is missing."""
         stamps = self._stamps(stream)
@@ -118,7 +113,7 @@ class Blueprint:
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """File number to a message's stamp; numbers without a valid stamp are left out."""
-        stamps = self._file_stamps(stream)
+        stamps = self.file_stamps(stream)
         if (
             stream is not Stream.SCAN
             or stamps is None
@@ -140,8 +135,8 @@ class Blueprint:
             return None
         return parse_timestamps(self.texts.get(path, ''), str(path)).sound()
 
-    def _file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
-        """File number to the stamp of the file."""
+    def file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
+        """File number to the stamp of the file; None where their text file is missing."""
         path = self.stamps_path(stream)
         if path in self.missing:
             return None

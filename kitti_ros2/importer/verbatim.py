@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.reader import open_messages
+from ..bags.reader import bag_stamps, open_messages
 from ..errors import KittiRos2Error, UsageError
 from ..kitti import names
 from ..kitti.png_file import parse_image
@@ -29,9 +29,11 @@ from ..messages.scan import decode_points, decode_scan
 from ..messages.source import decode_text
 from ..ordered_map import ordered_map
 from ..samples import Loss, Stream, format_numbers
+from ..schedule import frames_of
 from .decoding import Decoder
 from .folders import owner_of, shown
 from .new_files import write_new, write_texts
+from .numbering import has_common_numbers, number_bag
 from .output import staged
 from .own_topics import LINES, sample_topics
 from .report import ImportReport, LossTally, damage, merged
@@ -43,6 +45,9 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagMessages
     from ..samples import Layout
     from .blueprint import Blueprint
+
+_IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
+"""Streams that some layouts have as lines of one file."""
 
 _MOST_WORKERS = 8
 
@@ -107,18 +112,19 @@ def _restore(
 ) -> ImportReport:
     refused = write_texts(stage / blueprint.root, blueprint, path)
     with open_messages(path, _topics(blueprint.topics)) as messages:
-        report = _write(messages, blueprint, stage, progress)
+        report = _write(path, messages, blueprint, stage, progress)
         damaged = damage(merged(blueprint.damage, messages.losses), path.name)
     return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
 
 
 def _write(
+    bag: Path,
     messages: BagMessages,
     blueprint: Blueprint,
     stage: Path,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    writer = _Writer(messages, blueprint, stage / blueprint.root)
+    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
         writer.take(written)
@@ -127,7 +133,8 @@ def _write(
 
 
 class _Writer:
-    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path) -> None:
+    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: Path) -> None:
+        self._bag = bag
         self._messages = messages
         self._blueprint = blueprint
         self._root = root
@@ -266,18 +273,24 @@ class _Writer:
             if others:
                 numbers = format_numbers(others)
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
-        images = [found for stream, found in self._written.items() if stream.camera is not None]
-        frames = len(self._written.get(Stream.SCAN, ())) or max(map(len, images), default=0)
         return ImportReport(
             path=path,
             layout=self._blueprint.layout,
             name=self._blueprint.name,
             counts=dict(self._counts),
-            frames=frames,
+            frames=self._count_frames(),
             size_bytes=self.size_bytes,
             losses=(*self._losses.losses(), *missing),
             notes=tuple(notes),
         )
+
+    def _count_frames(self) -> int:
+        """How many frames were written, in files of their own or in a common one."""
+        numbered = number_bag(self._bag, bag_stamps(self._bag))
+        common = numbered.by_stream() if numbered is not None else {}
+        written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
+        numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
 
 
 def _checked_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import BadFileError
 from ..options import ScanStamp
-from ..samples import Layout, Scan, Stream
+from ..samples import Clock, Layout, Scan, Stream
 from ..stamps import LAST_NS
 from . import names
 from .poses import pose_from_odometry
@@ -47,6 +47,7 @@ class OdometryRecording(KittiRecording):
         )
         self.sequence = sequence
         self._times_path = sequence / names.TIMES
+        self.clock = Clock.NOMINAL if self._times is None else Clock.RELATIVE
         folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
             Stream(f'image_{index}'): (f'image_{index}', names.PNG) for index in range(4)
         }

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import BadFileError, describe_error
-from ..samples import FrameLabels, Layout, Scan, Stream, TextFile
+from ..samples import Clock, Layout, Scan, Stream, TextFile
 from . import names
 from .calib_file import parse_raw_calibration
 from .oxts_file import parse_packet
@@ -24,7 +24,7 @@ from .recording import KittiRecording
 from .scan_file import parse_scan, parse_scan_text
 from .stamps_file import parse_timestamps
 from .store import STORE
-from .tracklet_file import cuboids_by_frame, parse_tracklets
+from .tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ..boxes import Cuboid
     from ..options import ReadOptions
-    from ..samples import Calibration, OxtsPacket
+    from ..samples import Calibration, FrameLabels, OxtsPacket
     from .store import Listing
     from .text_file import Lines
 
@@ -60,6 +60,7 @@ class RawRecording(KittiRecording):
         self._stampless = not any(
             STORE.is_file(drive / folder / names.TIMESTAMPS) for folder, _ in folders.values()
         )
+        self.clock = Clock.NOMINAL if self._stampless else Clock.UTC
         for stream, (folder, suffixes) in folders.items():
             self._add_folder(stream, drive / folder, suffixes)
         if Stream.OXTS in self.streams:
@@ -193,17 +194,7 @@ class RawRecording(KittiRecording):
         self._add(Stream.LABELS, np.array(good, dtype=np.int64), stamps_ns, None)
 
     def _labels(self, number: int) -> FrameLabels:
-        path = self.drive / names.RAW_TRACKLETS
-        cuboids = self._cuboids[number]
-        lacks = {
-            cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
-            f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
-            f' marker and no 3D detection'
-            for cuboid in cuboids
-            if min(cuboid.size_lwh) <= 0
-        }
-        sound = [cuboid for cuboid in cuboids if cuboid.identity not in lacks]
-        return FrameLabels(cuboids=sound, lacks=lacks)
+        return labels_of_tracklets(self._cuboids[number], self.drive / names.RAW_TRACKLETS)
 
     def path(self, stream: Stream, number: int) -> Path:
         """The file a sample is read from."""

@@ -15,6 +15,7 @@ from ..nominal import NOMINAL_VELO_T_IMU
 from ..samples import (
     CAMERA_NAMES,
     Calibration,
+    Clock,
     Description,
     FrameLabels,
     Image,
@@ -58,6 +59,7 @@ class KittiRecording:
     image_topic = 'image_rect'
     common_numbers = True
     level_poses = True
+    clock = Clock.NOMINAL
 
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         self.root = root

@@ -23,6 +23,7 @@ import numpy as np
 from ..boxes import Cuboid
 from ..errors import BadFileError
 from ..geometry import Transform, rotation_from_rpy
+from ..samples import FrameLabels
 from . import names
 
 if TYPE_CHECKING:
@@ -177,6 +178,19 @@ def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
             )
             frames.setdefault(tracklet.first_frame + offset, []).append(cuboid)
     return frames
+
+
+def labels_of_tracklets(cuboids: Sequence[Cuboid], path: Path | str) -> FrameLabels:
+    """The labels of a frame from its boxes; one without a positive size is named in lacks."""
+    lacks = {
+        cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
+        f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
+        f' marker and no 3D detection'
+        for cuboid in cuboids
+        if min(cuboid.size_lwh) <= 0
+    }
+    sound = [cuboid for cuboid in cuboids if cuboid.identity not in lacks]
+    return FrameLabels(cuboids=sound, lacks=lacks)
 
 
 def format_tracklets(tracklets: Iterable[Tracklet]) -> str:

@@ -1,29 +1,28 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a bag, as the importer's plan would lay them out."""
+"""The frames of a bag that is not ours, as the importer's plan would lay them out."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..bags.reader import open_messages
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import KittiRos2Error, LackingError, UsageError
+from ..errors import KittiRos2Error, UsageError
 from ..geometry import Transform
 from ..importer.cuboids import ABSURD
 from ..importer.frame_tree import FrameTree
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
 from ..importer.labels import class_name, own_number
+from ..importer.numbering import BY_POSITION
+from ..importer.places import PlacedMessages, places_of
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
-from ..importer.planned import look
 from ..importer.poses import read_track
 from ..importer.report import LossTally, damage
 from ..importer.rigging import Rigging
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from ..boxes import Cuboid
     from ..importer.ego import PoseTrack
     from ..importer.frames import Frames
+    from ..importer.places import Place
     from ..importer.plan import Plan
     from ..importer.survey import Survey
     from ..samples import Int64Array, Loss
@@ -49,42 +49,31 @@ if TYPE_CHECKING:
 _OPTICAL = '_optical_frame'
 
 
-class _Place(NamedTuple):
-    """Where a message is: its topic, its log time, and how many of that topic come before it then.
-
-    A bag is entered by time, and several messages of a topic may have the same.
-    """
-
-    topic: str
-    log_ns: int
-    before: int
-
-
 class BagFrames:
-    """The frames of a bag: see frame.FrameSource. Frames count from 0.
+    """The frames of a bag: see frame.FrameSource. They are numbered by position, from 0.
 
     Images are rectified where their camera_info tells a distortion, so that what is projected into
     them lies right.
 
     Args:
         path: The bag.
-        survey: What a pass over it found, where there was one already.
+        survey: What a pass over it found.
 
     Raises:
         BadBagError: It cannot be read.
         LackingError: It has neither point clouds nor images.
     """
 
-    def __init__(self, path: Path, survey: Survey | None = None) -> None:
+    def __init__(self, path: Path, survey: Survey) -> None:
         self.name = path.name
         self._path = path
-        survey = survey or look([path])
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
         cautions: list[str] = []
         self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, cautions)
         self._velo_t_scan = _axes(self._plan, cautions)
+        cautions.append(BY_POSITION)
         self.cautions: Sequence[str] = cautions
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
@@ -100,8 +89,7 @@ class BagFrames:
             stream: _places(topic, survey, frames, stream)
             for stream, topic in frame_topics(self._plan).items()
         }
-        self._messages = open_messages(path, set(frame_topics(self._plan).values()))
-        self._lock = Lock()
+        self._messages = PlacedMessages(path, set(frame_topics(self._plan).values()))
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
@@ -129,15 +117,12 @@ class BagFrames:
         }
         stamp_ns = int(self.stamps_ns[number])
         lacks = dict(self._no_calibration)
-        with self._lock:
-            stored = {stream: self._read(place) for stream, place in places.items()}
         made: dict[Stream, Any] = {}
-        for stream, data in stored.items():
+        for stream, place in places.items():
             try:
-                made[stream] = self._make(stream, data)
+                made[stream] = self._make(stream, self._messages.read(place))
             except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-                topic = places[stream].topic
-                lacks[stream.value] = f'{topic}: the message of frame {number}: {error}'
+                lacks[stream.value] = f'{place.topic}: the message of frame {number}: {error}'
         calibration = self._rigging.calibrations.at(stamp_ns)
         labels = made.get(Stream.LABELS, FrameLabels())
         lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
@@ -153,24 +138,7 @@ class BagFrames:
             lacks=lacks,
         )
 
-    def _read(self, place: _Place) -> Any:  # noqa: ANN401 - of the bag's types
-        """The decoded message at a place, or the error that it has instead."""
-        before = place.before
-        try:
-            for message in self._messages.since(place.log_ns):
-                if message.topic != place.topic:
-                    continue
-                if not before:
-                    kind = message.msgtype
-                    return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)
-                before -= 1
-        except Exception as error:  # noqa: BLE001 - generated code lets anything out
-            return error
-        return LackingError('it is not there any more')
-
     def _make(self, stream: Stream, message: Any) -> Any:  # noqa: ANN401
-        if isinstance(message, Exception):
-            raise message
         if stream is Stream.SCAN:
             points = self._rigging.scan(message)[0].points
             if self._velo_t_scan is not None:
@@ -255,15 +223,9 @@ def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:
     return EgoTrack(track, plan.pose.body)
 
 
-def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[_Place | None]:
+def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:
     """Where the message of each frame is, None for a frame without."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
-    found: list[_Place | None] = []
-    for place in frames.samples[stream].tolist():
-        if place == NONE:
-            found.append(None)
-            continue
-        stamp_ns = int(log_ns[place])
-        before = place - int(np.searchsorted(log_ns, stamp_ns))
-        found.append(_Place(topic, stamp_ns, before))
-    return found
+    samples = frames.samples[stream].tolist()
+    found = iter(places_of(topic, log_ns, (place for place in samples if place != NONE)))
+    return [None if place == NONE else next(found) for place in samples]

@@ -1,26 +1,28 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a KITTI folder."""
+"""The frames of a KITTI folder, or of a bag of our own."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..errors import BadFileError, KittiRos2Error, LackingError, UsageError
+from ..importer.bag_recording import BagRecording
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
-from ..messages.map_frame import place_pose
+from ..messages.map_frame import map_from_world, place_pose
+from ..messages.naming import base_t_imu
 from ..messages.png import decode_png
-from ..messages.topics import make_rig
-from ..options import MessageOptions
+from ..options import MapFrame, MessageOptions
 from ..samples import (
+    FRAME_STREAMS,
     Calibration,
+    Clock,
     FrameLabels,
     Image,
-    Layout,
     OxtsPacket,
     Pose,
     Scan,
@@ -31,28 +33,47 @@ from .frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from ..drawing.pixels import Pixels
-    from ..samples import Int64Array, Loss, Recording, Sample
-
-_OF_FRAMES = (
-    Stream.SCAN,
-    Stream.IMAGE_2,
-    Stream.IMAGE_0,
-    Stream.IMAGE_3,
-    Stream.IMAGE_1,
-    Stream.IMAGE_4,
-    Stream.LABELS,
-    Stream.OXTS,
-    Stream.POSE,
-)
-"""The streams a frame is made of; the first that has a sample tells its stamp."""
+    from ..samples import Int64Array, Layout, Loss, Sample, Start, StreamIndex
 
 S = TypeVar('S')
 
 
+class Readable(Protocol):
+    """The part of samples.Recording that frames are made of."""
+
+    layout: Layout
+    name: str
+    root: Path
+    common_numbers: bool
+    clock: Clock
+
+    @property
+    def start(self) -> Start | None: ...  # noqa: D102
+
+    @property
+    def streams(self) -> Mapping[Stream, StreamIndex]: ...  # noqa: D102 - see samples.Recording
+
+    @property
+    def cameras(self) -> Mapping[int, str]: ...  # noqa: D102
+
+    @property
+    def losses(self) -> Sequence[Loss]: ...  # noqa: D102
+
+    @property
+    def notes(self) -> Sequence[str]: ...  # noqa: D102
+
+    def read(self, stream: Stream, number: int) -> Sample: ...  # noqa: D102
+
+    def path(self, stream: Stream, number: int) -> Path: ...  # noqa: D102
+
+    def calibration(self, number: int) -> Calibration: ...  # noqa: D102
+
+
 class RecordingFrames:
-    """The frames of a recording: see frame.FrameSource.
+    """The frames of a recording: see frame.FrameSource; a bag of our own has the name of its file.
 
     Where the same number is the same moment in all streams, every number is a frame. In a raw
     extract the scans are the frames, and the nearest sample of each other stream within half their
@@ -62,15 +83,16 @@ class RecordingFrames:
         LackingError: It has neither images nor scans nor labels.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        self.name = f'{recording.layout.value} {recording.name}'
+    def __init__(self, recording: Readable, name: str | None = None) -> None:
+        self.name = name or f'{recording.layout.value} {recording.name}'
         self.losses: Sequence[Loss] = recording.losses
         self.cautions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self._recording = recording
-        self._map_t_world = make_rig(recording, MessageOptions()).map_T_world
+        mount = base_t_imu(MessageOptions())
+        self._map_t_world = map_from_world(recording.start, mount, MapFrame.ENU)
         self.cameras: Mapping[int, str] = recording.cameras
-        streams = [each for each in _OF_FRAMES if each in recording.streams]
+        streams = [each for each in FRAME_STREAMS if each in recording.streams]
         if not streams:
             raise LackingError(f'{recording.root}: has no stream that pictures could be made of')
         if recording.common_numbers:
@@ -113,12 +135,14 @@ class RecordingFrames:
             objects=objects_of(labels, calibration),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
             pose=None if pose is None else place_pose(pose, self._map_t_world),
-            timed=self._recording.layout is Layout.RAW,
+            timed=self._recording.clock is Clock.UTC,
             lacks=lacks,
         )
 
     def close(self) -> None:
-        """As FrameSource has it: nothing stays open between two frames."""
+        """As FrameSource has it; a folder's files are open only while they are read."""
+        if isinstance(self._recording, BagRecording):
+            self._recording.close()
 
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, lacks: dict[str, str]
@@ -140,7 +164,7 @@ def _same(numbers: Int64Array) -> dict[int, int]:
     return {number: number for number in numbers.tolist()}
 
 
-def _nearest(recording: Recording, streams: Sequence[Stream]) -> dict[Stream, dict[int, int]]:
+def _nearest(recording: Readable, streams: Sequence[Stream]) -> dict[Stream, dict[int, int]]:
     """By stream and frame the file number of the sample nearest in time to the first stream's."""
     reference = recording.streams[streams[0]]
     matches = match_frames(
@@ -157,7 +181,7 @@ def _nearest(recording: Recording, streams: Sequence[Stream]) -> dict[Stream, di
     return found
 
 
-def _common(recording: Recording, streams: Sequence[Stream]) -> tuple[Int64Array, Int64Array]:
+def _common(recording: Readable, streams: Sequence[Stream]) -> tuple[Int64Array, Int64Array]:
     """All numbers and their stamps, of the first stream that has each."""
     index = recording.streams
     every = np.concatenate([index[stream].numbers for stream in streams])

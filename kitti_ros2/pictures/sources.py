@@ -6,7 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..bags.locate import is_bag
+from ..importer.bag_recording import BagRecording
+from ..importer.numbering import number_bag
+from ..importer.planned import look
 from ..kitti.layouts import open_recording
 from .bag_frames import BagFrames
 from .recording_frames import RecordingFrames
@@ -14,6 +19,7 @@ from .recording_frames import RecordingFrames
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..importer.survey import Survey
     from ..options import ReadOptions
     from .frame import FrameSource
 
@@ -26,5 +32,39 @@ def open_frames(path: Path, options: ReadOptions) -> FrameSource:
         KittiRos2Error: It cannot be read, or has nothing to look at.
     """
     if is_bag(path, options.layout):
-        return BagFrames(path)
+        return open_bag_frames(path, look([path]))
     return RecordingFrames(open_recording(path, options))
+
+
+def open_bag_frames(path: Path, survey: Survey) -> FrameSource:
+    """The frames of a bag: of our own under KITTI's numbers, of another one by position.
+
+    Args:
+        path: The bag.
+        survey: What a pass over it found.
+
+    Raises:
+        BadBagError: It cannot be read.
+        LackingError: It has nothing to look at.
+    """
+    recording = open_own_recording(path, survey)
+    return BagFrames(path, survey) if recording is None else RecordingFrames(recording, path.name)
+
+
+def open_own_recording(path: Path, survey: Survey) -> BagRecording | None:
+    """The recording in a bag of our own; None where frames have no numbers of KITTI's.
+
+    Raises:
+        BadBagError: It cannot be read.
+    """
+    log_ns = {
+        name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
+    }
+    numbered = number_bag(path, log_ns)
+    if numbered is None:
+        return None
+    recording = BagRecording(path, numbered, survey)
+    if recording.streams:
+        return recording
+    recording.close()
+    return None

@@ -24,12 +24,12 @@ from kitti_ros2.messages.header import make_header, make_vector3
 from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
 from kitti_ros2.options import BagOptions, MessageOptions, ReadOptions, SelectionOptions
 from kitti_ros2.pictures.report import gather, make_page
-from kitti_ros2.pictures.report.contents import Clock, Severity
+from kitti_ros2.pictures.report.contents import Severity
 from kitti_ros2.pictures.report.markup import element, join
 from kitti_ros2.pictures.report.rig import mounts_of
 from kitti_ros2.pictures.report.route import route_plot
 from kitti_ros2.pictures.report.svg import round_length, ticks
-from kitti_ros2.samples import Layout
+from kitti_ros2.samples import Clock, Layout
 
 from builders import SMALL, png_bytes  # isort: skip
 

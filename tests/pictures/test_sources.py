@@ -13,6 +13,7 @@ import pytest
 
 from kitti_ros2.convert import convert
 from kitti_ros2.errors import UsageError
+from kitti_ros2.importer.numbering import BY_POSITION
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -87,7 +88,7 @@ def test_a_frame_that_is_not_there(recording_path, tmp_path, number):
     with pytest.raises(UsageError, match=f'has no frame {number}; it has 0-4'):
         open_frames(recording_path, ANY).frame(number)
     bag = open_frames(make_bag(recording_path, tmp_path / 'bag.mcap'), ANY)
-    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0 to 4'):
+    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0-4'):
         bag.frame(number)
 
 
@@ -207,7 +208,7 @@ def test_a_cloud_of_a_depth_camera_has_z_forward(tmp_path):
     np.testing.assert_array_equal(after[:, 1], -before[:, 0])
     np.testing.assert_array_equal(after[:, 2], -before[:, 1])
     assert any('z axis is taken as forward' in each for each in found['z'].cautions)
-    assert not found['plain'].cautions
+    assert found['plain'].cautions == [BY_POSITION]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...inspection import Overview
+    from ...samples import Clock
     from .statistics import ClassStatistics, Route
     from .timing import Timing
 
@@ -46,14 +47,6 @@ class Finding:
     def is_loss(self) -> bool:
         """Whether data is lost or damaged."""
         return self.severity is Severity.LOSS
-
-
-class Clock(Enum):
-    """What the stamps of a recording are worth."""
-
-    UTC = 'UTC'
-    RELATIVE = 'seconds from the start'
-    NOMINAL = 'nominal'
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +124,6 @@ class Report:
 
     Attributes:
         overview: What info shows: kind, name, extent, calibration.
-        clock: What the stamps are worth.
         frames: How many frames; None where there is nothing to count them by.
         streams: By name.
         findings: Worst first.
@@ -142,7 +134,6 @@ class Report:
     """
 
     overview: Overview
-    clock: Clock
     frames: int | None
     streams: Sequence[StreamFacts]
     findings: Sequence[Finding]
@@ -150,6 +141,11 @@ class Report:
     classes: ClassStatistics | None
     projections: Sequence[Picture]
     scenes: Sequence[Scene]
+
+    @property
+    def clock(self) -> Clock:
+        """The meaning of the stamps."""
+        return self.overview.clock
 
     @property
     def sound(self) -> bool:

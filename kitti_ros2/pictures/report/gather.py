@@ -20,7 +20,8 @@ from ...kitti.layouts import open_recording
 from ...samples import Layout, Stream, format_numbers
 from ..bag_frames import BagFrames, ego_track
 from ..recording_frames import RecordingFrames
-from .contents import Clock, Finding, Report, Severity, StreamFacts
+from ..sources import open_own_recording
+from .contents import Finding, Report, Severity, StreamFacts
 from .rig import is_finite
 from .scenes import draw_projections, draw_scenes
 from .statistics import ClassTally, route_of
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from ...kitti.recording import KittiRecording
     from ...options import ReadOptions
     from ..frame import Frame, FrameSource
+    from ..recording_frames import Readable
     from .contents import Picture, Scene
     from .statistics import ClassStatistics, Route
 
@@ -97,10 +99,9 @@ class _Steps:
 
 def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
     overview = inspect_recording(recording, path)
-    clock = _clock(recording)
     findings: list[Finding] = []
     steps.expect(len(recording.streams))
-    streams = recording_streams(recording, clock, findings, steps.step)
+    streams = recording_streams(recording, findings, steps.step)
     try:
         source = RecordingFrames(recording)
     except KittiRos2Error as error:
@@ -108,7 +109,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
         seen = _Frames()
     else:
         seen = _look_through(source, _pictured(recording, source), findings, steps)
-    return _report(overview, clock, streams, findings, seen)
+    return _report(overview, streams, findings, seen)
 
 
 def _gather_bag(path: Path, steps: _Steps) -> Report:
@@ -117,33 +118,36 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
     if not any(series.count for series in overview.series):
         findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
-        return _report(overview, Clock.UTC, [], findings, _Frames())
+        return _report(overview, [], findings, _Frames())
     steps.expect(2)
     survey = look([path])
     steps.step()
-    streams = bag_streams(overview.series, bag_stamps(path), survey, findings)
+    own = open_own_recording(path, survey)
+    streams = bag_streams(overview.series, bag_stamps(path), survey, overview.clock, findings)
     steps.step()
     counts = {series.name: series.count for series in overview.series}
     absent = (loss for loss in missing_from(path, counts) if loss.text() not in survey.losses)
     findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
-    for parent, child in survey.changing:
-        text = f'the static transform {parent} -> {child} is told anew and differently'
-        findings.append(Finding(Severity.WARNING, '/tf_static', text))
+    if own is None or own.layout is not Layout.OBJECT:  # whose frames are of several days
+        for parent, child in survey.changing:
+            text = f'the static transform {parent} -> {child} is told anew and differently'
+            findings.append(Finding(Severity.WARNING, '/tf_static', text))
     for link in overview.links:
         if not is_finite(link):
             text = f'the static transform {link.parent} -> {link.child} is no transform'
             findings.append(Finding(Severity.WARNING, '/tf_static', text))
     try:
-        source = BagFrames(path, survey)
+        source = BagFrames(path, survey) if own is None else RecordingFrames(own, path.name)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
         seen = _Frames(route=_route_alone(path, survey))
     else:
         findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
         with closing(source):
-            seen = _look_through(source, source.numbers.tolist(), findings, steps)
-    return _report(overview, Clock.UTC, streams, findings, seen)
+            pictured = source.numbers.tolist() if own is None else _pictured(own, source)
+            seen = _look_through(source, pictured, findings, steps)
+    return _report(overview, streams, findings, seen)
 
 
 def _route_alone(path: Path, survey: Survey) -> Route | None:
@@ -157,19 +161,7 @@ def _route_alone(path: Path, survey: Survey) -> Route | None:
     return route_of(stamps_ns.tolist(), places) if len(places) == len(stamps_ns) else None
 
 
-def _clock(recording: KittiRecording) -> Clock:
-    """The kind of the stamps: the readers make them up where a layout has none."""
-    epoch_ns, period_ns = recording.options.epoch_ns, recording.options.period_ns
-    made_up = all(
-        np.array_equal(index.stamps_ns, epoch_ns + index.numbers * period_ns)
-        for index in recording.streams.values()
-    )
-    if made_up:
-        return Clock.NOMINAL
-    return Clock.UTC if recording.layout is Layout.RAW else Clock.RELATIVE
-
-
-def _pictured(recording: KittiRecording, source: FrameSource) -> list[int]:
+def _pictured(recording: Readable, source: FrameSource) -> list[int]:
     """The frames that have something to see."""
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
@@ -243,7 +235,6 @@ def _numbers(frames: Iterable[int]) -> str:
 
 def _report(
     overview: Overview,
-    clock: Clock,
     streams: Sequence[StreamFacts],
     findings: list[Finding],
     seen: _Frames,
@@ -255,7 +246,6 @@ def _report(
     ]
     return Report(
         overview=overview,
-        clock=clock,
         frames=seen.frames,
         streams=streams,
         findings=_in_order([*lost, *findings, *notes]),

@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ... import __version__
-from ...options import NOMINAL_PERIOD_NS
 from ...quantities import format_bytes, format_count, format_duration
-from ...stamps import NS_PER_S, format_stamp
-from .contents import Clock, Severity
+from ...samples import Clock
+from ...stamps import format_stamp
+from .contents import Severity
 from .markup import Markup, breakable, element, join
 from .sections import calibration_section, objects_section, route_section, scenes_section
 from .streams_section import streams_section
@@ -120,12 +120,12 @@ def _name(overview: Overview) -> str:
 
 def _sentence(report: Report) -> str:
     overview = report.overview
-    if overview.start_ns is None or overview.end_ns is None:
+    if not any(series.count for series in overview.series):
         return 'There is nothing in it.'
     if report.clock is Clock.NOMINAL:
-        when = f'It has no time stamps; {NOMINAL_PERIOD_NS / NS_PER_S:g} s a frame are assumed.'
-    elif report.clock is Clock.RELATIVE:
-        when = 'It tells times from its start, and no date.'
+        when = 'Its layout has no time stamps.'
+    elif overview.start_ns is None or overview.end_ns is None:
+        when = 'It has times from its start, and no date.'
     else:
         start, end = format_stamp(overview.start_ns), format_stamp(overview.end_ns)
         day = start[:10] if start[:10] != end[:10] else ''
@@ -147,9 +147,8 @@ def _figures(report: Report) -> list[tuple[str, str]]:
     else:
         total = sum(series.count for series in overview.series)
         found.append(('samples' if overview.compression is None else 'messages', f'{total:,}'))
-    if overview.start_ns is not None and overview.end_ns is not None:
-        span = format_duration(overview.end_ns - overview.start_ns)
-        found.append(('nominal duration' if report.clock is Clock.NOMINAL else 'duration', span))
+    if overview.duration_ns is not None:
+        found.append(('duration', format_duration(overview.duration_ns)))
     if report.route is not None:
         found.append(('driven', metres(report.route.length_m)))
     if report.classes is not None:

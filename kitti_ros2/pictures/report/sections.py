@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...drawing.palette import rgb_of
+from ...samples import Clock
 from ...stamps import format_stamp
-from .contents import Clock
 from .markup import Markup, breakable, element, join
 from .plots import histogram_plot, shares_bar
 from .rig import MOST_FRAMES, mounts_of, rig_plot
@@ -228,17 +228,21 @@ def _camera_table(cameras: Sequence[CameraGlance]) -> Markup:
         [
             breakable(each.name.removesuffix('/camera_info')),
             f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image',
-            *(f'{value:.2f}' for value in (each.fx, each.fy, each.cx, each.cy)),
+            *(_pixels(value) for value in (each.fx, each.fy, each.cx, each.cy)),
             _field_of_view(each),
-            f'{each.baseline_m:.4f}' if abs(each.baseline_m) > 1e-6 else '',
+            f'{each.baseline_m:.4f}' if abs(each.baseline_m or 0) > 1e-6 else '',
         ]
         for each in cameras
     ]
     return table('Intrinsics of the rectified cameras, in pixels', columns, rows)
 
 
+def _pixels(value: float | None) -> str:
+    return '' if value is None else f'{value:.2f}'
+
+
 def _field_of_view(camera: CameraGlance) -> str:
-    if not camera.width or camera.fx <= 0:
+    if not camera.width or camera.fx is None or camera.fx <= 0:
         return ''
     angle = 2 * np.degrees(np.arctan(camera.width / 2 / camera.fx))
     return f'{angle:.1f}\N{DEGREE SIGN}'

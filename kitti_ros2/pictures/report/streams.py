@@ -14,8 +14,8 @@ from ...kitti.png_file import TRAILING_BYTES, parse_image
 from ...kitti.scan_file import POINT_BYTES
 from ...kitti.store import STORE
 from ...quantities import format_count
-from ...samples import Layout, Stream, format_numbers
-from .contents import Clock, Finding, Severity, StreamFacts
+from ...samples import Clock, Layout, Stream, format_numbers
+from .contents import Finding, Severity, StreamFacts
 from .timing import pairing_of, timing_of
 
 if TYPE_CHECKING:
@@ -34,20 +34,19 @@ _DIAGNOSED_MOST = 5
 
 
 def recording_streams(
-    recording: KittiRecording, clock: Clock, findings: list[Finding], step: Callable[[], None]
+    recording: KittiRecording, findings: list[Finding], step: Callable[[], None]
 ) -> list[StreamFacts]:
     """The streams of a KITTI recording; of images and scans the ends of every file are read.
 
     Args:
         recording: Open for reading.
-        clock: What its stamps are worth.
         findings: What is wrong is entered here.
         step: Called after each stream.
     """
     told = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
-        if clock is not Clock.NOMINAL:
+        if recording.clock is not Clock.NOMINAL:
             findings += _uneven(stream.value, timing)
             findings += _shifted(stream, recording)
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
@@ -71,6 +70,7 @@ def bag_streams(
     topics: Sequence[TopicSummary],
     stamps: Mapping[str, Int64Array],
     survey: Survey,
+    clock: Clock,
     findings: list[Finding],
 ) -> list[StreamFacts]:
     """The topics of a bag, by the stamps in their headers where they have usable ones.
@@ -79,6 +79,7 @@ def bag_streams(
         topics: Of its index.
         stamps: Log times by topic, (N,) nanoseconds, ascending.
         survey: What a pass over it found.
+        clock: The meaning of its stamps.
         findings: What is wrong is entered here.
     """
     told = []
@@ -94,7 +95,9 @@ def bag_streams(
             if seen.failure:
                 findings.append(Finding(Severity.LOSS, topic.name, _undecoded(seen)))
         timing = timing_of(used)
-        if seen is not None and seen.header_ns:
+        if clock is Clock.NOMINAL:
+            pass  # times that nobody measured have no gaps
+        elif seen is not None and seen.header_ns:
             findings += _uneven(topic.name, timing)
         elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
             findings.append(_gaps(topic.name, timing))  # else it was meant to come now and then

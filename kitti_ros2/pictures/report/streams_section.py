@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...quantities import format_bytes, format_count
-from .contents import Clock
+from ...samples import Clock
 from .markup import Markup, breakable, element, join
 from .plots import interval_plot, strip
 from .tables import LONG, NUMBER, TEXT, captioned, table
@@ -29,10 +29,10 @@ def streams_section(report: Report) -> Markup | None:
         return None
     nominal = report.clock is Clock.NOMINAL
     parts: list[Child] = [_table(report)]
-    if report.overview.start_ns is not None and report.overview.end_ns is not None:
-        parts.append(_coverage(report.streams, report.overview.start_ns, report.overview.end_ns))
+    if any(len(each.timing) for each in report.streams):
+        parts.append(_coverage(report))
     if nominal:
-        words = 'The layout tells no times: rates, jitter and gaps in time cannot be told.'
+        words = 'The layout has no time stamps: rates, jitter and gaps in time are not known.'
         parts.insert(0, element('p', words, class_='lead'))
     else:
         parts.append(_intervals(report.streams))
@@ -117,11 +117,13 @@ def _told(value: float | None, unit: float) -> str:
     return '' if value is None else f'{value / unit:.2f}'
 
 
-def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Markup:
-    present = [each for each in streams if len(each.timing)]
+def _coverage(report: Report) -> Markup:
+    present = [each for each in report.streams if len(each.timing)]
     spans = [each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns for each in present]
-    start_ns = min([start_ns, *(int(span[0]) for span in spans)])
-    end_ns = max([end_ns, *(int(span[1]) for span in spans)])
+    bounds = (report.overview.start_ns, report.overview.end_ns)
+    known = [bound for bound in bounds if bound is not None]
+    start_ns = min([*known, *(int(span[0]) for span in spans)])
+    end_ns = max([*known, *(int(span[1]) for span in spans)])
     rows = [
         element(
             'li',
@@ -130,9 +132,10 @@ def _coverage(streams: Sequence[StreamFacts], start_ns: int, end_ns: int) -> Mar
         )
         for each in present
     ]
+    timed = report.clock is not Clock.NOMINAL
+    span = f', {(end_ns - start_ns) / 1e9:.1f} s' * timed
     words = (
-        f'From the first sample of the recording to the last, {(end_ns - start_ns) / 1e9:.1f} s;'
-        f' gaps are marked by higher bars.'
+        f'From the first sample of the recording to the last{span}; gaps are marked by higher bars.'
     )
     return join(
         [

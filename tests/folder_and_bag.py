@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings with holes in their numbers, and bags of them."""
+
+from __future__ import annotations
+
+import shutil
+
+from kitti_ros2.convert import convert
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
+from kitti_ros2.samples import Layout
+
+BAGS = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}
+OBJECT_NUMBERS = (8, 10, 15, 16, 30)
+GONE = {
+    Layout.RAW: ('velodyne_points/data/*0.bin', 'image_0[0123]/data/*0.png', 'image_02/data/*3.png',
+                 'velodyne_points/data/*2.bin'),
+    Layout.ODOMETRY: ('sequences/*/velodyne/*2.bin', 'sequences/*/image_2/*0.png'),
+    Layout.TRACKING: ('*/velodyne/*/*0.bin', '*/image_0[23]/*/*[0123].png'),
+    Layout.OBJECT: ('*/image_2/*16.png',),
+}  # fmt: skip
+"""By layout the files that a recording with holes does not have."""
+
+
+def make_holes(path, layout, folder):
+    """A copy of a recording whose numbers have holes; returns the folder to convert."""
+    whole = path.parent if layout is Layout.RAW else path
+    copy = folder / whole.name
+    shutil.copytree(whole, copy)
+    source = copy / path.name if layout is Layout.RAW else copy
+    if layout is Layout.OBJECT:
+        numbered = sorted(source.glob('*/*/0*.*'), reverse=True)
+        for file in numbered:
+            number = OBJECT_NUMBERS[int(file.stem)]
+            file.rename(file.with_name(f'{number:06d}{file.suffix}'))
+    for pattern in GONE[layout]:
+        gone = sorted(source.glob(pattern))
+        assert gone, pattern
+        for file in gone:
+            file.unlink()
+    return source
+
+
+def make_bag(source, folder, storage='mcap', selection=None, images=Images.COMPRESSED):
+    """The bag of a recording, in a folder of its own."""
+    folder.mkdir(exist_ok=True)
+    path = folder / BAGS[storage]
+    options = MessageOptions(images=images)
+    chosen = selection or SelectionOptions()
+    convert(open_recording(source), path, options, chosen, BagOptions(storage))
+    return path
