@@ -28,6 +28,27 @@ def compressor(name: str, level: int | None) -> Callable[[bytes], bytes]:
     return partial(frame.compress, compression_level=_LZ4_LEVEL if level is None else level)
 
 
+def ros1_lz4(data: bytes) -> bytes:
+    """An lz4 frame that ROS 1 reads.
+
+    roslz4, the reader of rosbag, refuses a frame unless its blocks are independent, its content
+    has a checksum, and its header names no content size. ROS 1 writes blocks of 1 MiB.
+
+    Source: ros_comm, utilities/roslz4/src/lz4s.c, processHeader.
+    """
+    from lz4 import frame  # noqa: PLC0415 - most bags are not compressed
+
+    compressed: bytes = frame.compress(
+        data,
+        compression_level=_LZ4_LEVEL,
+        block_size=frame.BLOCKSIZE_MAX1MB,
+        block_linked=False,
+        content_checksum=True,
+        store_size=False,
+    )
+    return compressed
+
+
 def _zstd(level: int, data: bytes) -> bytes:
     import zstandard  # noqa: PLC0415 - most bags are not compressed
 

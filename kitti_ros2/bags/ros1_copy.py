@@ -7,9 +7,8 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from rosbags.rosbag1 import Writer
-
 from .ros1_scan import Ros1Channel
+from .ros1_writer import Ros1Writer
 from .staging import Staging, keep_all, keep_all_but_bags, reported
 from .writer import output_path
 
@@ -45,10 +44,7 @@ class Ros1Copy:
         self._connections: list[Connection] = []
         try:
             with reported(self.path):
-                self._writer = Writer(self._staging.content)
-                if options.compression != 'none':
-                    name = options.compression.upper()
-                    self._writer.set_compression(Writer.CompressionFormat[name])
+                self._writer = Ros1Writer(self._staging.content, options.compression)
                 self._writer.open()
         except BaseException:
             self._staging.discard()

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from typing import TYPE_CHECKING
 
 from rosbags.rosbag1 import Writer
 
+from .compressors import ros1_lz4
 from .ros1_types import Ros1Types
 
 if TYPE_CHECKING:
@@ -20,6 +23,57 @@ if TYPE_CHECKING:
 
 # What roscpp writes for a publisher; readers that show it expect a node's name.
 _CALLER = '/kitti_ros2'
+_MAGIC = b'#ROSBAG V2.0\n'
+_NUMBER = struct.Struct('<I')
+_HEADER_BYTES = 4096  # of the bag header and its padding, without the length of either
+
+
+class Ros1Writer(Writer):
+    """rosbags' writer of a .bag file, which ROS 1 reads in every compression and can reindex.
+
+    Two things differ. Chunks of lz4 are as roslz4 demands them. The record of the bag header takes
+    as many bytes as in ROS 1's own bags: rosbag, when it appends or reindexes, writes that many
+    over it, and over the first chunk where the record is shorter.
+
+    Args:
+        path: The file, which must not exist.
+        compression: none, lz4 or bz2.
+
+    Source: ros_comm, tools/rosbag_storage/src/bag.cpp, writeFileHeaderRecord.
+    """
+
+    def __init__(self, path: Path, compression: str) -> None:
+        super().__init__(path)
+        if compression != 'none':
+            self.set_compression(self.CompressionFormat[compression.upper()])
+        if compression == 'lz4':
+            self.compressor = ros1_lz4
+
+    def open(self) -> None:
+        """Make the file.
+
+        Raises:
+            OSError: It cannot be made.
+        """
+        super().open()
+        if self.bio is not None:
+            self.bio.flush()
+            _lengthen_header(self.path)
+            self.bio.seek(0, os.SEEK_END)
+
+    def close(self) -> None:
+        """Write what is left and the index."""
+        super().close()  # which writes the bag header again
+        _lengthen_header(self.path)
+
+
+def _lengthen_header(path: Path) -> None:
+    with path.open('r+b') as file:
+        file.seek(len(_MAGIC))
+        (header_bytes,) = _NUMBER.unpack(file.read(_NUMBER.size))
+        file.seek(header_bytes, os.SEEK_CUR)
+        padding_bytes = _HEADER_BYTES - header_bytes
+        file.write(_NUMBER.pack(padding_bytes) + b' ' * padding_bytes)
 
 
 class Ros1Segment:
@@ -27,11 +81,7 @@ class Ros1Segment:
 
     def __init__(self, path: Path, context: SegmentContext) -> None:
         self._types = Ros1Types(context.typestore)
-        self._writer = Writer(path)
-        if context.options.compression != 'none':
-            self._writer.set_compression(
-                Writer.CompressionFormat[context.options.compression.upper()]
-            )
+        self._writer = Ros1Writer(path, context.options.compression)
         self._channels: list[tuple[Connection, Callable[[bytes | memoryview], memoryview]]] = []
         self._writer.open()
 
