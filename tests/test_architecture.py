@@ -33,6 +33,7 @@ JOBS = frozenset(
         'recover',
         'playback',
         'program',
+        'bag_topics',
         'bag_program',
         'readahead',
     }
@@ -66,7 +67,8 @@ ROOMS = {
     'inspection': BELOW_JOBS,
     'recover': BELOW_JOBS,
     'program': BELOW_JOBS,
-    'bag_program': BELOW_JOBS | {'program'},
+    'bag_topics': BELOW_JOBS | {'program'},
+    'bag_program': BELOW_JOBS | {'program', 'bag_topics'},
     'playback': GROUND | {'options'},
     'readahead': BELOW_JOBS | {'program'},
     'synthetic': GROUND | {'options', 'kitti'},
