@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bag_topics import AsItIs, choose_topics
+from .bag_topics import AsItIs, choose_topics, define_images
 from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
 from .messages.cdr import filling
@@ -81,6 +81,8 @@ class BagProgram:
             self.outlets: Sequence[Outlet] = played.outlets(messages, self._topics)
         self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
         self._made = played.made(self.outlets)
+        if self._made:
+            define_images(self.typestore)
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
         reference = _reference(path, stamps)
         begin = min(int(found[0]) for found in stamps.values() if len(found))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from .errors import UsageError
+from .messages.ros_types import TYPESTORE
 from .messages.topics import LARGE_TYPES, match_names
 from .program import Outlet
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .messages.ros_types import Typestore
 
 IMAGE = 'sensor_msgs/msg/Image'
+_OF_IMAGE = (IMAGE, 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 _DEPTH = 10
 
 
@@ -147,3 +149,9 @@ def choose_topics(
     if left_out and not played:
         raise UsageError(left_out[0])
     return PlayedTopics(played, made.sources, (*left_out, *made.notes))
+
+
+def define_images(typestore: Typestore) -> None:
+    """Add the definition of an image to the types of a bag that has none."""
+    missing = [name for name in _OF_IMAGE if name not in typestore.fielddefs]
+    typestore.register({name: TYPESTORE.fielddefs[name] for name in missing})

@@ -8,6 +8,7 @@ labels that are nearest to it in time, at most half of their period away.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from ..samples import Int64Array
     from .plan import Plan
     from .survey import Survey
+
+_ADVICE = re.compile(r' \([^()]*--calib\)')
+"""What a conversion could do about it."""
 
 _KEPT = 4  # of the labels that were decoded last: several cameras show the same
 
@@ -196,8 +200,7 @@ def _rigged(path: Path, plan: Plan, survey: Survey) -> tuple[Plan, Rigging]:
                 rigging.cuboids(look)
     except (KittiRos2Error, ValueError) as error:
         if _label_topic(plan) != LABEL_LINES:
-            # What follows in brackets is advice for a conversion.
-            raise _impossible(path, str(error).partition(' (')[0]) from None
+            raise _impossible(path, _ADVICE.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
         return plan, Rigging(plan, survey)
     return plan, rigging
