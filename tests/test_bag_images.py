@@ -325,3 +325,58 @@ def test_what_is_not_played_is_as_it_was(recordings, tmp_path):
 def test_wrong_images_are_wrong_usage(recordings, capsys):
     assert main(['play', str(recordings[Layout.RAW]), '--images', 'jpeg', '--foxglove']) == 2
     assert 'images takes compressed or raw or both' in capsys.readouterr().err
+
+
+def recorded_later(source, path):
+    """A bag with other log times than header stamps, as a recording of a player has them."""
+    rng = random.Random(4)
+    with open_messages(source) as messages, open_bag(path, BagOptions(), TYPESTORE) as writer:
+        channels = {
+            topic: writer.add_channel(
+                Channel(
+                    topic,
+                    msgtype,
+                    latched=topic in messages.latched,
+                    depth=messages.latched.get(topic, 10),
+                )
+            )
+            for topic, msgtype in messages.channels
+        }
+        late = [
+            (each.stamp_ns + 4 * 10**17 + rng.randrange(2_000_000), each.topic, bytes(each.data))
+            for each in messages
+        ]
+        for stamp_ns, topic, data in sorted(late):
+            writer.write(channels[topic], stamp_ns, (data,))
+    return path
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
+def test_labels_are_drawn_in_a_recording_of_a_player(recordings, tmp_path, layout):
+    bag = recorded_later(converted(recordings[layout], tmp_path / 'o.mcap'), tmp_path / 'r.mcap')
+    check_drawn_alike(recordings[layout], bag)
+
+
+def test_an_image_without_labels_near_it_stays_plain(recordings, tmp_path):
+    """Frames without a label file, at both ends of a gap."""
+    bag = converted(recordings[Layout.RAW], tmp_path / 'o.mcap')
+    thin = tmp_path / 'thin.mcap'
+    with open_messages(bag) as messages, open_bag(thin, BagOptions(), TYPESTORE) as writer:
+        channels = {t: writer.add_channel(Channel(t, kind)) for t, kind in messages.channels}
+        labels = 0
+        for each in messages:
+            labels += each.topic == '/kitti/labels/detections'
+            if each.topic != '/kitti/labels/detections' or labels not in (2, 3):
+                writer.write(channels[each.topic], each.stamp_ns, (bytes(each.data),))
+    expected, _ = images(played(recordings[Layout.RAW], annotated=True))
+    found, lost = images(played(thin, annotated=True))
+    name = '/kitti/camera_color_left/annotated'
+    same = [one == two for one, two in zip(found[name], expected[name], strict=True)]
+    assert (same, lost) == ([True, False, False, True, True], [])
+    plain = [
+        deserialize(data, IMAGE).data for data in found[name.replace('annotated', 'image_rect')]
+    ]
+    drawn = [deserialize(data, IMAGE).data for data in found[name]]
+    assert [np.array_equal(*pair) for pair in zip(plain, drawn, strict=True)] == (
+        [False, True, True, False, False]
+    )

@@ -3,7 +3,8 @@
 """The labels of a bag, drawn on its camera images.
 
 Which topics are cameras and labels is what the plan of a conversion would say. An image has the
-labels that are nearest to it in time, at most half of their period away.
+labels that are nearest to it in time, at most half of their period away. In a bag of our own, whose
+labels are of a frame, they are also at most half of the images' period away.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.reader import open_messages
+from ..bags.reader import bag_stamps, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
@@ -28,13 +29,13 @@ from .decoding import Decoder
 from .frames import topic_of
 from .guess import guess_plan
 from .labels import own_number
-from .plan import NONE, TF
+from .plan import NONE, SOURCE, TF
 from .rigging import Rigging
 from .survey import LABEL_LINES, glance
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from ..bags.reader import BagMessage, BagMessages
     from ..drawing.pixels import Pixels as Picture
@@ -68,10 +69,12 @@ class LabelledImages:
         survey = glance(path)
         plan = _plan(path, survey)
         self._plan, self._rigging = _rigged(path, plan, survey)
-        self._labels = _Labels(path, survey, _label_topic(plan))
         self.topics: Mapping[str, int] = {
             camera.topic: index for index, camera in self._plan.cameras.items()
         }
+        self._labels = _Labels(path, survey, _label_topic(plan))
+        if plan.calibration == SOURCE:
+            self._labels.be_of_one_frame(path, self.topics)
         # What changes in a calibration of our own is drawn as it changes.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
@@ -133,6 +136,12 @@ class _Labels:
         self._messages: BagMessages | None = None
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
+
+    def be_of_one_frame(self, path: Path, images: Collection[str]) -> None:
+        """Let labels belong to one image of each camera, as those of KITTI's frames do."""
+        stamps = bag_stamps(path)
+        periods = (default_tolerance_ns(stamps[topic]) for topic in images)
+        self._tolerance_ns = min(self._tolerance_ns, *periods)
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Which message belongs to an image, None where none is near."""
