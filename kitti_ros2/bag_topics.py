@@ -141,7 +141,7 @@ def choose_topics(
     names = {topic for topic, _ in counts} | {*made.sources}
     wanted = match_names(sorted(names - made.hidden), patterns)
     left_out = tuple(
-        f'{path}: {counts[key]} messages of {key[0]} are left out: {why}'
+        f'{path}: {key[0]} is left out, {counts[key]} messages: {why}'
         for key, why in reasons.items()
         if counts[key] and key[0] in wanted
     )
