@@ -42,7 +42,7 @@ class BagProgram:
         selection: Topics, and the first and last moment, both included.
         reserved: Given a topic and its type, why the player keeps that topic to itself, or nothing;
             the bag's messages of it are left out.
-        images: Makes image topics that the bag has not.
+        images: Makes image topics that the bag does not contain.
 
     Raises:
         BadBagError: It cannot be read.

@@ -26,7 +26,7 @@ _DEPTH = 10
 
 @dataclass(frozen=True)
 class ImageTopics:
-    """Image topics that are played besides a bag's own, or in place of them.
+    """Image topics that are played in addition to a bag's own, or in place of them.
 
     Attributes:
         sources: By topic that is made, the topic of the bag that it is made of.
@@ -131,7 +131,7 @@ def choose_topics(
         counts: How many messages a topic has, by topic and type.
         patterns: Names that are wanted, wildcards allowed; none takes all.
         reserved: Given a topic and its type, why the bag's messages of it are left out, or nothing.
-        images: Makes image topics that the bag has not.
+        images: Makes image topics that the bag does not contain.
 
     Raises:
         UsageError: The patterns match nothing, or only what is left out.
@@ -152,6 +152,6 @@ def choose_topics(
 
 
 def define_images(typestore: Typestore) -> None:
-    """Add the definition of an image to the types of a bag that has none."""
+    """Add the definition of an image to the types of a bag where it is missing."""
     missing = [name for name in _OF_IMAGE if name not in typestore.fielddefs]
     typestore.register({name: TYPESTORE.fielddefs[name] for name in missing})

@@ -314,6 +314,20 @@ def test_a_damaged_image_costs_itself(truth, tmp_path):
     assert f'{bag}: {RIGHT}/image_rect cannot be made: neither PNG nor JPEG' in lost[0].text
 
 
+def test_a_header_that_no_image_can_have_costs_its_image(truth, tmp_path):
+    """More nanoseconds than a second has, in the last second that there is."""
+
+    def change(topic, place, message):
+        if topic.endswith('compressed') and place == 3:
+            stamp = replace(message.header.stamp, sec=2**31 - 1, nanosec=2**32 - 1)
+            return replace(message, header=replace(message.header, stamp=stamp))
+        return message
+
+    found, lost = images(played(write_foreign(tmp_path / 'o.mcap', truth, change=change)))
+    assert len(found[f'{RIGHT}/image_rect']) == 23
+    assert [each.messages for each in lost] == [1]
+
+
 def test_what_is_not_played_is_as_it_was(recordings, tmp_path):
     """Settings of a conversion, which Rerun's view has: a bag shows what it holds."""
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap', Images.BOTH)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Images that a bag has not, made of those that it has: decoded ones, and ones with labels.
+"""Image topics that a bag does not contain, made of its images: decoded and annotated ones.
 
 As image_transport names topics, IMAGE/compressed is a CompressedImage of the Image IMAGE. A topic
 that is called otherwise is decoded to TOPIC/raw.
@@ -8,6 +8,7 @@ that is called otherwise is decoded to TOPIC/raw.
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any
 
 from ..bag_topics import IMAGE, ImageTopics
@@ -34,14 +35,14 @@ _DEPTH = '/compressedDepth'
 
 
 class BagImages:
-    """Makes images as the options say: the ImageMaker of a bag; for one thread at a time.
+    """Make images as the options say: the ImageMaker of a bag; for one thread at a time.
 
     Args:
         path: The bag.
         options: images and annotated.
 
     Raises:
-        UsageError: The options ask for annotated images, and the bag has not what they need.
+        UsageError: Annotated images are requested, and the bag does not contain what they need.
     """
 
     def __init__(self, path: Path, options: MessageOptions) -> None:
@@ -87,13 +88,15 @@ class BagImages:
 
     def _made(self, name: str, image: Any, pixels: Pixels, log_ns: int) -> bytes | ValueError:  # noqa: ANN401 - of the bag's types
         stamp_ns = stamp_ns_of(image.header)
-        if name in self._annotated and self._labelled is not None:
-            topic = self._annotated[name]
-            try:
+        try:
+            if name in self._annotated and self._labelled is not None:
+                topic = self._annotated[name]
                 pixels = self._labelled.draw(topic, image, pixels, stamp_ns, log_ns)
-            except ValueError as error:
-                return error
-        return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id)))
+            return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id)))
+        except ValueError as error:
+            return error
+        except (struct.error, OverflowError) as error:
+            return ValueError(f'a number that {IMAGE} cannot hold ({error})')
 
 
 def _labelled(path: Path) -> LabelledImages:
