@@ -53,6 +53,7 @@ def test_a_bag_shows_the_images_of_its_folder(recordings, tmp_path):
     bag = to_bag(recordings[Layout.RAW], tmp_path / 'drive_0005')
     process = live.play(bag, '--annotated', '--start-paused')
     try:
+        assert 'frames 0 to 4' in process.stderr.readline()  # its topics come next
         listener = live.Listening(TOPICS)
         try:
             listener.wait_for_publishers()
