@@ -8,33 +8,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .bag_topics import AsItIs, choose_topics
 from .bags.forward_stamps import read_lead_ns
 from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
 from .importer.numbering import BY_POSITION, number_bag
 from .messages.cdr import filling
-from .messages.topics import LARGE_TYPES, match_names
-from .program import Due, Missing, Outlet
+from .program import Due, Missing
 from .schedule import nearest_frames, never_falling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from .bag_topics import ImageMaker
     from .bags.message_source import BagMessage, BagMessages
     from .messages.ros_types import Typestore
     from .options import Bound, SelectionOptions
+    from .program import Outlet
     from .samples import Int64Array
 
 _SCAN = 'sensor_msgs/msg/PointCloud2'
 _OF_CAMERA = frozenset(
     {'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/CameraInfo'}
 )
-_DEPTH = 10
 
 
 class BagProgram:
-    """The messages of a bag, as they are; for one fetching thread at a time.
+    """The messages of a bag, and images made of them; for one fetching thread at a time.
 
     Frames of a bag of our own have KITTI's numbers. In another one a frame is what is nearest to a
     message of the reference topic: the first with point clouds, else that of a camera, else the one
@@ -45,6 +46,7 @@ class BagProgram:
         selection: Topics, and the first and last moment, both included.
         reserved: Given a topic and its type, why the player keeps that topic to itself, or nothing;
             the bag's messages of it are left out.
+        images: Makes image topics that the bag does not contain.
 
     Raises:
         BadBagError: It cannot be read.
@@ -58,68 +60,66 @@ class BagProgram:
         path: Path,
         selection: SelectionOptions,
         reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
+        images: ImageMaker | None = None,
     ) -> None:
         if selection.streams:
             raise UsageError('a bag has topics, no streams; choose by topics')
         self._path = path
         bag_index = index_bag(path)
         stamps = bag_index.by_topic()
-        kept = {key[0]: why for key in bag_index.stamps if (why := reserved(*key))}
-        wanted = match_names(sorted(stamps), selection.topics)
-        self._notes = tuple(
-            f'{path}: {len(stamps[topic])} messages of {topic} are left out: {kept[topic]}'
-            for topic in wanted
-            if topic in kept and len(stamps[topic])
-        )
-        wanted = [topic for topic in wanted if topic not in kept]
-        if not wanted and self._notes:
-            raise UsageError(self._notes[0])
+        self._images = images or AsItIs()
+        counts = {key: sum(map(len, found)) for key, found in bag_index.stamps.items()}
+        played = choose_topics(path, counts, selection.topics, reserved, self._images)
+        self._notes = played.notes
+        wanted = played.read if {*played.names} == {*selection.topics} else None
         self.name = path.name
         # What cannot be read is an error only where it is asked for by its full name.
-        with open_messages(path, wanted if {*wanted} == {*selection.topics} else None) as messages:
+        with open_messages(path, wanted) as messages:
             # The index also counts what is not CDR.
             read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
-            self._topics = frozenset(read & {*wanted})
+            self._topics = frozenset(read & played.read)
             if not self._topics:
                 raise BadBagError(path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(dict.fromkeys((*bag_index.warnings, *messages.warnings)))
-            self.outlets: Sequence[Outlet] = [
-                Outlet(
-                    topic,
-                    msgtype,
-                    topic in messages.latched,
-                    messages.latched.get(topic, _DEPTH),
-                    msgtype in LARGE_TYPES,
-                )
-                for topic, msgtype in messages.channels
-                if topic in self._topics
-            ]
+            self.outlets: Sequence[Outlet] = played.outlets(messages, self._topics)
         self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
+        self._made = played.made(self.outlets)
+        if self._made:
+            define_images(self.typestore)
         self._numbered = number_bag(path, stamps)
-        every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
-        own = self._own_frames(every, stamps)
-        begin = min(int(found[0]) for found in stamps.values() if len(found))
-        bounds = (selection.start, selection.end)
-        first, last = (
-            _bound_ns(bound, every, own, (begin, side)) for side, bound in enumerate(bounds)
-        )
-        span = slice(*np.searchsorted(every, [first, last + 1]))
-        taken = every[span]
-        if selection.start and selection.end and every[0] <= last < first <= every[-1]:
-            raise selection.reversed_error()
-        if not len(taken):
-            there = f'{len(every)}; it has frames {own.min()} to {own.max()}'
-            raise UsageError(f'{path}: the selection takes no message of {there}')
-        self.stamps_ns: Int64Array = taken
-        self.frames = never_falling(own)[span]
-        if selection.end is not None and selection.end.frame is not None:
-            # What precedes the last of a frame is played with it.
-            self.frames = np.minimum(self.frames, selection.end.frame)
-        self._latched = self._read_latched(int(taken[-1]))
+        self.stamps_ns, self.frames = self._select(selection, stamps)
+        self._latched = self._read_latched(int(self.stamps_ns[-1]))
         self._messages: BagMessages | None = None
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
+
+    def _select(
+        self, selection: SelectionOptions, stamps: Mapping[str, Int64Array]
+    ) -> tuple[Int64Array, Int64Array]:
+        """Stamps, ascending, and frames of the messages that a selection takes, (N,) each.
+
+        Raises:
+            UsageError: It takes none.
+        """
+        every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
+        own = self._own_frames(every, stamps)
+        begin = min(int(found[0]) for found in stamps.values() if len(found))
+        start, end = selection.start, selection.end
+        first, last = (
+            _bound_ns(bound, every, own, (begin, side)) for side, bound in enumerate((start, end))
+        )
+        span = slice(*np.searchsorted(every, [first, last + 1]))
+        if start and end and every[0] <= last < first <= every[-1]:
+            raise selection.reversed_error()
+        if not len(every[span]):
+            there = f'{len(every)}; it has frames {own.min()} to {own.max()}'
+            raise UsageError(f'{self._path}: the selection takes no message of {there}')
+        frames = never_falling(own)[span]
+        if end is not None and end.frame is not None:
+            # What precedes the last of a frame is played with it.
+            frames = np.minimum(frames, end.frame)
+        return every[span], frames
 
     def _own_frames(self, every: Int64Array, stamps: Mapping[str, Int64Array]) -> Int64Array:
         """(N,) the frame of each message played, in order of time; one may fall behind another."""
@@ -143,10 +143,30 @@ class BagProgram:
         if message is None or message.stamp_ns != self.stamps_ns[index]:
             self._iterator = None
             return [], [Missing(self._reason(), 1)]
-        outlet = self._index[message.topic]
-        if self.outlets[outlet].on_demand and outlet not in wanted:
-            return [Due(outlet, message.stamp_ns, b'')], []
-        return [_due(outlet, message)], []
+        due = []
+        outlet = self._index.get(message.topic)
+        if outlet is not None:
+            skipped = self.outlets[outlet].on_demand and outlet not in wanted
+            due.append(_unmade(outlet, message) if skipped else _due(outlet, message))
+        made = self._made.get(message.topic, ())
+        due += [_unmade(each, message) for each in made if each not in wanted]
+        asked = [each for each in made if each in wanted]
+        if not asked:
+            return due, []
+        images, missing = self._make(message, asked)
+        return due + images, missing
+
+    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Due], list[Missing]]:
+        """The images of some outlets that are made of a message."""
+        names = [self.outlets[outlet].name for outlet in made]
+        images = self._images.make(message, names, self.typestore)
+        due, missing = [], []
+        for outlet, name, image in zip(made, names, images, strict=True):
+            if isinstance(image, bytes):
+                due.append(Due(outlet, message.stamp_ns, image))
+            else:
+                missing.append(Missing(f'{self._path}: {name} cannot be made: {image}', 1))
+        return due, missing
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""
@@ -192,6 +212,11 @@ class BagProgram:
                 for message in messages
                 if message.stamp_ns <= last_ns
             ]
+
+
+def _unmade(outlet: int, message: BagMessage) -> Due:
+    """A message that nobody is there to receive."""
+    return Due(outlet, message.stamp_ns, b'')
 
 
 def _due(outlet: int, message: BagMessage) -> Due:

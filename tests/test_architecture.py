@@ -35,6 +35,7 @@ JOBS = frozenset(
         'recover',
         'playback',
         'program',
+        'bag_topics',
         'bag_program',
         'readahead',
     }
@@ -69,7 +70,8 @@ ROOMS = {
     'inspection': BELOW_JOBS | {'importer'},
     'recover': BELOW_JOBS,
     'program': BELOW_JOBS,
-    'bag_program': BELOW_JOBS | {'program', 'importer'},
+    'bag_topics': BELOW_JOBS | {'program'},
+    'bag_program': BELOW_JOBS | {'program', 'bag_topics', 'importer'},
     'playback': GROUND | {'options'},
     'readahead': BELOW_JOBS | {'program'},
     'synthetic': GROUND | {'options', 'kitti'},

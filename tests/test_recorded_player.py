@@ -54,11 +54,11 @@ def test_clock_and_state_are_the_players_own(recorded):
     assert not {CLOCK, *STATES} & names(program)
     assert OTHER in names(program)
     (note,) = (note for note in program.notes() if CLOCK in note)
-    assert f'{CLOCKS} messages of /clock are left out: the player publishes its own' in note
+    assert f'/clock is left out, {CLOCKS} messages: the player publishes its own' in note
     assert note.endswith('--clock 0 plays those of the bag')
     for state in STATES:
         (note,) = (note for note in program.notes() if f' {state} ' in note)
-        assert '1 messages of' in note
+        assert '1 messages' in note
     assert program.losses == ()
 
 
@@ -80,7 +80,7 @@ def test_without_a_clock_of_its_own_the_bags_is_played(recorded):
 def test_the_moments_stamps_go_without_a_clock(recorded):
     program = played(recorded, stamps='now', clock=0)
     assert CLOCK not in names(program)
-    assert any('/clock are left out' in note for note in program.notes())
+    assert any('/clock is left out' in note for note in program.notes())
 
 
 def test_a_node_of_another_name_has_another_state(recorded):

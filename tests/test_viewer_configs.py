@@ -3,17 +3,22 @@
 """config/foxglove.json and config/kitti.rviz name topics that there are, of the right types."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import yaml
 from rosbags.interfaces import Nodetype
 
+from kitti_ros2.convert import convert
+from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.diagnostics import DIAGNOSTICS
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
-from kitti_ros2.options import Images, MessageOptions
-from kitti_ros2.samples import CAMERA_NAMES
+from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
+from kitti_ros2.playing.source import open_program, reserved_by_node
+from kitti_ros2.samples import CAMERA_NAMES, Layout
+from kitti_ros2.settings import make_play_settings
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STATE = '/kitti_player/state'
@@ -143,3 +148,42 @@ def test_rviz_asks_for_what_is_latched(rviz):
     latched = {row.name for row in rows if row.latched}
     for topic, durability in asked.items():
         assert durability == ('Transient Local' if topic in latched else 'Volatile')
+
+
+@pytest.fixture(params=['a folder', 'a bag of to-bag'])
+def published(request, recordings, tmp_path):
+    """By topic its type, as player.launch.py publishes a drive and what README makes of it."""
+    source = recordings[Layout.RAW]
+    if request.param != 'a folder':
+        recording = open_recording(source)
+        source = tmp_path / 'drive_0005'
+        convert(recording, source, MessageOptions(), SelectionOptions(), BagOptions())
+    values = yaml.safe_load((CONFIG / 'player.yaml').read_text('utf-8'))
+    values = values['kitti_player']['ros__parameters']
+    given = {
+        name: value
+        for name, value in values.items()
+        if name not in ('source', 'position', 'burst') and value not in ('', [''])
+    }
+    settings = make_play_settings(given)
+    program = open_program(source, settings, reserved_by_node('/kitti_player', settings))
+    return {each.name: each.msgtype for each in program.outlets} | {STATE: DIAGNOSTICS}
+
+
+def test_what_rviz_shows_is_published(rviz, published):
+    shown = {
+        display['Topic']['Value']: display['Class'].split('/')[1]
+        for display in rviz['Visualization Manager']['Displays']
+        if 'Topic' in display
+    }
+    assert 'Image' in shown.values()
+    assert {topic: published[topic] for topic in shown} == {
+        topic: RVIZ_SHOWS[kind] for topic, kind in shown.items()
+    }
+
+
+def test_what_foxglove_shows_is_published(published):
+    text = (CONFIG / 'foxglove.json').read_text('utf-8')
+    shown = set(re.findall(r'"(/kitti[\w/]*)', text))
+    assert len(shown) >= 8
+    assert sorted(shown - set(published)) == []

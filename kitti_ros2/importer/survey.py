@@ -9,19 +9,23 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..bags.forward_stamps import ForwardStamps
+from ..bags.reader import open_messages
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
+from ..messages.topics import LARGE_TYPES
 from ..messages.transforms import decode_static
 from .decoding import Decoder
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
     from typing import TypeAlias
 
     from ..bags.reader import BagMessage, BagMessages, LeftOut
@@ -47,6 +51,7 @@ LABEL_LINES = '/kitti/source/labels'
 _HEADED = frozenset(
     {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH, DETECTIONS}
 )
+_DESCRIBING = TF_TYPES | {CAMERA_INFO, DETECTIONS, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _STILL_M = 1e-6
 _LOOKS = 8
@@ -173,6 +178,29 @@ def survey_bag(messages: BagMessages) -> Survey:
     losses = messages.losses
     notes = [text for text in messages.warnings if text not in losses]
     found = *taken.links.sorted(), taken.calibrations, notes, losses, messages.left_out
+    return Survey(taken.topics, *found)
+
+
+def glance(path: Path) -> Survey:
+    """Survey what describes a bag's sensors; of topics with large messages the first one alone.
+
+    Raises:
+        BadBagError: It cannot be read.
+    """
+    with open_messages(path) as every:
+        types = dict(every.channels)
+        taken = _Pass(every)
+        losses, left_out = every.losses, every.left_out
+    wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
+    if wanted:
+        with open_messages(path, wanted) as messages:
+            for message in messages:
+                taken.take(message)
+    for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
+        with open_messages(path, {topic}) as messages:
+            for message in islice(messages, 1):
+                taken.take(message)
+    found = *taken.links.sorted(), taken.calibrations, (), losses, left_out
     return Survey(taken.topics, *found)
 
 

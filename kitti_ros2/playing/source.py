@@ -10,16 +10,20 @@ from typing import TYPE_CHECKING
 
 from ..bag_program import BagProgram
 from ..bags.locate import is_bag
+from ..errors import UsageError
 from ..kitti.layouts import open_recording
 from ..messages.diagnostics import DIAGNOSTICS
 from ..options import Stamps
 from ..program import RecordingProgram
+from ..samples import Stream
+from ..settings import PlaySettings
+from .bag_images import BagImages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..program import Program
-    from ..settings import PlaySettings, Settings
+    from ..settings import Settings
 
 CLOCK = '/clock'
 STATE = '/kitti_player/state'
@@ -45,9 +49,12 @@ def open_program(
     """
     path = Path(source).expanduser()
     if is_bag(path, settings.read.layout):
-        return BagProgram(path, settings.selection, reserved)
+        images = BagImages(path, settings.messages) if isinstance(settings, PlaySettings) else None
+        return BagProgram(path, settings.selection, reserved, images)
     workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
     recording = open_recording(path, settings.read)
+    if settings.messages.annotated and Stream.LABELS not in recording.streams:
+        raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
     return RecordingProgram(recording, settings.messages, settings.selection, workers)
 
 

@@ -140,6 +140,17 @@ def test_a_bag_is_played_as_it_is(serve, recordings, tmp_path, storage, name):
             assert decode(viewer, viewer.of(topic)[-1])
 
 
+def test_raw_images_are_made_of_a_bags_compressed_ones(serve, recordings, tmp_path):
+    expected = bag_bytes(to_bag(recordings[Layout.TRACKING], tmp_path / 'both.mcap'))
+    recording, bag = open_recording(recordings[Layout.TRACKING]), tmp_path / 'o.mcap'
+    convert(recording, bag, MessageOptions(), SelectionOptions(), BagOptions())
+    annotated = '/kitti/camera_color_left/annotated'
+    with play_through(serve(bag, annotated=True)) as viewer:
+        heard = heard_bytes(viewer)
+    assert len(heard.pop(annotated)) == len(heard.pop(annotated.replace('left', 'right'))) == FRAMES
+    assert heard == expected
+
+
 def test_it_says_what_it_plays(raw):
     server = raw(start_paused=True)
     with Viewer(server.url) as viewer:

@@ -59,6 +59,9 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     streams: Annotated[
         Optional[list[str]], typer.Option(help='Only these streams; repeatable')
     ] = None,
+    images: Annotated[
+        Optional[str], typer.Option(help='compressed, raw or both [default: both]')
+    ] = None,
     preset: Annotated[
         Optional[str], typer.Option(help='Topic and frame names: default or kitti2bag')
     ] = None,
@@ -118,6 +121,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         'at_end': at_end,
         'topics': topics or None,
         'streams': streams or None,
+        'images': images,
         'preset': preset,
         'map': map_frame,
         'tf': tf,

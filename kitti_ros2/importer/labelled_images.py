@@ -1,0 +1,223 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The labels of a bag, drawn on its camera images.
+
+Which topics are cameras and labels is what the plan of a conversion would say. An image has the
+labels that are nearest to it in time, at most half of their period away. In a bag of our own, whose
+labels are of a frame, they are also at most half of the images' period away.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bags.reader import bag_stamps, open_messages
+from ..drawing.annotate import annotate
+from ..drawing.objects import objects_of
+from ..drawing.pixels import colour_pixels
+from ..errors import KittiRos2Error, UsageError
+from ..kitti.label_file import frame_labels, parse_labels
+from ..messages.source import decode_text
+from ..samples import FrameLabels, Layout
+from .decoding import Decoder
+from .frames import topic_of
+from .guess import guess_plan
+from .labels import own_number
+from .plan import NONE, SOURCE, TF
+from .rigging import Rigging
+from .survey import LABEL_LINES, glance
+from .sync import default_tolerance_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from ..bags.reader import BagMessage, BagMessages
+    from ..drawing.pixels import Pixels as Picture
+    from ..messages.pixels import Pixels
+    from ..samples import Int64Array
+    from .plan import Plan
+    from .survey import Survey
+
+_ADVICE = re.compile(r' \([^()]*--calib\)')
+"""What a conversion could do about it."""
+
+_KEPT = 4  # of the labels that were decoded last: several cameras show the same
+
+
+class LabelledImages:
+    """Draws the labels of a bag on its images; for one thread at a time.
+
+    Args:
+        path: The bag.
+
+    Attributes:
+        topics: By image topic the KITTI index of its camera.
+        notes: Remarks for the user, a line each.
+
+    Raises:
+        UsageError: The bag has no camera images, no labels, or no calibration that they need.
+        BadBagError: It cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        survey = glance(path)
+        plan = _plan(path, survey)
+        self._plan, self._rigging = _rigged(path, plan, survey)
+        self.topics: Mapping[str, int] = {
+            camera.topic: index for index, camera in self._plan.cameras.items()
+        }
+        self._labels = _Labels(path, survey, _label_topic(plan))
+        if plan.calibration == SOURCE:
+            self._labels.be_of_one_frame(path, self.topics)
+        # What changes in a calibration of our own is drawn as it changes.
+        self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
+        self._objects = lru_cache(_KEPT)(self._read_objects)
+
+    def draw(
+        self,
+        topic: str,
+        image: Any,  # noqa: ANN401 - of the bag's types
+        pixels: Pixels,
+        stamp_ns: int,
+        log_ns: int,
+    ) -> Picture:
+        """A copy of an image with its labels drawn on it, (H, W, 3) uint8 BGR.
+
+        Args:
+            topic: Of the image; one of the topics.
+            image: The Image or CompressedImage.
+            pixels: The same decoded.
+            stamp_ns: Of its header, nanoseconds since 1970.
+            log_ns: When it was recorded, nanoseconds since 1970.
+
+        Raises:
+            ValueError: The labels cannot be read, or the image cannot be rectified.
+        """
+        camera = self.topics[topic]
+        if self._plan.cameras[camera].rectify:
+            pixels = self._rigging.pixels(camera, image)
+        picture = np.array(colour_pixels(pixels))
+        place = self._labels.place_at(stamp_ns, log_ns)
+        calibration = self._rigging.calibrations.at(log_ns)
+        labels = FrameLabels() if place is None else self._objects(place)
+        annotate(picture, objects_of(labels, calibration), calibration, camera)
+        return picture
+
+    def _read_objects(self, place: int) -> FrameLabels:
+        message = self._labels.read(place)
+        if self._labels.topic == LABEL_LINES:
+            text = decode_text(message)
+            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+        cuboids, _ = self._rigging.cuboids(message)
+        return FrameLabels(
+            cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]
+        )
+
+
+class _Labels:
+    """The messages of the labels' topic: which is nearest to an image, and what it holds."""
+
+    def __init__(self, path: Path, survey: Survey, topic: str) -> None:
+        found = topic_of(survey, topic)
+        self.topic = topic
+        self._path = path
+        self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
+        stamps, why_not_headers = found.stamps()
+        self._by_log = why_not_headers is not None or len(found.header_ns) != found.count
+        order = np.argsort(stamps, kind='stable')
+        self._order, self._stamps = order, stamps[order]
+        self._tolerance_ns = default_tolerance_ns(stamps)
+        self._messages: BagMessages | None = None
+        self._iterator: Iterator[BagMessage] | None = None
+        self._next = 0
+
+    def be_of_one_frame(self, path: Path, images: Collection[str]) -> None:
+        """Let labels belong to one image of each camera, as those of KITTI's frames do."""
+        stamps = bag_stamps(path)
+        periods = (default_tolerance_ns(stamps[topic]) for topic in images)
+        self._tolerance_ns = min(self._tolerance_ns, *periods)
+
+    def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
+        """Which message belongs to an image, None where none is near."""
+        at = log_ns if self._by_log else stamp_ns
+        after = int(np.searchsorted(self._stamps, at))
+        near = [each for each in (after - 1, after) if 0 <= each < len(self._stamps)]
+        best = min(near, key=lambda each: abs(int(self._stamps[each]) - at))
+        if abs(int(self._stamps[best]) - at) > self._tolerance_ns:
+            return None
+        return int(self._order[best])
+
+    def read(self, place: int) -> Any:  # noqa: ANN401 - of the bag's types
+        """A decoded message.
+
+        Raises:
+            ValueError: It cannot be read.
+        """
+        try:
+            message = self._message(place)
+        except (KittiRos2Error, OSError) as error:
+            self._iterator = None
+            raise ValueError(str(error)) from None
+        if message is None or self._messages is None or message.stamp_ns != self._log_ns[place]:
+            self._iterator = None
+            raise ValueError(f'a message of {self.topic} is missing')
+        return Decoder(self._messages.typestore)(message)
+
+    def _message(self, place: int) -> BagMessage | None:
+        if self._messages is None:
+            self._messages = open_messages(self._path, {self.topic})
+        if self._iterator is None or place != self._next:
+            log_ns = int(self._log_ns[place])
+            self._iterator = self._messages.since(log_ns)
+            for _ in range(place - int(np.searchsorted(self._log_ns, log_ns))):
+                next(self._iterator, None)
+        self._next = place + 1
+        return next(self._iterator, None)
+
+
+def _plan(path: Path, survey: Survey) -> Plan:
+    """The plan of a bag, of layout raw: its images keep their distortion as far as it is known."""
+    try:
+        plan = guess_plan(survey, Layout.RAW, path).plan
+    except KittiRos2Error as error:
+        raise UsageError(f'no annotated images can be made: {error}') from None
+    missing = []
+    if not plan.cameras:
+        missing.append('camera images')
+    if plan.labels is None:
+        missing.append(f'labels (a Detection3DArray, cubes in a MarkerArray, or {LABEL_LINES})')
+    if plan.calibration == NONE:
+        missing.append('calibration (camera_info)')
+    if missing:
+        raise _impossible(path, f'the bag has no {" and no ".join(missing)}')
+    labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
+    return replace(plan, labels=labels, imu='', fix='', velocity='', imu_frame='')
+
+
+def _rigged(path: Path, plan: Plan, survey: Survey) -> tuple[Plan, Rigging]:
+    """The rigging of a plan; label lines have 2D boxes, which need no calibration."""
+    try:
+        rigging = Rigging(plan, survey)
+        for look in topic_of(survey, _label_topic(plan)).looks:
+            if _label_topic(plan) != LABEL_LINES:
+                rigging.cuboids(look)
+    except (KittiRos2Error, ValueError) as error:
+        if _label_topic(plan) != LABEL_LINES:
+            raise _impossible(path, _ADVICE.sub('', str(error))) from None
+        plan = replace(plan, calibration=NONE, labels=None)
+        return plan, Rigging(plan, survey)
+    return plan, rigging
+
+
+def _label_topic(plan: Plan) -> str:
+    return '' if plan.labels is None else plan.labels.topic
+
+
+def _impossible(path: Path, reason: str) -> UsageError:
+    return UsageError(f'{path}: no annotated images can be made: {reason}')
