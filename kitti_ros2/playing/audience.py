@@ -73,12 +73,13 @@ class Reception:
 
     def describe(self) -> str:
         """Describe the messages that had no subscriber, in a line; empty where all had one."""
-        missed = self._missed.total()
-        if not missed:
+        missed, received = dict(self._missed), dict(self._received)  # another thread counts on
+        count = sum(missed.values())
+        if not count:
             return ''
-        total = missed + self._received.total()
-        text = f'{missed} of {total} messages had no subscriber (latched ones are not counted)'
-        partly = sum(count for outlet, count in self._missed.items() if self._received[outlet])
+        total = count + sum(received.values())
+        text = f'{count} of {total} messages had no subscriber (latched ones are not counted)'
+        partly = sum(count for outlet, count in missed.items() if outlet in received)
         if partly:
             text += f'; {partly} of these on topics that had one at another time'
         return text

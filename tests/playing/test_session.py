@@ -193,11 +193,12 @@ def test_nothing_is_said_where_all_is_received():
     assert transport.happened.count(SCAN) == POSITIONS
 
 
-def test_the_last_messages_have_a_second_to_arrive():
+def test_the_last_messages_have_a_bounded_time_to_arrive():
     transport = FakeTransport((0, 0))
     run = Run(transport)
     run.to_the_end()
-    assert transport.finished == [LAST_WAIT_S] == [1.0]
+    assert transport.finished == [LAST_WAIT_S]
+    assert LAST_WAIT_S < 2
     assert run.said == []
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of a player as a message."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,6 +28,22 @@ def test_diagnostics_are_what_the_typestore_makes_of_them(stamp_ns, level, name,
     assert {each.key: each.value for each in status.values} == values
     header = decoded.header.stamp
     assert header.sec * 10**9 + header.nanosec == stamp_ns
+
+
+@pytest.mark.parametrize(
+    ('waiting', 'paused', 'doing'),
+    [
+        (True, False, 'waiting for subscribers'),
+        (True, True, 'paused'),
+        (False, False, 'playing'),
+    ],
+)
+def test_a_state_says_what_it_does(waiting, paused, doing):
+    state = PlaybackState(
+        12, 10**18, 0, 1.0, paused=paused, finished=False, round=1, waiting=waiting
+    )
+    (status,) = deserialize(encode_state('/p', 'drive', state, Counts()), DIAGNOSTICS).status
+    assert status.message == f'{doing}, frame 12'
 
 
 def test_a_state_says_what_is_missing():
