@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bag_topics import AsItIs, choose_topics
+from .bag_topics import AsItIs, choose_topics, define_images
 from .bags.forward_stamps import read_lead_ns
 from .bags.reader import index_bag, open_messages
 from .errors import BadBagError, KittiRos2Error, UsageError
