@@ -18,7 +18,7 @@ from .schedule import ONCE, make_schedule
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
 
-    from .encoder import Message
+    from .encoder import Failure, Message
     from .messages.ros_types import Typestore
     from .options import MessageOptions, SelectionOptions
     from .samples import Int64Array, Recording
@@ -76,7 +76,7 @@ class Program(Protocol):
         frames: (N,) int64 frame numbers, never falling.
         workers: How many threads may fetch at once.
         typestore: Knows the types of the outlets.
-        losses: What is missing from the start, in words.
+        losses: What is missing from the start, and more that was found meanwhile, in words.
     """
 
     name: str
@@ -85,7 +85,10 @@ class Program(Protocol):
     frames: Int64Array
     workers: int
     typestore: Typestore
-    losses: tuple[str, ...]
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing, in words."""
 
     def notes(self) -> tuple[str, ...]:
         """What is worth a word of what was fetched so far."""
@@ -133,9 +136,19 @@ class RecordingProgram:
         self.frames = frame_numbers(schedule, numbered=recording.common_numbers)
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
-        self.losses = tuple(
-            f'{loss.stream}: {loss.text()}' for loss in self._encoder.concerned(recording.losses)
-        )
+        self._losses = self._encoder.concerned(recording.losses)
+        self._named: set[str] = set()
+        self._unsent: dict[str, str] = {}
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing from the start, and what passes over many samples could not read."""
+        late = {
+            loss.text(): f'{loss.stream}: {loss.text()}' for loss in self._recording.late_losses
+        }
+        late |= self._unsent
+        unnamed = [text for reason, text in late.items() if reason not in self._named]
+        return (*(f'{loss.stream}: {loss.text()}' for loss in self._losses), *unnamed)
 
     def notes(self) -> tuple[str, ...]:
         """As Program has it."""
@@ -143,14 +156,19 @@ class RecordingProgram:
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
         """As Program has it."""
-        messages, failures = self._encoder.encode(self._entries[index], wanted)
+        due, failures = self._encode(index, wanted)
+        self._named.update(describe_error(each.error) for each in failures)
         missing = [
             Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
             for each in failures
         ]
+        return due, missing
+
+    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
+        messages, failures = self._encoder.encode(self._entries[index], wanted)
         # Small ones first: each waits for those before it.
         due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
-        return due, missing
+        return due, failures
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""
@@ -159,7 +177,10 @@ class RecordingProgram:
             past = int(np.searchsorted(positions, index)) - 1
             if past < 0:
                 continue
-            messages, _ = self.fetch(int(positions[past]), ())
+            messages, failures = self._encode(int(positions[past]), ())
+            for each in failures:
+                text = f'{", ".join(each.topics)}: {describe_error(each.error)}'
+                self._unsent[describe_error(each.error)] = text
             for message in messages:
                 if self.outlets[message.outlet].latched:
                     last.setdefault(message.outlet, []).append(message)

@@ -171,6 +171,8 @@ class Session:
             for event in self.playback.events():
                 self._do(event, ahead)
             self._transport.finish(_LAST_WAIT_S)
+        for complaint in self.program.losses:
+            self._complain(complaint, 0)  # those that were found meanwhile
 
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
