@@ -98,6 +98,8 @@ def convert(
         for done, outcome in enumerate(ordered_map(encoder.encode, schedule, workers), 1):
             tally.take(*outcome, channels)
             progress(done, tally.size_bytes)
+        for loss in recording.late_losses:
+            tally.lose_unnamed(loss)
     return Report(
         path=writer.path,
         counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
@@ -157,6 +159,11 @@ class _Tally:
         if self._strict:
             raise KittiRos2Error(f'{loss.text()}; stopped there because of --strict')
         self._losses[loss.stream, loss.text()] += loss.count
+
+    def lose_unnamed(self, loss: Loss) -> None:
+        """Count a loss, unless a message that was lost for the same reason names it."""
+        if not any(text == loss.text() for _, text in self._losses):
+            self.lose(loss)
 
     def losses(self) -> tuple[Loss, ...]:
         """All losses, those of the same stream and reason counted together."""

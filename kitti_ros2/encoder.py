@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,15 @@ from .messages.naming import image_topic
 from .messages.png import decode_png
 from .messages.source import promise
 from .messages.topics import Moment, make_rig, make_table, select_topics, unmatched
-from .samples import Calibration, Description, FrameLabels, Scan, Stream, format_numbers
+from .samples import (
+    CAMERA_NAMES,
+    Calibration,
+    Description,
+    FrameLabels,
+    Scan,
+    Stream,
+    format_numbers,
+)
 from .stamps import NS_PER_S
 
 if TYPE_CHECKING:
@@ -36,6 +44,12 @@ _KINDS = {
     Scan: Stream.SCAN,
 }
 _IN_MAP = (Stream.POSE, Stream.PATH)
+_AFFECTED = {
+    Stream.OXTS: (Stream.OXTS, Stream.POSE, Stream.PATH),
+    Stream.POSE: (Stream.POSE, Stream.PATH),
+}
+"""The streams that a loss concerns, where these are more than its own; and trails are of poses."""
+
 _CAMERA_PART = re.compile(r'P\d')
 
 
@@ -81,7 +95,7 @@ class Encoder:
         images = image_topic(recording.layout, recording.image_topic, options.preset)
         table = make_table(recording.cameras, images, options)
         selected = select_topics(table, selection.topics)
-        self._selected = {row.stream for row in selected} if selection.topics else set(Stream)
+        self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule
         self._unmatched = unmatched(table, selection.topics)
         due = {stream for stream in Stream if schedule.count(stream)}
@@ -134,9 +148,17 @@ class Encoder:
 
     def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
         """The losses among a recording's that a selection would have wanted."""
-        wanted = [loss for loss in losses if Stream(loss.stream) in self._selected]
-        parts = [self._schedule.concerned(loss) for loss in wanted]
+        parts = map(self._concerned, losses)
         return [part for part in parts if part is not None]
+
+    def _concerned(self, loss: Loss) -> Loss | None:
+        own = Stream(loss.stream)
+        trails = (Stream.LABELS,) if self._rig.options.markers.trails else ()
+        for stream in (*_AFFECTED[own], *trails) if own in _AFFECTED else (own,):
+            part = self._schedule.concerned(replace(loss, stream=stream.value))
+            if stream in self._selected and part is not None:
+                return part
+        return None
 
     def notes(self) -> tuple[str, ...]:
         """Non-fatal remarks on the samples encoded so far."""
@@ -242,6 +264,19 @@ class Encoder:
         if Stream.CALIBRATION in carried and not numbered:
             calibrations = [file.name for file in self._recording.calibration(0).files]
         return promise(self._recording.describe(), carried, calibrations)
+
+
+def _selected_streams(
+    recording: Recording, options: MessageOptions, selection: SelectionOptions
+) -> set[Stream]:
+    """The streams that a selection by topics takes; a camera that is lost as a whole is one."""
+    if not selection.topics:
+        return set(Stream)
+    lost = {Stream(loss.stream).camera for loss in recording.losses}
+    cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
+    images = image_topic(recording.layout, recording.image_topic, options.preset)
+    table = make_table({**cameras, **recording.cameras}, images, options)
+    return {row.stream for row in select_topics(table, selection.topics)}
 
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:

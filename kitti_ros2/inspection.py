@@ -133,7 +133,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         compression=None,
         cameras=cameras,
         links=links,
-        losses=tuple(recording.losses),
+        losses=(*recording.losses, *recording.late_losses),
         notes=tuple(recording.notes) + notes,
     )
 

@@ -18,7 +18,7 @@ from .schedule import make_schedule
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
 
-    from .encoder import Message
+    from .encoder import Failure, Message
     from .messages.ros_types import Typestore
     from .options import MessageOptions, SelectionOptions
     from .samples import Int64Array, Recording
@@ -77,7 +77,7 @@ class Program(Protocol):
         frames: (N,) int64 frame numbers, never falling.
         workers: How many threads may fetch at once.
         typestore: Knows the types of the outlets.
-        losses: What is missing from the start, in words.
+        losses: What is missing from the start, and more that was found meanwhile, in words.
     """
 
     name: str
@@ -86,7 +86,10 @@ class Program(Protocol):
     frames: Int64Array
     workers: int
     typestore: Typestore
-    losses: tuple[str, ...]
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing, in words."""
 
     def notes(self) -> tuple[str, ...]:
         """What is worth a word of what was fetched so far."""
@@ -135,9 +138,19 @@ class RecordingProgram:
         self.frames = schedule.frame_numbers
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
-        self.losses = tuple(
-            f'{loss.stream}: {loss.text()}' for loss in self._encoder.concerned(recording.losses)
-        )
+        self._losses = self._encoder.concerned(recording.losses)
+        self._named: set[str] = set()
+        self._unsent: dict[str, str] = {}
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing from the start, and what passes over many samples could not read."""
+        late = {
+            loss.text(): f'{loss.stream}: {loss.text()}' for loss in self._recording.late_losses
+        }
+        late |= self._unsent
+        unnamed = [text for reason, text in late.items() if reason not in self._named]
+        return (*(f'{loss.stream}: {loss.text()}' for loss in self._losses), *unnamed)
 
     def notes(self) -> tuple[str, ...]:
         """As Program has it."""
@@ -145,16 +158,21 @@ class RecordingProgram:
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
         """As Program has it."""
-        entry = self._entries[index]
-        messages, failures = self._encoder.encode(entry, wanted)
+        due, failures = self._encode(index, wanted)
+        self._named.update(describe_error(each.error) for each in failures)
         missing = [
             Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
             for each in failures
         ]
+        return due, missing
+
+    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
+        entry = self._entries[index]
+        messages, failures = self._encoder.encode(entry, wanted)
         # Small ones first: each waits for those before it.
         due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
-        return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], missing
+        return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
 
     def latched_before(self, index: int) -> list[Due]:
         """As Program has it."""
@@ -163,7 +181,10 @@ class RecordingProgram:
             past = int(np.searchsorted(positions, index)) - 1
             if past < 0:
                 continue
-            messages, _ = self.fetch(int(positions[past]), ())
+            messages, failures = self._encode(int(positions[past]), ())
+            for each in failures:
+                text = f'{", ".join(each.topics)}: {describe_error(each.error)}'
+                self._unsent[describe_error(each.error)] = text
             for message in messages:
                 if self.outlets[message.outlet].latched:
                     last.setdefault(message.outlet, []).append(message)

@@ -454,6 +454,14 @@ class Recording(Protocol):
         ...
 
     @property
+    def late_losses(self) -> Sequence[Loss]:
+        """What passes over many samples (path, trails, origin of the map) could not read so far.
+
+        Nothing else names it: the sample itself may be left out, or be read at another time.
+        """
+        ...
+
+    @property
     def notes(self) -> Sequence[str]:
         """What is worth a word and no loss."""
         ...

@@ -18,7 +18,7 @@ from ..errors import BadFileError, describe_error
 from ..samples import FrameLabels, Layout, Stream, TextFile
 from . import append_journal, names
 from .label_file import frame_labels, parse_labels
-from .recording import KittiRecording, load_calibration
+from .recording import KittiRecording
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class ObjectRecording(KittiRecording):
     def _calibration(self, number: int) -> Calibration:
         name = names.file_name(number, names.FRAME_DIGITS, names.TXT)
         path = self.split / names.CALIB / name
-        return load_calibration(path, self.root)
+        return self._load_calibration(path)
 
     def text_paths(self) -> list[Path]:
         """The lists of frames in ImageSets."""

@@ -20,7 +20,7 @@ from ..stamps import LAST_NS
 from . import names
 from .poses import pose_from_odometry
 from .poses_file import parse_poses
-from .recording import KittiRecording, load_calibration
+from .recording import KittiRecording
 from .semantic_file import parse_point_labels
 from .stamps_file import parse_times
 from .store import STORE
@@ -131,7 +131,7 @@ class OdometryRecording(KittiRecording):
     @cached_property
     def _calibration(self) -> Calibration:
         path = self.sequence / names.ODOMETRY_CALIB
-        return load_calibration(path, self.root)
+        return self._load_calibration(path)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
         """The calibration of the sequence."""

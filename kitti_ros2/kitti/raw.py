@@ -61,6 +61,7 @@ class RawRecording(KittiRecording):
             STORE.is_file(drive / folder / names.TIMESTAMPS) for folder, _ in folders.values()
         )
         self.clock = Clock.NOMINAL if self._stampless else Clock.UTC
+        self._unread: set[Stream] = set()
         for stream, (folder, suffixes) in folders.items():
             self._add_folder(stream, drive / folder, suffixes)
         if Stream.OXTS in self.streams:
@@ -83,16 +84,16 @@ class RawRecording(KittiRecording):
             listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
         except OSError as error:
             self._lose_lines(stream, describe_error(error))
+            self._unread.add(stream)
             return
         stamps_path = folder / names.TIMESTAMPS
         if self._stampless:
             self._add_nominal(stream, listing.numbers, listing)
         elif STORE.is_file(stamps_path):
-            stamps = self._stamps(stamps_path)
+            stamps, reason = self._stamps(stamps_path)
             if stamps is None:
-                self._lose_all(
-                    stream, listing, f'{stamps_path}: cannot be read as UTF-8 text, so no stamps'
-                )
+                self._unread.add(stream)
+                self._lose_all(stream, listing, f'{reason}; so no stamps')
             else:
                 self._add_stamped(stream, listing, stamps, stamps_path)
         else:
@@ -102,11 +103,12 @@ class RawRecording(KittiRecording):
         self._lose(stream, listing.numbers.tolist(), f'{reason} for frames {{}}')
 
     @staticmethod
-    def _stamps(path: Path) -> Lines[int] | None:
+    def _stamps(path: Path) -> tuple[Lines[int] | None, str]:
+        """The stamps of a file, or None and why it cannot be read."""
         try:
-            return parse_timestamps(STORE.read_text(path), path)
-        except (BadFileError, OSError):
-            return None
+            return parse_timestamps(STORE.read_text(path), path), ''
+        except (BadFileError, OSError) as error:
+            return None, describe_error(error).replace('{', '(').replace('}', ')')
 
     @cached_property
     def _calibration(self) -> Calibration:
@@ -120,8 +122,11 @@ class RawRecording(KittiRecording):
                 texts[name] = STORE.read_text(folder / name)
             except FileNotFoundError:
                 continue
-            except (BadFileError, OSError) as error:
+            except BadFileError as error:
                 lacks[name] = str(error)
+            except OSError as error:
+                lacks[name] = describe_error(error)
+                self._lose_late(Stream.CALIBRATION, lacks[name])
         found = parse_raw_calibration(texts, folder, rectified=self.rectified)
         place = folder.relative_to(self.root)
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
@@ -155,13 +160,14 @@ class RawRecording(KittiRecording):
         path = self.drive / names.RAW_SCANS / name
         if not STORE.is_file(path):
             return []
-        stamps = self._stamps(path)
+        stamps, reason = self._stamps(path)
         values = stamps.values if stamps is not None else []
         for error in stamps.errors.values() if stamps is not None else ():
             self._lose_lines(Stream.SCAN, f'{error}; its sweep goes without')
         scans = self.streams[Stream.SCAN].numbers.tolist() if Stream.SCAN in self.streams else []
         beyond = [number for number in scans if number >= len(values)]
-        self._lose(Stream.SCAN, beyond, f'{path}: no line for the sweeps of frames {{}}')
+        reason = f'{reason}; so none' if reason else f'{path}: no line'
+        self._lose(Stream.SCAN, beyond, f'{reason} for the sweeps of frames {{}}')
         return values
 
     @cached_property
@@ -179,9 +185,11 @@ class RawRecording(KittiRecording):
         """Take the tracklets, whose frames are stamped as the scans are, or else the images."""
         if not self._cuboids:
             return
-        folder = names.RAW_SCANS if Stream.SCAN in self.streams else names.RAW_IMAGES[2]
+        # Scans that are there, and could not be listed, do not change the stamps of the labels.
+        scanned = Stream.SCAN in self.streams or Stream.SCAN in self._unread
+        folder = names.RAW_SCANS if scanned else names.RAW_IMAGES[2]
         path = self.drive / folder / names.TIMESTAMPS
-        stamps = self._stamps(path) if STORE.is_file(path) else None
+        stamps, _ = self._stamps(path) if STORE.is_file(path) else (None, '')
         numbers = np.array(sorted(self._cuboids), dtype=np.int64)
         if self._stampless:
             self._add_nominal(Stream.LABELS, numbers, None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError, KittiRos2Error, MissingFileError
+from ..errors import BadFileError, KittiRos2Error, MissingFileError, describe_error
 from ..labels import Trails, cuboids_of
 from ..nominal import NOMINAL_VELO_T_IMU
 from ..samples import (
@@ -68,10 +68,16 @@ class KittiRecording:
         self.streams: dict[Stream, StreamIndex] = {}
         self.losses: list[Loss] = []
         self.notes: list[str] = []
+        self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
         self.turns: dict[int, Turn] = {}
         self._packet_cached = lru_cache(maxsize=4)(self._packet)
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
+
+    @property
+    def late_losses(self) -> list[Loss]:
+        """What passes over many samples could not read so far; see samples.Recording."""
+        return list(self._late_losses.values())
 
     @property
     def cameras(self) -> dict[int, str]:
@@ -127,15 +133,20 @@ class KittiRecording:
     def start(self) -> Start | None:
         """The first readable pose of the whole recording; see samples.Recording."""
         index = self.streams.get(Stream.POSE)
+        failure = ''
         for number in () if index is None else index.numbers.tolist():
             try:
-                return Start(self._pose(number).world_T_imu, self.level_poses)
-            except (KittiRos2Error, OSError):
-                continue  # it is named where its own messages fail
+                pose = self._pose(number)
+            except (KittiRos2Error, OSError) as error:
+                failure = failure or describe_error(error)
+                continue
+            if failure:
+                self._lose_late(Stream.POSE, f'{failure}; map begins at frame {number} instead')
+            return Start(pose.world_T_imu, self.level_poses)
         return None
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
-        """The poses of these numbers, those that cannot be read left out."""
+        """The poses of these numbers; those that cannot be read are left out and lost."""
         stamps: list[int] = []
         poses: list[Transform] = []
         index = self.streams.get(Stream.POSE)
@@ -144,7 +155,8 @@ class KittiRecording:
             for number in numbers:
                 try:
                     pose = self._pose(number)
-                except (KittiRos2Error, OSError):
+                except (KittiRos2Error, OSError) as error:
+                    self._lose_late(Stream.PATH, describe_error(error))
                     continue
                 stamps.append(stamp_of[number])
                 poses.append(pose.world_T_imu)
@@ -172,19 +184,30 @@ class KittiRecording:
     def _trails(self) -> Trails:
         frames = {}
         for number in self.streams[Stream.LABELS].numbers.tolist():
+            calibration = self.calibration(number)
             try:
-                frames[number] = cuboids_of(self._labels(number), self.calibration(number))
-            except (KittiRos2Error, OSError, ValueError):
-                continue  # it is named where its own messages fail
+                frames[number] = cuboids_of(self._labels(number), calibration)
+            except (KittiRos2Error, OSError) as error:
+                self._lose_late(Stream.LABELS, describe_error(error))
+            except ValueError as error:
+                reason = next(iter(calibration.lacks.values()), str(error))
+                self._lose_late(Stream.LABELS, f'{reason}; it is needed for the 3D boxes of labels')
         return Trails(frames, self._world_t_velo)
 
     def _world_t_velo(self, number: int) -> Transform | None:
-        """Where the scanner was at a frame, None where the recording does not tell."""
+        """The scanner's pose at a frame; None without a pose of this number, or a readable one."""
+        if number not in self._posed:
+            return None
         try:
             pose = self._pose(number)
-        except (KittiRos2Error, OSError, LookupError):
+        except (KittiRos2Error, OSError) as error:
+            self._lose_late(Stream.LABELS, describe_error(error))
             return None
         return pose.world_T_imu @ self.calibration(number).velo_T_imu.inverse()
+
+    @cached_property
+    def _posed(self) -> frozenset[int]:
+        return frozenset(self.streams[Stream.POSE].numbers.tolist())
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
@@ -201,12 +224,21 @@ class KittiRecording:
 
     @cached_property
     def _world(self) -> MercatorWorld:
-        """The fixed frame of the poses, at the first readable oxts packet."""
+        """The fixed frame of the poses, at the first readable oxts packet.
+
+        Where that is not the first one, all poses differ, and that is lost.
+        """
+        failure = ''
         for number in self.streams[Stream.OXTS].numbers.tolist():
             try:
-                return MercatorWorld.at(self._packet(number))
-            except (KittiRos2Error, OSError):
+                origin = MercatorWorld.at(self._packet(number))
+            except (KittiRos2Error, OSError) as error:
+                failure = failure or describe_error(error)
                 continue
+            if failure:
+                reason = f'{failure}; map begins at frame {number} instead'
+                self._lose_late(Stream.POSE, reason)
+            return origin
         raise MissingFileError(self.root, 'the origin of the map: not one oxts packet is readable')
 
     @property
@@ -323,9 +355,38 @@ class KittiRecording:
         if numbers:
             self.losses.append(Loss(stream.value, len(numbers), reason, tuple(numbers)))
 
+    def _lose_late(self, stream: Stream, reason: str) -> None:
+        """Name once what a pass over many samples could not read."""
+        reason = reason.replace('{', '(').replace('}', ')')
+        self._late_losses[stream, reason] = Loss(stream.value, 1, reason)
+
     def _lose_lines(self, stream: Stream, reason: str, count: int = 1) -> None:
         """Name and count what cannot be had and has no frame number."""
         self.losses.append(Loss(stream.value, count, reason.replace('{', '(').replace('}', ')')))
+
+    def _load_calibration(self, path: Path) -> Calibration:
+        """A single-file calibration; one that cannot be read is empty and names the reason."""
+        files: tuple[TextFile, ...] = ()
+        try:
+            text = STORE.read_text(path)
+            files = (TextFile(path.relative_to(self.root).as_posix(), text),)
+            return parse_calibration(text, path, files[0].name)
+        except FileNotFoundError:
+            reason = f'{path}: no such file'
+        except BadFileError as error:
+            reason = str(error)
+        except OSError as error:
+            reason = describe_error(error)
+            self._lose_late(Stream.CALIBRATION, reason)
+        return Calibration(
+            {},
+            None,
+            None,
+            NOMINAL_VELO_T_IMU,
+            nominal=('velo_T_imu',),
+            lacks={'file': reason},
+            files=files,
+        )
 
     def _find_gaps(self, streams: Iterable[Stream]) -> None:
         """Name the frames that one of these streams lacks and another has."""
@@ -341,28 +402,6 @@ class KittiRecording:
                 absent,
                 f'{folder}: no {stream.value} for frames {{}}, which other streams have',
             )
-
-
-def load_calibration(path: Path, root: Path) -> Calibration:
-    """A single-file calibration; one that cannot be read is empty and tells why."""
-    files: tuple[TextFile, ...] = ()
-    try:
-        text = STORE.read_text(path)
-        files = (TextFile(path.relative_to(root).as_posix(), text),)
-        return parse_calibration(text, path, files[0].name)
-    except FileNotFoundError:
-        reason = f'{path}: no such file'
-    except (BadFileError, OSError) as error:
-        reason = str(error)
-    return Calibration(
-        {},
-        None,
-        None,
-        NOMINAL_VELO_T_IMU,
-        nominal=('velo_T_imu',),
-        lacks={'file': reason},
-        files=files,
-    )
 
 
 def _some(names: Sequence[str]) -> str:

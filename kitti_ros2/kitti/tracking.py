@@ -19,7 +19,7 @@ from ..samples import IMAGE_STREAMS, FrameLabels, Layout, Stream, TextFile
 from . import names
 from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet
-from .recording import KittiRecording, load_calibration
+from .recording import KittiRecording
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class TrackingRecording(KittiRecording):
 
     @cached_property
     def _calibration(self) -> Calibration:
-        return load_calibration(self._calib_path, self.root)
+        return self._load_calibration(self._calib_path)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
         """The calibration of the sequence."""

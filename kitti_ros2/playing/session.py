@@ -159,6 +159,8 @@ class Session:
                     f'{", ".join(self.late)}: the last messages were not acknowledged within'
                     f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
                 )
+        for complaint in self.program.losses:
+            self._complain(complaint, 0)  # those that were found meanwhile
 
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
