@@ -124,7 +124,8 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
     )
     if FILE_INDEX not in (points.dtype.names or ()):
         return points
-    order = file_order(points[FILE_INDEX])
+    places = points[FILE_INDEX]
+    order = file_order(places) if places.dtype == np.uint32 else None
     if order is None:
         raise ValueError(f'a cloud whose {FILE_INDEX} does not give each place once')
     return _taken(points, order)

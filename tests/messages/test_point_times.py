@@ -127,6 +127,10 @@ def test_an_order_that_is_none_is_refused():
         with pytest.raises(ValueError, match='file_index does not give each place once'):
             decode_scan(message)
         assert len(decode_cloud(message)[0]) == 5
+    message.fields[-1].datatype = 7  # float32
+    with pytest.raises(ValueError, match='file_index does not give each place once'):
+        decode_scan(message)
+    assert len(decode_cloud(message)[0]) == 5
 
 
 @pytest.mark.parametrize('speed', [[14.0, 0.0, 0.0], [9.0, 3.0, 0.5]])
