@@ -102,7 +102,8 @@ def build(
             damaged = damage({**messages.losses, **survey.losses}, paths[0].name)
         if track is not None:
             builder.write_poses(track)
-    damaged += unread(survey, plan)
+    named = {loss.stream for loss in losses.losses()}
+    damaged += unread(survey, plan, named)
     report = builder.report(stage, damaged)
     return replace(report, notes=(*survey.notes, *report.notes))
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..samples import Loss
+from .frames import frame_topics
 from .survey import TF_TYPES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     from ..samples import Layout
@@ -80,17 +81,30 @@ def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
     return total
 
 
-def unread(survey: Survey, plan: Plan) -> tuple[Loss, ...]:
-    """Transforms and camera_infos that a plan goes by and that cannot be decoded."""
-    infos = {camera.info for camera in plan.cameras.values()}
+def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ...]:
+    """Messages of a plan's topics that the first pass could not decode.
+
+    Args:
+        survey: What that pass found.
+        plan: Names topics; transforms are always among them.
+        named: Topics whose messages are named one by one already.
+    """
+    wanted = {camera.info for camera in plan.cameras.values()} | set(frame_topics(plan).values())
+    wanted |= {plan.imu, plan.fix, plan.velocity}
+    if plan.pose is not None:
+        wanted.add(plan.pose.topic)
     return tuple(
         undecoded(topic)
         for topic in survey.topics.values()
-        if topic.failures and (topic.name in infos or topic.msgtype in TF_TYPES)
+        if (topic.failures or topic.headless)
+        and topic.name not in named
+        and (topic.name in wanted or topic.msgtype in TF_TYPES)
     )
 
 
 def undecoded(topic: TopicSurvey) -> Loss:
     """The messages of a topic that were tried and cannot be decoded, by the reason of the first."""
     every = '' if topic.is_readable else 'not one of its messages can be read; the first '
-    return Loss(topic.name, topic.failures, f'{topic.name}: {every}{topic.failure}')
+    count = max(topic.failures, len(topic.headless))
+    reason = topic.failure or 'a header cannot be decoded'
+    return Loss(topic.name, count, f'{topic.name}: {every}{reason}')

@@ -9,6 +9,7 @@ import shutil
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import foreign
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -460,6 +461,24 @@ def test_a_plan_is_held_to_the_description_as_well(made, back):
     code, said, _ = back(rewrite(bag, change), '--layout', 'object')
     assert code == 1
     assert said[0] == 'skipped scan (1): the bag holds 4 of 5 scan messages'
+
+
+@pytest.mark.parametrize('place', [0, 3])
+@pytest.mark.parametrize('topic', ['/imu/data', '/cam/left/image_raw', '/sensors/ouster/points'])
+def test_what_the_first_pass_could_not_decode_is_named(topic, place, back, tmp_path):
+    """Also a message that no frame needs."""
+    bag = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth())
+    seen = []
+
+    def change(entry):
+        seen.extend([topic] if entry.topic == topic else [])
+        cut = entry.topic == topic and len(seen) - 1 == place
+        return Entry(topic, entry.stamp_ns, entry.data[:30]) if cut else entry
+
+    code, said, _ = back(rewrite(bag, change), '--layout', 'raw')
+    assert code == 1
+    assert said[0].startswith(f'skipped {topic} (1): {topic}')
+    assert said[1] == 'kitti-ros2: 1 skipped in all, as named above; exit code 1'
 
 
 MUST = {
