@@ -51,9 +51,10 @@ def run_report(
         if finding.is_loss:
             complain(f'{finding.where + ": " if finding.where else ""}{finding.text}')
     if not quiet:
+        notes = f', {format_count(report.notes, "note")}' if report.notes else ''
         say(
-            f'{format_path(out)}: {format_count(len(report.findings), "finding")},'
-            f' {format_bytes(size)}; took {time.monotonic() - started:.1f} s'
+            f'{format_path(out)}: {report.verdict}{notes};'
+            f' {format_bytes(size)}, took {time.monotonic() - started:.1f} s'
         )
     if report.sound:
         return EXIT_OK

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..errors import KittiRos2Error
+from ..errors import BadFileError, KittiRos2Error
 from ..kitti import names
 from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..messages.header import peek_header
@@ -41,6 +41,7 @@ BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """What commands say of a bag that is not ours."""
 
 OXTS_LINES = '/kitti/source/oxts'
+_UNUSABLE = (KittiRos2Error, ArithmeticError, LookupError, TypeError, ValueError)
 _LINES = frozenset({OXTS_LINES, LABEL_LINES})
 _HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
 
@@ -176,7 +177,7 @@ def number_bag(
         found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
         if by_header and not _is_numbered(found):
             found = _by_header(path, mapped, streams)
-    except KittiRos2Error:
+    except _UNUSABLE:
         return None  # a description that is not ours, or damage, which reading the bag reports
     return NumberedBag(blueprint, found) if _is_numbered(found) else None
 
@@ -241,10 +242,13 @@ def _folder_of_tracklets(blueprint: Blueprint) -> PurePosixPath:
 
 
 def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
-    """The boxes of a raw drive by frame, from the tracklets that its bag carries; {} without."""
+    """The boxes of a raw drive by frame, from the tracklets in its bag; {} without sound ones."""
     for path, text in blueprint.texts.items():
         if path.name == names.RAW_TRACKLETS:
-            return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
+            try:
+                return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
+            except BadFileError:
+                break  # to-bag has reported it, and made no labels of it
     return {}
 
 

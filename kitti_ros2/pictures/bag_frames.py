@@ -31,7 +31,7 @@ from ..importer.sync import NONE
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
 from ..nominal import NOMINAL_CAM0_T_VELO
-from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream
+from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream, Trajectory
 from .frame import Frame
 
 if TYPE_CHECKING:
@@ -92,6 +92,14 @@ class BagFrames:
         self._messages = PlacedMessages(path, set(frame_topics(self._plan).values()))
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
+
+    def trajectory(self) -> Trajectory:
+        """All poses of the bag, also those between its frames."""
+        if self._track is None:
+            return Trajectory(np.zeros(0, np.int64), [])
+        stamps_ns = self._track.track.stamps_ns
+        poses = [pose for pose in self._track.track.at(stamps_ns) if pose is not None]
+        return Trajectory(stamps_ns, [pose @ self._body_t_imu for pose in poses])
 
     def close(self) -> None:
         """As FrameSource has it."""

@@ -12,12 +12,18 @@ import sys
 import time
 from pathlib import Path
 
+import foreign
+import numpy as np
 import pytest
+from folder_and_bag import make_holes
 
+from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.errors import UsageError
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.options import BagOptions
 from kitti_ros2.samples import Layout
 from kitti_ros2.setting_values import parse_bytes
 from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings
@@ -176,6 +182,124 @@ def test_info_of_what_to_bag_wrote(recordings, tmp_path, capsys, name):
     assert baselines[0] == pytest.approx(0, abs=1e-9)
     assert baselines[3] == pytest.approx(0.54, abs=0.01)
     assert {link['child'] for link in seen['links']} >= {'imu_link', 'velo_link'}
+
+
+TIMES = ('start_ns', 'end_ns', 'duration_ns')
+SERIES_TIMES = (
+    'start_ns', 'end_ns', 'median_period_ns', 'largest_gap_ns', 'largest_gap_at_ns', 'mean_rate_hz'
+)  # fmt: skip
+
+
+def look_at(path, capsys):
+    """What info says of a path, in words and as JSON."""
+    main(['info', str(path)])
+    said = capsys.readouterr().out
+    main(['info', str(path), '--json'])
+    text = capsys.readouterr().out
+    assert 'NaN' not in text
+    assert '-0.0,' not in text
+    return said, json.loads(text)
+
+
+@pytest.mark.parametrize('name', ['', 'o.mcap', 'o', 'o.bag'])
+@pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING])
+def test_info_invents_no_times(recordings, tmp_path, capsys, layout, name):
+    source = recordings[layout]
+    if name:
+        assert main(['to-bag', str(source), str(tmp_path / name), '-q']) == 0
+        source = tmp_path / name
+    said, seen = look_at(source, capsys)
+    assert 'no time stamps' in said
+    assert not any(word in said for word in (' Hz', 'UTC', '2011-09-26', '10.0', ' s,'))
+    assert [seen[name] for name in TIMES] == [None] * len(TIMES)
+    assert seen['clock'] == 'nominal'
+    assert seen['frames'] == SMALL.frames
+    for series in seen['series']:
+        assert [series[name] for name in SERIES_TIMES] == [None] * len(SERIES_TIMES)
+
+
+@pytest.mark.parametrize('name', ['', 'o.mcap'])
+def test_info_of_relative_times_has_no_date(recordings, tmp_path, capsys, name):
+    source = recordings[Layout.ODOMETRY]
+    if name:
+        assert main(['to-bag', str(source), str(tmp_path / name), '-q']) == 0
+        source = tmp_path / name
+    said, seen = look_at(source, capsys)
+    assert 'no date' in said
+    assert 'UTC' not in said
+    assert seen['clock'] == 'relative'
+    assert seen['start_ns'] is seen['end_ns'] is None
+    assert seen['duration_ns'] > 0
+    rates = {series['name']: series['mean_rate_hz'] for series in seen['series']}
+    assert rates['/kitti/velo/points' if name else 'scan'] == pytest.approx(10, abs=0.5)
+    assert all(series['start_ns'] is None for series in seen['series'])
+
+
+def test_info_of_absolute_times_has_all(recordings, capsys):
+    said, seen = look_at(recordings[Layout.RAW], capsys)
+    assert 'UTC' in said
+    assert seen['clock'] == 'utc'
+    assert seen['duration_ns'] == seen['end_ns'] - seen['start_ns'] > 0
+
+
+def test_info_knows_no_size_where_only_images_have_it(recordings, capsys):
+    _, seen = look_at(recordings[Layout.OBJECT], capsys)
+    assert {(each['width'], each['height']) for each in seen['cameras']} == {(None, None)}
+    assert seen['cameras'][0]['baseline_m'] == 0
+    assert str(seen['cameras'][0]['baseline_m']) == '0.0'
+
+
+def test_info_of_a_camera_that_is_not_calibrated(tmp_path, capsys):
+    """Drivers without a calibration fill in zeros, and some NaN."""
+
+    def uncalibrated(topic, _place, message):
+        if topic.endswith('camera_info'):
+            message.k[:] = 0 if 'left' in topic else np.nan
+            message.p[:] = 0 if 'left' in topic else np.nan
+            message.width = message.height = 0
+        return message
+
+    path = tmp_path / 'bag.mcap'
+    foreign.write_foreign(path, foreign.make_truth(), 'mcap', change=uncalibrated)
+    said, seen = look_at(path, capsys)
+    assert seen['frames'] is None
+    for camera in seen['cameras']:
+        assert {camera[name] for name in camera if name != 'name'} == {None}
+    assert 'nan' not in said
+
+
+def test_info_of_an_empty_bag(tmp_path, capsys):
+    with open_bag(tmp_path / 'o.mcap', BagOptions(), TYPESTORE):
+        pass
+    said, seen = look_at(tmp_path / 'o.mcap', capsys)
+    assert '0 messages' in said
+    assert [seen[name] for name in TIMES] == [None] * len(TIMES)
+
+
+@pytest.mark.parametrize('layout', list(Layout))
+def test_frames_are_counted_alike_by_all_commands(recordings, tmp_path, capsys, layout):
+    """12 numbers are 12 frames, though 10 have a scan, or none."""
+    source = make_holes(recordings[layout], layout, tmp_path / 'k')
+    frames = SMALL.frames
+    bag, back = tmp_path / 'o.mcap', tmp_path / 'back'
+    main(['to-bag', str(source), str(bag)])
+    said = capsys.readouterr().out
+    assert f', {frames} frames' in said
+    assert ('of recording' in said) == (layout in (Layout.RAW, Layout.ODOMETRY))
+    main(['to-kitti', str(bag), str(back)])
+    assert f', {frames} frames,' in capsys.readouterr().out
+    for path in (source, bag):
+        said, seen = look_at(path, capsys)
+        assert seen['frames'] == frames
+        assert f', {frames} frames,' in said
+
+
+def test_a_sequence_of_labels_alone_has_frames(real_kitti, tmp_path, capsys):
+    """Tracking 0000 here has 154 frames of labels and packets, no scan and no image."""
+    bag = tmp_path / 'o.mcap'
+    main(['to-bag', str(real_kitti / 'tracking'), str(bag)])
+    main(['to-kitti', str(bag), str(tmp_path / 'back')])
+    assert capsys.readouterr().out.count(', 154 frames') == 2
 
 
 def test_info_counts_what_is_missing(drive, capsys):

@@ -29,6 +29,18 @@ def test_a_page_is_made(recording_path, tmp_path, capsys):
     assert [path.name for path in out.parent.iterdir()] == ['report.html']
 
 
+def test_the_command_says_what_the_page_says(recordings, drive, tmp_path, capsys):
+    """Of a sound recording and of one that lacks an image; notes are neither loss nor warning."""
+    out = tmp_path / 'r.html'
+    (drive / 'image_02' / 'data' / '0000000001.png').unlink()
+    sound = 'nothing is missing, damaged or out of order'
+    for source, verdict in (recordings[Layout.OBJECT], sound), (drive, '1 loss and 1 warning'):
+        main(['report', str(source), '-o', str(out), '--overwrite'])
+        assert capsys.readouterr().out.startswith(f'{out}: {verdict}')
+        words = [each.lower() for each in (*Page.of(out).words('p'), *Page.of(out).words('span'))]
+        assert f'{verdict}.' in words
+
+
 def test_the_page_is_called_report_html(recordings, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['report', str(recordings[Layout.RAW]), '-q']) == 0
@@ -117,7 +129,7 @@ def test_a_bag_without_messages_is_told(tmp_path, capsys):
     with open_bag(bag, BagOptions(), TYPESTORE):
         pass
     assert main(['report', str(bag), '-o', str(out)]) == 0
-    assert '1 finding' in capsys.readouterr().out
+    assert '1 warning' in capsys.readouterr().out
     page = out.read_text()
     assert 'the bag holds no messages' in page
     assert 'Nothing is missing' not in page

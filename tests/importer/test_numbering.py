@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 
 import foreign
@@ -20,13 +21,33 @@ from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.errors import UsageError
 from kitti_ros2.importer.numbering import BY_POSITION, number_bag
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions, Bound, MessageOptions, SelectionOptions
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.ros_types import TYPESTORE, String
+from kitti_ros2.options import (
+    BagOptions,
+    Bound,
+    MessageOptions,
+    PlaybackOptions,
+    ReadOptions,
+    SelectionOptions,
+)
+from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.playback import Playback, Send
 from kitti_ros2.program import RecordingProgram
 from kitti_ros2.samples import FRAME_STREAMS, Layout, Stream
 from kitti_ros2.schedule import UNKNOWN, frames_of, make_schedule, never_falling
 
 ALL = SelectionOptions()
+HUGE = json.dumps(
+    {
+        'layout': 'object',
+        'name': 'training',
+        'epoch_ns': 10**30,
+        'files': {
+            'scan': {'folder': 'a', 'digits': 6, 'suffix': '.bin', 'numbers': [[0, 5]]},
+        },
+    }
+)
 
 
 @pytest.fixture(scope='module', params=list(Layout), ids=[layout.value for layout in Layout])
@@ -116,6 +137,37 @@ def test_a_frame_that_is_missing_is_refused_with_those_that_are_there(recordings
     bag = make_bag(holed, tmp_path / 'bag')
     with pytest.raises(UsageError, match='it has frames 8 to 30'):
         BagProgram(bag, SelectionOptions(start=Bound(frame=31)))
+
+
+def test_a_player_goes_to_frames_by_number(holed, holed_bag):
+    program = BagProgram(holed_bag, ALL)
+    playback = Playback(program.stamps_ns, program.frames, PlaybackOptions())
+    for number in numbers_of(holed):
+        playback.seek_frame(number)
+        sent = next(each for each in playback.events() if isinstance(each, Send))
+        assert playback.state().frame == program.frames[sent.position] == number
+    with pytest.raises(UsageError, match=f'there is no frame {numbers_of(holed)[-1] + 1}'):
+        playback.seek_frame(numbers_of(holed)[-1] + 1)
+
+
+@pytest.mark.parametrize('text', ['{', '[]', '{"layout": "raw"}', HUGE], ids=len)
+def test_a_hostile_description_leaves_the_bag_numbered_by_position(text, tmp_path):
+    path = tmp_path / 'bag.mcap'
+    kinds = {'/kitti/source/recording': String(text), '/kitti/velo/points': String('x')}
+    with open_bag(path, BagOptions(), TYPESTORE) as writer:
+        for topic, message in kinds.items():
+            channel = writer.add_channel(Channel(topic, 'std_msgs/msg/String', False, 1))
+            writer.write(channel, 5, serialize(message))
+    assert number_bag(path, bag_stamps(path)) is None
+    assert BagProgram(path, ALL).frames.tolist() == [0, 0]
+
+
+def test_bad_tracklets_cost_the_labels_only(drive, tmp_path):
+    (drive / 'tracklet_labels.xml').write_text('<no')
+    source = open_frames(make_bag(drive, tmp_path / 'bag'), ReadOptions())
+    assert source.numbers.tolist() == numbers_of(drive)
+    assert source.frame(3).images
+    assert not source.frame(3).objects
 
 
 def test_topics_alone_keep_the_frames_of_the_bag(recordings, tmp_path):

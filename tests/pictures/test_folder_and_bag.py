@@ -171,6 +171,17 @@ def test_a_bag_of_others_says_that_its_frames_are_numbered_by_position(tmp_path,
     assert [each.text for each in gather(path, ANY).findings].count(BY_POSITION) == 1
 
 
+def test_the_route_of_another_bag_is_whole_though_its_images_are_few(tmp_path):
+    truth = foreign.make_truth()
+    whole, few = (
+        gather(foreign.write_foreign(tmp_path / f'{count}.mcap', truth[:count]), ANY)
+        for count in (len(truth), 2)
+    )
+    assert (whole.frames, few.frames) == (len(truth), 2)
+    assert few.route.length_m == pytest.approx(whole.route.length_m)
+    assert few.route.length_m > 5.0 * 0.1 * (len(truth) - 1) * 0.9  # 5 m/s, 0.1 s a frame
+
+
 class TestRealKitti:
     def test_a_drive_is_as_long_in_its_bag(self, real_kitti, tmp_path):
         """README of the samples: 106.96 m by Mercator, from the packets of drive 0001."""

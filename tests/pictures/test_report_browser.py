@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import cv2
+import foreign
 import numpy as np
 import pytest
 from chromium import Chromium, find_chromium
@@ -17,7 +18,28 @@ from kitti_ros2.options import ReadOptions
 from kitti_ros2.pictures.report import gather, make_page
 from kitti_ros2.samples import Layout
 
+SHARED = Path(__file__).resolve().parents[3] / 'shared'
 DESK, PHONE = 1280, 390
+REAL_BAGS = ('nav2_turtlebot.mcap', 'tilt_laser.bag', 'example-lz4.bag', 'rosbag2_split_mcap')
+
+CUT_OFF = """[...document.querySelectorAll('svg')].flatMap(svg => {
+    const view = svg.viewBox.baseVal, near = .01
+    return [...svg.querySelectorAll('rect, line, path, circle, text')].filter(each => {
+        const box = each.getBBox()
+        return box.x < view.x - near || box.x + box.width > view.x + view.width + near
+            || box.y < view.y - near || box.y + box.height > view.y + view.height + near
+    }).map(each => `${svg.getAttribute('class')}: ${each.outerHTML}`)
+})"""
+"""What of a plot lies beyond the edge of its viewBox, and is not drawn."""
+
+TOO_WIDE = """[...document.querySelectorAll('.scroll')]
+    .filter(box => box.scrollWidth > box.clientWidth).map(box => box.getAttribute('aria-label'))"""
+
+LINES = """[...document.querySelectorAll('#streams tbody th')].map(cell => {
+    const range = document.createRange()
+    range.selectNodeContents(cell)
+    return [cell.textContent, new Set([...range.getClientRects()].map(line => line.top)).size]
+})"""
 TAB = 9
 
 
@@ -47,6 +69,20 @@ def pages(recordings, tmp_path_factory):
 @pytest.fixture(params=list(Layout), ids=[layout.value for layout in Layout])
 def page(request, pages):
     return pages[request.param]
+
+
+@pytest.fixture(scope='module')
+def others(tmp_path_factory):
+    """Pages of bags that are not ours, the real ones among them where they are."""
+    folder = tmp_path_factory.mktemp('others')
+    bags = [foreign.write_foreign(folder / 'foreign.mcap', foreign.make_truth())]
+    real = SHARED / 'kitti' / 'bags'
+    bags += [real / name for name in REAL_BAGS if (real / name).exists()]
+    made = []
+    for bag in bags:
+        made.append(folder / f'{bag.stem}.html')
+        made[-1].write_text(make_page(gather(bag, ReadOptions())), encoding='utf-8')
+    return made
 
 
 @pytest.fixture(scope='module')
@@ -112,3 +148,33 @@ def test_axe_finds_no_fault(browser, axe, page, width, dark):
         'axe.run().then(r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`))'
     )
     assert found == []
+
+
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_nothing_of_a_plot_is_cut_off(browser, page, width):
+    browser.open(page, width)
+    assert browser.evaluate(CUT_OFF) == []
+
+
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_pages_of_other_bags_fit_and_their_plots_are_whole(browser, others, width):
+    for each in others:
+        browser.open(each, width)
+        assert browser.evaluate('document.scrollingElement.scrollWidth') <= width, each
+        assert browser.evaluate(CUT_OFF) == [], each
+
+
+def test_tables_have_room_on_a_desk(browser, pages, others):
+    for each in (*pages.values(), *others):
+        browser.open(each, DESK)
+        assert browser.evaluate(TOO_WIDE) == [], each
+
+
+def test_topics_have_room_beside_their_columns(browser, others):
+    """A name shorter than the column that holds it is on one line, and none is on more than two."""
+    for each in others:
+        browser.open(each, DESK)
+        lines = dict(browser.evaluate(LINES))
+        assert lines
+        assert max(lines.values()) <= 2, each
+        assert all(count == 1 for name, count in lines.items() if len(name) < 18), each

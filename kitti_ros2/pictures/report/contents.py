@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from ...quantities import format_count
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -146,6 +148,22 @@ class Report:
     def clock(self) -> Clock:
         """The meaning of the stamps."""
         return self.overview.clock
+
+    @property
+    def verdict(self) -> str:
+        """How many losses and warnings there are, in words."""
+        losses, warnings = (
+            sum(finding.severity is severity for finding in self.findings)
+            for severity in (Severity.LOSS, Severity.WARNING)
+        )
+        counts = [f'{losses} loss{"" if losses == 1 else "es"}'] if losses else []
+        counts += [format_count(warnings, 'warning')] if warnings else []
+        return ' and '.join(counts) or 'nothing is missing, damaged or out of order'
+
+    @property
+    def notes(self) -> int:
+        """How many findings are no loss and no warning."""
+        return sum(finding.severity is Severity.NOTE for finding in self.findings)
 
     @property
     def sound(self) -> bool:

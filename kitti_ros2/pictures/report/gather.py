@@ -28,10 +28,11 @@ from .statistics import ClassTally, route_of
 from .streams import bag_streams, recording_streams
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from ...geometry import Float64Array
+    from ...importer.bag_recording import BagRecording
     from ...importer.survey import Survey
     from ...inspection import Overview
     from ...kitti.recording import KittiRecording
@@ -129,14 +130,7 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
     absent = (loss for loss in missing_from(path, counts) if loss.text() not in survey.losses)
     findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
-    if own is None or own.layout is not Layout.OBJECT:  # whose frames are of several days
-        for parent, child in survey.changing:
-            text = f'the static transform {parent} -> {child} is told anew and differently'
-            findings.append(Finding(Severity.WARNING, '/tf_static', text))
-    for link in overview.links:
-        if not is_finite(link):
-            text = f'the static transform {link.parent} -> {link.child} is no transform'
-            findings.append(Finding(Severity.WARNING, '/tf_static', text))
+    findings += _of_transforms(overview, survey, own)
     try:
         source = BagFrames(path, survey) if own is None else RecordingFrames(own, path.name)
     except KittiRos2Error as error:
@@ -147,7 +141,30 @@ def _gather_bag(path: Path, steps: _Steps) -> Report:
         with closing(source):
             pictured = source.numbers.tolist() if own is None else _pictured(own, source)
             seen = _look_through(source, pictured, findings, steps)
+        if isinstance(source, BagFrames):
+            seen = seen._replace(route=_route_along(source))
     return _report(overview, streams, findings, seen)
+
+
+def _of_transforms(
+    overview: Overview, survey: Survey, own: BagRecording | None
+) -> Iterator[Finding]:
+    """Static transforms that change or are none; those of object sets are of several days."""
+    if own is None or own.layout is not Layout.OBJECT:
+        for parent, child in survey.changing:
+            text = f'the static transform {parent} -> {child} is told anew and differently'
+            yield Finding(Severity.WARNING, '/tf_static', text)
+    for link in overview.links:
+        if not is_finite(link):
+            text = f'the static transform {link.parent} -> {link.child} is no transform'
+            yield Finding(Severity.WARNING, '/tf_static', text)
+
+
+def _route_along(source: BagFrames) -> Route | None:
+    """The route through all poses of a bag, also those between its frames."""
+    found = source.trajectory()
+    places = [pose.translation for pose in found.world_T_imu]
+    return route_of(found.stamps_ns.tolist(), places)
 
 
 def _route_alone(path: Path, survey: Survey) -> Route | None:

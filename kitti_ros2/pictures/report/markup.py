@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _VOID = frozenset({'br', 'img', 'link', 'meta', 'wbr'})
-_BREAKS = re.compile(r'(?<=[/_.-])(?=\w)')
+_BREAKS = re.compile(r'(?<=[/_.-])(?=\w)|(?<=[a-z])(?=[A-Z])')
 
 
 class Markup(str):
@@ -48,7 +48,7 @@ def join(children: Iterable[Child]) -> Markup:
 
 
 def breakable(name: str) -> Markup:
-    """A name that a narrow column may break after a slash, an underscore, a dot or a dash."""
+    """A name that a narrow column may break, such as after a slash or before a capital."""
     first, *rest = _BREAKS.split(name)
     return join([first, *([element('wbr'), part] for part in rest)])
 

@@ -168,14 +168,11 @@ def _findings(report: Report) -> Markup:
     findings = [_shortened(each, report.overview.path) for each in report.findings]
     serious = [each for each in findings if each.severity is not Severity.NOTE]
     notes = [each for each in findings if each.severity is Severity.NOTE]
+    verdict = f'{report.verdict[:1].upper()}{report.verdict[1:]}.'
     if serious:
-        losses = sum(each.severity is Severity.LOSS for each in serious)
-        parts = [f'{losses} loss{"" if losses == 1 else "es"}'] if losses else []
-        if len(serious) > losses:
-            parts.append(format_count(len(serious) - losses, 'warning'))
         top = join(
             [
-                element('p', f'{" and ".join(parts)}.', class_='lead'),
+                element('p', verdict, class_='lead'),
                 element('ul', [_finding(each) for each in serious], class_='findings'),
             ]
         )
@@ -183,7 +180,7 @@ def _findings(report: Report) -> Markup:
         well = element(
             'li',
             _icon(_WELL),
-            element('span', 'Nothing is missing, damaged or out of order.'),
+            element('span', verdict),
             class_='well',
         )
         top = element('ul', well, class_='findings')

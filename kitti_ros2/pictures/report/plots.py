@@ -22,6 +22,14 @@ _INTERVAL_HEIGHT = 150
 _HISTOGRAM_HEIGHT = 130
 _COLUMNS = 172
 _STRIP_BINS = 200
+_STRIP_TICK = 0.5
+"""Width of one sample in a strip of 100."""
+
+_UNITS = (('s', 1e9), ('ms', 1e6), ('\N{MICRO SIGN}s', 1e3), ('ns', 1.0))
+_LARGE_NS = 1e10
+_DIGIT = 7.5
+"""Width of a digit of a tick, at most."""
+
 _MOST_BANDS = 200
 
 
@@ -30,15 +38,16 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
 
     It has no words of its own, for the row it stands in has them.
     """
-    span = max(end_ns - start_ns, 1)
+    scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
     period = timing.period_ns or 0
+    places: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
     drawn = [
-        box(x0, 3, max(x1 - x0, 0.5), 6, 'bar')
-        for x0, x1 in _spans(timing, start_ns, span, period if timing.regular else 0)
+        box(x0, 3, x1 - x0 + _STRIP_TICK, 6, 'bar')
+        for x0, x1 in _spans(timing, places, period if timing.regular else 0)
     ]
     for gap in timing.gaps[:_MOST_BANDS]:
-        x0 = 100 * (gap.at_ns - start_ns) / span
-        drawn.append(box(x0, 0, max(100 * gap.length_ns / span, 0.5), 12, 'gap'))
+        x0 = (gap.at_ns - start_ns) * scale
+        drawn.append(box(x0, 0, max(gap.length_ns * scale, _STRIP_TICK), 12, 'gap'))
     return element(
         'svg',
         *drawn,
@@ -50,30 +59,32 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
     )
 
 
-def _spans(timing: Timing, start_ns: int, span: int, period: int) -> list[tuple[float, float]]:
-    """Where samples are, 0..100: runs of a regular stream, the samples themselves of others."""
-    places = 100 * (timing.stamps_ns - start_ns) / span
+def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[float, float]]:
+    """Where samples are: runs of a regular stream, the samples themselves of others."""
     if period:
         ends = [gap.at_ns for gap in timing.gaps]
         cuts = np.searchsorted(timing.stamps_ns, ends, 'right')
         return [(float(run[0]), float(run[-1])) for run in np.split(places, cuts) if len(run)]
-    bins = np.unique(np.round(places * _STRIP_BINS / 100)) * 100 / _STRIP_BINS
+    step = (100 - _STRIP_TICK) / _STRIP_BINS
+    bins = np.unique(np.round(places / step)) * step
     return [(float(place), float(place)) for place in bins]
 
 
 def interval_plot(key: str, name: str, timing: Timing) -> Markup:
-    """Distance to the next sample over time, milliseconds over seconds; gaps are marked.
+    """Distance to the next sample over time; gaps are marked.
 
     The axis shows the usual distances large; what is outside is drawn at its edge.
     """
-    intervals = timing.intervals_ns / 1e6
+    period_ns = timing.period_ns or 0
+    away = np.abs(timing.intervals_ns - period_ns)
+    reach_ns = max(float(np.percentile(away, 97)) * 1.25, period_ns * 0.02, 1.0)
+    unit, length = _unit(period_ns + reach_ns)
+    intervals, period, reach = timing.intervals_ns / length, period_ns / length, reach_ns / length
     times = (timing.stamps_ns[:-1] - timing.stamps_ns[0]) / 1e9
-    period = (timing.period_ns or 0) / 1e6
-    reach = max(float(np.percentile(np.abs(intervals - period), 97)) * 1.25, period * 0.02, 1e-3)
     span = float(times[-1]) or 1.0
     frame = _Frame((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
     drawn = [
-        frame.axes('s', 'ms'),
+        frame.axes('s', unit),
         line(_LEFT, frame.y(period), WIDTH - _RIGHT, frame.y(period), 'median'),
         _dots(frame, times, np.clip(intervals, *frame.vertical)),
         *[
@@ -85,11 +96,24 @@ def interval_plot(key: str, name: str, timing: Timing) -> Markup:
         key,
         f'Intervals of {name}',
         f'{len(intervals)} distances between neighbouring samples over {span:.1f} seconds. The'
-        f' median is {period:.2f} ms, the shortest {intervals.min():.2f} ms, the longest'
-        f' {intervals.max():.2f} ms; {len(timing.gaps)} gaps are marked.',
+        f' median is {period:.2f} {unit}, the shortest {intervals.min():.2f} {unit}, the longest'
+        f' {intervals.max():.2f} {unit}; {len(timing.gaps)} gaps are marked.',
         (WIDTH, _INTERVAL_HEIGHT),
         *drawn,
     )
+
+
+def format_period(period_ns: int) -> str:
+    """A period in the unit of its plot, such as 100.00 ms."""
+    unit, length = _unit(period_ns)
+    return f'{period_ns / length:.2f} {unit}'
+
+
+def _unit(longest_ns: float) -> tuple[str, float]:
+    """The unit, and its nanoseconds, in which durations up to a longest one have few digits."""
+    if longest_ns >= _LARGE_NS:
+        return _UNITS[0]
+    return next((unit for unit in _UNITS[1:] if longest_ns >= unit[1]), _UNITS[-1])
 
 
 def _gap_mark(frame: _Frame, at_s: float) -> Markup:
@@ -134,14 +158,20 @@ class _Frame:
             for value in ticks(*self.vertical, 4)
         ]
         drawn += [
-            text(self.x(value), self._floor + 16, plain(value), 'middle')
+            text(_inside(self.x(value), plain(value)), self._floor + 16, plain(value), 'middle')
             for value in ticks(*self._across, 6)
         ]
         drawn += [
-            text(_LEFT + 4, 11, up, class_='unit'),
+            text(_LEFT + 4, 12, up, class_='unit'),
             text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
         ]
         return join(drawn)
+
+
+def _inside(x: float, words: str) -> float:
+    """The middle of a tick's words, moved so that none of them is cut off at the edges."""
+    half = len(words) * _DIGIT / 2
+    return min(max(x, half), WIDTH - half)
 
 
 def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
@@ -173,7 +203,7 @@ def histogram_plot(
         join(
             [
                 line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'),
-                text(_LEFT - 6, frame.y(value) + 4, f'{int(value):,}', 'end'),
+                text(_LEFT - 6, frame.y(value) + 4, _short(int(value)), 'end'),
             ]
         )
         for value in ticks(0, most, 3)
@@ -199,6 +229,14 @@ def histogram_plot(
         if count
     )
     return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)
+
+
+def _short(count: int) -> str:
+    """A count that fits beside an axis, such as 2,500 or 120k."""
+    if count < 10_000:
+        return f'{count:,}'
+    power, letter = next(each for each in ((1e9, 'G'), (1e6, 'M'), (1e3, 'k')) if count >= each[0])
+    return f'{count / power:.4g}{letter}'
 
 
 def shares_bar(shares: Sequence[int]) -> Markup:

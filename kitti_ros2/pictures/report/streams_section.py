@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from ...quantities import format_bytes, format_count
 from ...samples import Clock
 from .markup import Markup, breakable, element, join
-from .plots import interval_plot, strip
-from .tables import LONG, NUMBER, TEXT, captioned, table
+from .plots import format_period, interval_plot, strip
+from .tables import LONG, NAME, NUMBER, TEXT, captioned, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ def _table(report: Report) -> Markup:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], Child]]] = [
-        (('Topic' if of_bag else 'Stream', TEXT), lambda each: breakable(each.name)),
+        (('Topic' if of_bag else 'Stream', NAME), lambda each: breakable(each.name)),
         (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
     ]
     if timed:
@@ -59,8 +59,11 @@ def _table(report: Report) -> Markup:
         columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
     columns.append((('Size', NUMBER), _size))
     columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
-    if any(_facts(each) for each in report.streams):
-        columns.append((('Content', LONG), _facts))
+    columns.append((('Content', LONG), _facts))
+    # Columns that say nothing of any stream take room from those that do.
+    columns = [
+        (heading, cell) for heading, cell in columns if any(cell(each) for each in report.streams)
+    ]
     rows = [[cell(each) for _, cell in columns] for each in report.streams]
     totals = {
         columns[0][0]: 'All',
@@ -68,16 +71,17 @@ def _table(report: Report) -> Markup:
         ('Size', NUMBER): format_bytes(report.overview.size_bytes),
     }
     total = [totals.get(heading, '') for heading, _ in columns]
-    return table(_caption(of_bag=of_bag, timed=timed), [each for each, _ in columns], rows, total)
+    delayed = any(heading == ('Delay ms', NUMBER) for heading, _ in columns)
+    caption = _caption(of_bag=of_bag, timed=timed, delayed=delayed)
+    return table(caption, [each for each, _ in columns], rows, total)
 
 
-def _caption(*, of_bag: bool, timed: bool) -> str:
+def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
     jitter = ' Jitter: 95 of 100 intervals differ from the median by no more.' if timed else ''
+    delay = ' Delay: from the stamp in a message to its log time, median.' if delayed else ''
     if of_bag:
-        return (
-            f'Topics.{jitter} Delay: from the stamp in a message to its log time, median. Sizes are'
-            ' of messages uncompressed, in the last line of the bag.'
-        )
+        sizes = 'Sizes are of messages uncompressed, in the last line of the bag.'
+        return f'Topics.{jitter}{delay} {sizes}'
     return f'Streams.{jitter} Some share files.'
 
 
@@ -99,7 +103,7 @@ def _size(stream: StreamFacts) -> str:
 
 def _detail(stream: StreamFacts) -> Markup:
     """Its frames, or the message type without its package, as info has them."""
-    return element('span', stream.detail.rsplit('/', 1)[-1], class_='faint')
+    return element('span', breakable(stream.detail.rsplit('/', 1)[-1]), class_='faint')
 
 
 def _delay(stream: StreamFacts) -> str:
@@ -184,5 +188,5 @@ def _interval_figure(place: int, group: Sequence[StreamFacts]) -> Markup:
     names = ', '.join(each.name for each in group)
     timing = group[0].timing
     drawn = interval_plot(f'interval-{place}', names, timing)
-    median = f' median {(timing.period_ns or 0) / 1e6:.2f} ms'
+    median = f' median {format_period(timing.period_ns or 0)}'
     return captioned(drawn, element('b', breakable(names)), median)

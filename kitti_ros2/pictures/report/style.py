@@ -74,18 +74,20 @@ summary { cursor: pointer; color: var(--accent); padding: 4px 0; }
 table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
 caption { text-align: left; color: var(--muted); font-size: 14px; padding: 0 0 8px; }
 caption span { display: inline-block; position: sticky; left: 0; max-width: calc(100vw - 64px); }
-th, td { padding: 8px 12px; border-top: 1px solid var(--line); text-align: left;
+th, td { padding: 8px 10px; border-top: 1px solid var(--line); text-align: left;
   vertical-align: top; white-space: nowrap; }
 thead th { border-top: 0; color: var(--muted); font-weight: 560; font-size: 13px;
   vertical-align: bottom; }
+thead .num { white-space: normal; }
 tbody th { font-weight: 560; }
+.name { min-width: 20ch; }
 tfoot th, tfoot td { font-weight: 640; }
 th:first-child, td:first-child { padding-left: 0; position: sticky; left: 0;
   background: var(--card); }
 th:last-child, td:last-child { padding-right: 0; }
 .num { text-align: right; font-variant-numeric: tabular-nums; }
 .faint { color: var(--muted); }
-.wide { white-space: normal; min-width: 32ch; }
+.wide { white-space: normal; min-width: 20ch; }
 .grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 310px), 1fr));
   gap: 24px 28px; margin-top: 16px; }
 .pair { grid-template-columns: repeat(auto-fill, minmax(min(100%, 420px), 1fr)); }
@@ -126,7 +128,7 @@ svg text.badge { fill: var(--card); stroke: none; font-size: 10.5px; font-weight
 .coverage li { display: grid; grid-template-columns: minmax(0, 300px) 1fr; gap: 4px 18px;
   align-items: center; padding: 5px 0; font-size: 14.5px; overflow-wrap: anywhere; }
 .strip { width: 100%; height: 14px; background: var(--inset); border-radius: 4px; }
-.shares { width: 120px; height: 12px; border-radius: 3px; vertical-align: -1px; }
+.shares { width: 90px; height: 12px; border-radius: 3px; vertical-align: -1px; }
 .share0 { fill: var(--share0); } .share1 { fill: var(--share1); } .share2 { fill: var(--share2); }
 .share3 { fill: var(--share3); }
 article { border-top: 1px solid var(--line); margin-top: 24px; padding-top: 18px; }

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 NUMBER = 'num'
 TEXT = ''
 LONG = 'wide'
+NAME = 'name'
 
 
 def table(
@@ -30,7 +31,7 @@ def table(
 
     Args:
         caption: What it tells.
-        columns: Heading and kind (NUMBER, TEXT or LONG) of each; the first one names the row.
+        columns: Heading and kind (NUMBER, TEXT, LONG or NAME) of each; the first one names the row.
         rows: The cells.
         total: A last row that sums up.
     """
