@@ -4,10 +4,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 
 from kitti_ros2.synthetic import SyntheticOptions
+
+SHARED = Path(__file__).resolve().parents[2] / 'shared'
+"""Real files, beside the repository; absent on a user's machine."""
 
 SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
 """The recording of the shared fixtures."""

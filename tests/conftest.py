@@ -16,13 +16,11 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.samples import Layout
 from kitti_ros2.synthetic import write_synthetic
 
-from builders import SMALL  # isort: skip
+from builders import SHARED, SMALL  # isort: skip
 
 # A busy machine makes any test slow now and then.
 settings.register_profile('patient', deadline=None)
 settings.load_profile('patient')
-
-SHARED = Path(__file__).resolve().parents[2] / 'shared'
 
 
 @pytest.fixture(scope='session')

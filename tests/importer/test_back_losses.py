@@ -18,7 +18,7 @@ from mcap.writer import Writer
 from kitti_ros2.cli import main
 from kitti_ros2.samples import Layout
 
-from conftest import SHARED  # isort: skip
+from builders import SHARED  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,7 +18,8 @@ from kitti_ros2.options import ReadOptions
 from kitti_ros2.pictures.report import gather, make_page
 from kitti_ros2.samples import Layout
 
-SHARED = Path(__file__).resolve().parents[3] / 'shared'
+from builders import SHARED  # isort: skip
+
 DESK, PHONE = 1280, 390
 REAL_BAGS = ('nav2_turtlebot.mcap', 'tilt_laser.bag', 'example-lz4.bag', 'rosbag2_split_mcap')
 
