@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..errors import BadFileError, KittiRos2Error
+from ..errors import BadFileError
 from ..kitti import names
 from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..messages.header import peek_header
@@ -41,7 +41,6 @@ BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """What commands say of a bag that is not ours."""
 
 OXTS_LINES = '/kitti/source/oxts'
-_UNUSABLE = (KittiRos2Error, ArithmeticError, LookupError, TypeError, ValueError)
 _LINES = frozenset({OXTS_LINES, LABEL_LINES})
 _HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
 
@@ -177,8 +176,10 @@ def number_bag(
         found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
         if by_header and not _is_numbered(found):
             found = _by_header(path, mapped, streams)
-    except _UNUSABLE:
-        return None  # a description that is not ours, or damage, which reading the bag reports
+    except OSError:
+        raise
+    except Exception:  # noqa: BLE001 - a description may hold anything; reading the bag names damage
+        return None
     return NumberedBag(blueprint, found) if _is_numbered(found) else None
 
 

@@ -162,6 +162,16 @@ def test_a_hostile_description_leaves_the_bag_numbered_by_position(text, tmp_pat
     assert BagProgram(path, ALL).frames.tolist() == [0, 0]
 
 
+@pytest.mark.parametrize('name', ['chunkflip_tl.bag', 'flip_utf8_t.bag'])
+def test_a_damaged_text_leaves_the_bag_numbered_by_position(real_kitti, name):
+    """A description or a file that it carries is no UTF-8 any more."""
+    path = real_kitti.parent / 'found' / name
+    if not path.is_file():
+        pytest.skip(f'no {path}')
+    assert number_bag(path, bag_stamps(path)) is None
+    assert BagProgram(path, ALL).notes() == (BY_POSITION,)
+
+
 def test_bad_tracklets_cost_the_labels_only(drive, tmp_path):
     (drive / 'tracklet_labels.xml').write_text('<no')
     source = open_frames(make_bag(drive, tmp_path / 'bag'), ReadOptions())
