@@ -425,8 +425,10 @@ def test_boxes_with_nan_are_losses_of_the_labels(made, back, layout, tmp_path, c
     assert code == 1
     assert said[0].startswith(f'skipped {detections} (')
     assert 'without a possible size, place or score' in said[0]
+    # Without KITTI's own lines, which pictures of a bag of our own show instead.
+    bare = rewrite(bag, lambda entry: None if entry.topic.startswith('/kitti/source') else entry)
     picture, page = str(tmp_path / 'view.png'), str(tmp_path / 'report.html')
-    for words in (['view', str(bag), '-o', picture], ['report', str(bag), '-o', page]):
+    for words in (['view', str(bare), '-o', picture], ['report', str(bare), '-o', page]):
         assert main(words) == 1
         assert 'without a possible size, place or score' in capsys.readouterr().err
 
