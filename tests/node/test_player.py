@@ -84,7 +84,7 @@ def to_bag(path, out, storage='mcap'):
 def hear_all(player, listen, src, bag, *options, without=()):
     """What a bag holds, and what is heard when something is played: digests by topic."""
     expected = {key: found for key, found in live.bag_digests(bag).items() if key[0] not in without}
-    process = player(src, '--start-paused', *options)
+    process = player(src, '--start-paused', '--wait-for', '1', *options)
     listener = listen(dict(expected.keys()))
     listener.wait_for_publishers()
     assert listener.tell('call', 'resume')[0]
