@@ -291,7 +291,7 @@ def test_odometry_made_of_either_map_is_the_same(recordings, tmp_path, layout):
 def test_pictures_of_a_folder_and_of_its_bag_have_one_map(recordings, tmp_path, layout):
     write(recordings[layout], tmp_path / 'o.mcap')
     folder = RecordingFrames(open_recording(recordings[layout]))
-    bag = BagFrames(tmp_path / 'o.mcap')
+    bag = BagFrames(tmp_path / 'o.mcap', look([tmp_path / 'o.mcap']))
     found = 0
     for number in (1, 3):
         # A raw drive's packets have stamps of their own, between which the bag's are interpolated.

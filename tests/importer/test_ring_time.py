@@ -193,7 +193,7 @@ def test_a_plan_and_pictures_pair_each_scan_with_its_own_image(recordings, tmp_p
     plain = open_recording(source)
     scans = plain.streams[Stream.SCAN]
     assert np.array_equal(look([bag]).topics[POINTS].stamps()[0], scans.stamps_ns)
-    frames = BagFrames(bag)
+    frames = BagFrames(bag, look([bag]))
     assert len(frames.numbers) == len(scans)
     assert not any('dropped' in note for note in frames.notes)
     for number in frames.numbers.tolist():
