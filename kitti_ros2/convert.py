@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .samples import Recording
 
 _MOST_WORKERS = 8  # each holds images of several megabytes
+_BATCH = 8  # samples, about a frame
 
 
 @dataclass(frozen=True)
@@ -90,12 +91,11 @@ def convert(
     source = {'layout': recording.layout.value, 'name': recording.name}
     with open_bag(out, bag, TYPESTORE, source_metadata=source) as writer:
         channels = _Channels(writer, encoder.table)
-        workers = (
-            1
-            if messages.images is Images.COMPRESSED
-            else min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
-        )
-        for done, outcome in enumerate(ordered_map(encoder.encode, schedule, workers), 1):
+        workers, batch = 1, _BATCH
+        if messages.images is not Images.COMPRESSED:  # decoding is long enough to share it out
+            workers, batch = min(_MOST_WORKERS, len(os.sched_getaffinity(0))), 1
+        outcomes = ordered_map(encoder.encode, schedule, workers, batch)
+        for done, outcome in enumerate(outcomes, 1):
             tally.take(*outcome, channels)
             progress(done, tally.size_bytes)
         for loss in recording.late_losses:
