@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from kitti_ros2.boxes import Box, Cuboid
 from kitti_ros2.drawing.palette import color_of
 from kitti_ros2.geometry import Transform, rotation_from_rpy
+from kitti_ros2.importer.numbering import BY_POSITION
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
 from kitti_ros2.messages.header import make_header, make_pose, make_vector3
@@ -82,7 +83,7 @@ def test_a_cloud_keeps_its_points_and_is_coloured_by_height(show_messages):
     dark, bright = rrd.one('/points', 'Points3D:colors').tolist()
     assert (dark, bright) == (0x440154FF, 0xFDE725FF)
     assert rrd.one('/points', 'CoordinateFrame:frame') == ['lidar']
-    assert (report.messages, dict(report.losses), report.notes) == (1, {}, ())
+    assert (report.messages, dict(report.losses), report.notes) == (1, {}, (BY_POSITION,))
 
 
 def test_a_cloud_of_another_driver_is_coloured_by_its_intensity(show_messages):
@@ -236,7 +237,7 @@ def test_what_the_table_lacks_is_named_and_what_is_broken_is_counted(show_messag
         ('/b/image', T0 + 3, (ImageMsg.__msgtype__, whole[:20])),
         ('/b/image', T0 + 4, (ImageMsg.__msgtype__, whole)),
     )
-    assert report.notes == ('/cmd: geometry_msgs/msg/Twist is not shown',)
+    assert {*report.notes} == {BY_POSITION, '/cmd: geometry_msgs/msg/Twist is not shown'}
     png, image = report.losses.items()
     assert png == ('/a/image/compressed: the PNG is cut after 8 bytes', 2)
     assert image[0].startswith('/b/image: ')

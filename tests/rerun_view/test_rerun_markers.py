@@ -11,6 +11,7 @@ pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 
 from kitti_ros2.boxes import Cuboid
 from kitti_ros2.geometry import Transform, rotation_from_rpy
+from kitti_ros2.importer.numbering import BY_POSITION
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.markers import encode_clear, encode_markers
 from kitti_ros2.messages.naming import Frames
@@ -71,7 +72,7 @@ def test_our_markers_become_boxes_lines_arrows_and_texts(show_messages):
     np.testing.assert_allclose(vector, (0, 3, 0), atol=1e-5)
     (text,) = rrd.one('/marks/texts/velo_link', 'Points3D:labels')
     assert text.startswith('Car 7\n')
-    assert report.notes == ()
+    assert report.notes == (BY_POSITION,)
 
 
 def test_what_is_not_replaced_stays_and_what_is_deleted_goes(show_messages):
@@ -108,5 +109,5 @@ def test_an_arrow_without_points_lies_along_its_pose(show_messages):
 def test_other_types_are_noted_once(show_messages):
     ball = as_array(first(T0, type=Marker.SPHERE))
     _, report = show_messages(('/marks', T0, ball), ('/marks', T0 + S, ball))
-    assert report.notes == ('/marks: markers of type SPHERE are not shown',)
+    assert {*report.notes} == {BY_POSITION, '/marks: markers of type SPHERE are not shown'}
     assert not report.losses
