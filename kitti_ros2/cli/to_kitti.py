@@ -87,7 +87,7 @@ def _convert(
     keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
     if recordings and keeps and plan_file is None:
         files = sum(blueprint.files for _, blueprint in recordings)
-        frames = sum(_count_frames(path) for path, _ in recordings)
+        frames = sum(_count_frames(*each) for each in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
     from ..importer.appending import mend
@@ -119,11 +119,11 @@ def _convert(
     return [replace(report, losses=(*losses, *report.losses), notes=notes)]
 
 
-def _count_frames(bag: Path) -> int:
+def _count_frames(bag: Path, blueprint: Blueprint) -> int:
     from ..bags.reader import bag_stamps
     from ..importer.numbering import number_bag
 
-    numbered = number_bag(bag, bag_stamps(bag), by_header=False)
+    numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
 
 

@@ -147,13 +147,18 @@ def clock_of(blueprint: Blueprint) -> Clock:
 
 
 def number_bag(
-    path: Path, log_ns: Mapping[str, Int64Array], *, by_header: bool = True
+    path: Path,
+    log_ns: Mapping[str, Int64Array],
+    *,
+    blueprint: Blueprint | None = None,
+    by_header: bool = True,
 ) -> NumberedBag | None:
     """The messages of a bag under KITTI's numbers.
 
     Args:
         path: The bag.
         log_ns: Log times by topic, (N,) nanoseconds, ascending.
+        blueprint: Its layout, where that has been read already.
         by_header: Whether a bag with other log times is read to find the stamps in its headers.
 
     Returns:
@@ -164,7 +169,7 @@ def number_bag(
         OSError: It cannot be read.
     """
     try:
-        blueprint = find_blueprint(path)
+        blueprint = blueprint or find_blueprint(path)
         if blueprint is None:
             return None
         streams = {

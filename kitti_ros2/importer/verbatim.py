@@ -286,7 +286,8 @@ class _Writer:
 
     def _count_frames(self) -> int:
         """How many frames were written, in files of their own or in a common one."""
-        numbered = number_bag(self._bag, bag_stamps(self._bag))
+        stamps = bag_stamps(self._bag)
+        numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
         common = numbered.by_stream() if numbered is not None else {}
         written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
         numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
