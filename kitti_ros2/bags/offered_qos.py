@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 import yaml
 
@@ -17,6 +18,7 @@ _TRANSIENT_LOCAL = (1, 'transient_local')
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
 
 
+@lru_cache(1000)  # a bag repeats a few texts, and each of its openings reads them all
 def latched_depth(profiles: str) -> int:
     """How many messages publishers keep for late subscribers; 0 where they keep none."""
     if not _HINT.search(profiles):
