@@ -151,7 +151,7 @@ def inspect_bag(path: Path) -> Overview:
     times = _times(summary.topics, clock)
     cameras, links, notes = _bag_calibration(path, summary)
     cut = (
-        () if summary.complete else ('the bag was cut off or damaged; whole messages are counted',)
+        () if summary.complete else ('parts of the bag are missing or damaged; whole messages are counted',)
     )
     return Overview(
         path=path,
