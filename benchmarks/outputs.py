@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The SHA-256 of everything the commands write, to prove that a change of the code changes nothing.
+
+    python benchmarks/outputs.py [--samples FOLDER] > LIST
+
+Run it before and after a change, with the package of each installed, and diff the two lists. A line
+is a file, or what a command printed and its exit code: bags of every layout, container and way to
+write messages, what becomes of them on the way back, pictures, reports, descriptions, help texts.
+
+FOLDER holds real KITTI files (raw, object, odometry and tracking) and recorded bags (bags); without
+it the synthetic recordings are the only samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from yardsticks import COMMAND  # isort: skip
+
+LAYOUTS = ('raw', 'object', 'odometry', 'tracking')
+COMMANDS = ('to-bag', 'to-kitti', 'recover', 'info', 'view', 'report', 'demo', 'play')
+WAYS = {
+    'mcap': ('.mcap',),
+    'directory': ('', '--compression', 'lz4'),
+    'sqlite3': ('', '--storage', 'sqlite3'),
+    'ros1': ('.bag',),
+    'bz2': ('.bag', '--compression', 'bz2'),
+    'zstd': ('.mcap', '--compression', 'zstd', '--compression-level', '3'),
+    'split': ('', '--split-size', '2MB'),
+    'raw': ('.mcap', '--images', 'raw'),
+    'ring': ('.bag', '--images', 'both', '--ring-time', '--trails', '--marker-colors', 'track'),
+    'kitti2bag': ('.bag', '--preset', 'kitti2bag', '--base-to-imu', '-0.05,0.32,0.93'),
+    'devkit': ('.mcap', '--map', 'devkit', '--no-tf', '--start', '1', '--streams', 'oxts,scan'),
+}
+MODES = ('camera', 'boxes', 'lidar', 'bev', 'panel')
+
+
+class Outputs:
+    """Runs commands in a folder, by relative paths, and lists what they print and write."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.lines: list[str] = []
+
+    def run(self, *words: str, out: str = '') -> None:
+        """One command, and the file or folder that it makes."""
+        done = subprocess.run(
+            [sys.executable, *COMMAND, *words],
+            cwd=self.folder,
+            env=os.environ | {'COLUMNS': '80', 'NO_COLOR': '1'},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            check=False,
+        )
+        said = hashlib.sha256(done.stdout + b'\0' + done.stderr).hexdigest()
+        self.lines.append(f'{said}  {done.returncode} {" ".join(words)}')
+        self.add(out)
+
+    def add(self, out: str) -> None:
+        """The files at a path."""
+        path = self.folder / out
+        found = sorted(path.rglob('*')) if path.is_dir() and out else [path]
+        for each in (each for each in found if each.is_file()):
+            digest = hashlib.sha256(each.read_bytes()).hexdigest()
+            self.lines.append(f'{digest}  {each.relative_to(self.folder)}')
+
+
+def of_recording(folder: Path, source: str) -> list[str]:
+    """Everything that becomes of a KITTI folder."""
+    outputs = Outputs(folder)
+    name = source.strip('/').replace('/', '_')
+    for way, (suffix, *options) in WAYS.items():
+        bag = f'{name}_{way}{suffix}'
+        outputs.run('to-bag', source, bag, *options, out=bag)
+        if (folder / bag).exists():
+            _of_bag(outputs, bag)
+    _views(outputs, source, name)
+    outputs.run('info', source, '--json')
+    return outputs.lines
+
+
+def of_bag(folder: Path, bag: str) -> list[str]:
+    """Everything that becomes of a bag of others."""
+    outputs = Outputs(folder)
+    outputs.run('to-kitti', bag, '--plan')
+    _of_bag(outputs, bag)
+    _views(outputs, bag, bag)
+    return outputs.lines
+
+
+def of_help() -> list[str]:
+    """What the help texts say."""
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = Outputs(Path(folder))
+        outputs.run('--help')
+        for command in COMMANDS:
+            outputs.run(command, '--help')
+        return outputs.lines
+
+
+def _of_bag(outputs: Outputs, bag: str) -> None:
+    outputs.run('info', bag)
+    outputs.run('to-kitti', bag, f'{bag}_back', out=f'{bag}_back')
+    for layout in LAYOUTS:
+        out = f'{bag}_{layout}'
+        outputs.run('to-kitti', bag, out, '--layout', layout, out=out)
+        shutil.rmtree(outputs.folder / out, ignore_errors=True)
+    outputs.run('view', bag, '-o', f'{bag}.png', out=f'{bag}.png')
+
+
+def _views(outputs: Outputs, source: str, name: str) -> None:
+    for mode in MODES:
+        picture = f'{name}_{mode}.png'
+        outputs.run('view', source, '--mode', mode, '-o', picture, out=picture)
+    outputs.run('info', source)
+    outputs.run('report', source, '-o', f'{name}.html', out=f'{name}.html')
+
+
+def synthetic(folder: Path) -> list[str]:
+    """Synthetic recordings of all layouts, and the path of each."""
+    made = []
+    for layout in LAYOUTS:
+        Outputs(folder).run('demo', layout, '--layout', layout, '--frames', '3', '-q')
+        made.append(f'{layout}/kitti')
+    return made
+
+
+def real(folder: Path, samples: Path) -> tuple[list[str], list[str]]:
+    """Copies of real recordings and bags, and the path of each."""
+    recordings = []
+    for layout, part in (
+        ('raw', '2011_09_26/2011_09_26_drive_0005_sync'),
+        ('raw', '2011_09_26/2011_09_26_drive_0052_sync'),
+        ('object', 'training'),
+        ('odometry', 'dataset/sequences/00'),
+        ('tracking', 'training'),
+    ):
+        if not (folder / f'real_{layout}').exists():
+            shutil.copytree(samples / layout, folder / f'real_{layout}')
+        recordings.append(f'real_{layout}/{part}')
+    shutil.copytree(samples / 'bags', folder, dirs_exist_ok=True)
+    bags = [each.name for each in (samples / 'bags').iterdir() if each.suffix != '.xz']
+    return recordings, sorted(bags)
+
+
+def main() -> None:
+    """Print the list, sorted by what its lines are of."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('--samples', type=Path)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(os.cpu_count()) as pool:
+        folder = Path(name)
+        recordings, bags = real(folder, args.samples) if args.samples else ([], [])
+        works = [pool.submit(of_recording, folder, each) for each in synthetic(folder) + recordings]
+        works += [pool.submit(of_bag, folder, each) for each in bags]
+        works.append(pool.submit(of_help))
+        lines = [line for work in works for line in work.result()]
+    print(*sorted(lines, key=lambda line: line.split('  ', 1)[1]), sep='\n')
+
+
+if __name__ == '__main__':
+    main()
