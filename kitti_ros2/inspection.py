@@ -150,9 +150,8 @@ def inspect_bag(path: Path) -> Overview:
     clock = Clock.UTC if numbered is None else numbered.clock
     times = _times(summary.topics, clock)
     cameras, links, notes = _bag_calibration(path, summary)
-    cut = (
-        () if summary.complete else ('parts of the bag are missing or damaged; whole messages are counted',)
-    )
+    incomplete = 'parts of the bag are missing or damaged; whole messages are counted'
+    cut = () if summary.complete else (incomplete,)
     return Overview(
         path=path,
         kind=summary.container,
