@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import cv2
 
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.options import ReadOptions
-from kitti_ros2.picture_options import PictureOptions
+from kitti_ros2.options.pictures import PictureOptions
+from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.sources import open_frames
 

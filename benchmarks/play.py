@@ -40,14 +40,15 @@ from kitti_ros2.node.middleware import start_ros
 from kitti_ros2.node.outlets import Outlets
 from kitti_ros2.node.player import KittiPlayer
 from kitti_ros2.node.run import run_player
-from kitti_ros2.options import Images, MessageOptions, SelectionOptions
-from kitti_ros2.playing.session import Session
-from kitti_ros2.program import RecordingProgram
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.player.program import RecordingProgram
+from kitti_ros2.player.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kitti_ros2.program import Program
+    from kitti_ros2.player.program import Program
 
 ENVIRONMENT = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '77'}
 

@@ -20,9 +20,11 @@ import time
 from pathlib import Path
 
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
 

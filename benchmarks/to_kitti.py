@@ -18,9 +18,9 @@ import tempfile
 from pathlib import Path
 
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.importer.blueprint import find_blueprint
-from kitti_ros2.importer.verbatim import restore
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.restore import restore
 
 from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
 
@@ -33,7 +33,7 @@ if kind == 'fpng_py':
 elif kind == 'opencv':
     encode = lambda p: cv2.imencode('.png', p, [cv2.IMWRITE_PNG_COMPRESSION, 1])
 else:
-    from kitti_ros2.messages.png_writer import encode_png as encode
+    from kitti_ros2.files.png.encode import encode_png as encode
 images = [cv2.imread(path, cv2.IMREAD_UNCHANGED) for path in paths]
 images = [i if i.ndim == 3 or kind != 'fpng_py' else np.repeat(i[..., None], 3, 2) for i in images]
 started = time.perf_counter()
@@ -45,8 +45,8 @@ print((time.perf_counter() - started) / len(images))
 ENCODE_AND_WRITE = """
 import os, sys, time, cv2
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.messages.png_writer import encode_png
-from kitti_ros2.uncached import write_uncached
+from kitti_ros2.files.png.encode import encode_png
+from kitti_ros2.files.page_cache import write_uncached
 try:
     from fpng_py import fpng_encode_image_to_memory as fpng
 except ImportError:

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import shutil
 
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 BAGS = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}
 OBJECT_NUMBERS = (8, 10, 15, 16, 30)

@@ -14,73 +14,29 @@ import pytest
 PACKAGE = 'kitti_ros2'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 
-GROUND = frozenset(
-    {'errors', 'one_line', 'stamps', 'geometry', 'nominal', 'boxes', 'samples', 'labels'}
-)
-BELOW_JOBS = GROUND | {
-    'options',
-    'ordered_map',
-    'schedule',
-    'encoder',
-    'drawing',
-    'kitti',
-    'messages',
-    'bags',
+# Each room and the rooms it imports: no more, no fewer. A room is a sub-package of kitti_ros2.
+_IMPORTS = {
+    '': '',
+    'model': '',
+    'files': 'model',
+    'options': 'model',
+    'drawing': 'model options',
+    'kitti': 'model files options',
+    'messages': 'model files options drawing',
+    'synthetic': 'model kitti',
+    'bags': 'model files options kitti messages',
+    'rig': 'model messages',
+    'exporter': 'model files options messages bags',
+    'importer': 'model files options drawing kitti messages bags rig',
+    'own_bags': 'model files options kitti messages bags exporter importer',
+    'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
+    'player': 'model options kitti messages bags exporter importer own_bags',
+    'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures',
+    'bridge': 'model options messages player',
+    'node': 'model options player',
+    'rerun_view': 'model drawing messages rig player',
 }
-JOBS = frozenset(
-    {
-        'convert',
-        'importer',
-        'inspection',
-        'recover',
-        'playback',
-        'program',
-        'bag_topics',
-        'bag_program',
-        'readahead',
-    }
-)
-
-# Each room and the rooms it may import. A room is a module or a sub-package of kitti_ros2.
-ROOMS = {
-    '': frozenset(),
-    'errors': frozenset(),
-    'one_line': frozenset(),
-    'stamps': frozenset({'errors'}),
-    'geometry': frozenset({'errors', 'stamps'}),
-    'nominal': frozenset({'geometry'}),
-    'boxes': frozenset({'errors', 'stamps', 'geometry'}),
-    'samples': GROUND - {'samples', 'labels'},
-    'labels': GROUND - {'labels'},
-    'options': GROUND,
-    'ordered_map': frozenset(),
-    'quantities': frozenset(),
-    'uncached': frozenset(),
-    'kitti': GROUND | {'options', 'uncached'},
-    'drawing': GROUND | {'options', 'picture_options'},
-    'messages': GROUND | {'options', 'drawing'},
-    'bags': GROUND | {'options', 'uncached', 'kitti', 'messages'},
-    'schedule': GROUND | {'options'},
-    'picture_options': frozenset({'errors'}),
-    'setting_values': GROUND | {'options'},
-    'settings': GROUND | {'options', 'picture_options', 'setting_values'},
-    'encoder': GROUND | {'options', 'schedule', 'messages'},
-    'convert': BELOW_JOBS,
-    'importer': BELOW_JOBS,
-    'inspection': BELOW_JOBS | {'importer'},
-    'recover': BELOW_JOBS,
-    'program': BELOW_JOBS,
-    'bag_topics': BELOW_JOBS | {'program'},
-    'bag_program': BELOW_JOBS | {'program', 'bag_topics', 'importer'},
-    'playback': GROUND | {'options'},
-    'readahead': BELOW_JOBS | {'program'},
-    'synthetic': GROUND | {'options', 'kitti'},
-    'playing': BELOW_JOBS | {'settings'} | JOBS,
-    'node': BELOW_JOBS | {'settings', 'synthetic', 'playing'} | JOBS,
-    'bridge': BELOW_JOBS | {'settings', 'playing'} | JOBS,
-    'rerun_view': BELOW_JOBS | {'importer', 'playing', 'program', 'readahead'},
-    'pictures': BELOW_JOBS | {'picture_options', 'synthetic', 'quantities'} | JOBS,
-}
+ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
 ROOMS['__main__'] = frozenset({'cli'})
 
@@ -90,7 +46,7 @@ GUESTS = {
     'rosbags': {'messages', 'bags'},
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
-    'cv2': {'drawing', 'messages', 'pictures', 'synthetic'},
+    'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
     'rerun': {'rerun_view'},
     'typer': {'cli'},
     'rich': {'cli'},
@@ -184,7 +140,7 @@ def _breach(entry: Import) -> str | None:
 
 
 def test_package_keeps_the_rules() -> None:
-    assert (SOURCE / 'errors.py').is_file(), 'the check looks at the wrong folder'
+    assert (SOURCE / 'model/errors.py').is_file(), 'the check looks at the wrong folder'
     assert violations(SOURCE) == []
 
 
@@ -192,9 +148,21 @@ def test_rooms_are_a_strict_order() -> None:
     """Nobody may import a room that may, directly or not, import him."""
     TopologicalSorter(ROOMS).prepare()
     assert not any('cli' in allowed for room, allowed in ROOMS.items() if room != '__main__')
-    assert [room for room, allowed in ROOMS.items() if 'pictures' in allowed] == ['cli']
+    assert [room for room, allowed in ROOMS.items() if 'pictures' in allowed] == ['report', 'cli']
     assert 'messages' not in ROOMS['kitti']
     assert 'kitti' not in ROOMS['messages']
+
+
+def test_rooms_import_what_they_are_said_to() -> None:
+    files = modules(SOURCE)
+    seen = {
+        (room_of(name), room_of(entry.target))
+        for name, path in files.items()
+        for entry in imports(name, path, set(files))
+        if entry.target.split('.')[0] == PACKAGE
+    }
+    unused = {(room, other) for room, others in ROOMS.items() for other in others} - seen
+    assert {(room, other) for room, other in unused if room not in {'cli', '__main__'}} == set()
 
 
 def make_package(folder: Path, **files: str) -> Path:
@@ -211,9 +179,9 @@ def make_package(folder: Path, **files: str) -> Path:
 def test_checker_accepts_what_is_allowed(tmp_path: Path) -> None:
     source = make_package(
         tmp_path,
-        errors='',
-        samples='from .errors import KittiRos2Error',
-        kitti__raw='import numpy as np\nfrom .. import errors\nfrom ..samples import Scan',
+        model__errors='',
+        model__samples='from .errors import KittiRos2Error',
+        kitti__raw='import numpy as np\nfrom ..model.samples import Scan',
         messages__scan='import cv2\nfrom rosbags.typesys import get_typestore',
         bags__write='import mcap.writer\nfrom kitti_ros2.messages import scan',
         cli__to_bag='def main():\n    from kitti_ros2.bags.write import write\n    import rich',
@@ -224,19 +192,19 @@ def test_checker_accepts_what_is_allowed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('files', 'complaint'),
     [
-        ({'errors': 'from . import samples', 'samples': ''}, 'errors may not import samples'),
+        ({'model__errors': 'from ..bags import a', 'bags__a': ''}, 'model may not import bags'),
         ({'kitti__raw': 'from ..messages import scan'}, 'kitti may not import messages'),
         ({'messages__scan': 'import kitti_ros2.kitti.raw'}, 'messages may not import kitti'),
-        ({'samples': 'def f():\n    from .bags import write'}, 'samples may not import bags'),
-        ({'convert': 'from .importer import a', 'importer': ''}, 'convert may not import importer'),
-        ({'synthetic': 'from kitti_ros2.bags import x'}, 'synthetic may not import bags'),
+        ({'rig__a': 'def f():\n    from ..bags import write'}, 'rig may not import bags'),
+        ({'exporter__a': 'from ..importer import a'}, 'exporter may not import importer'),
+        ({'synthetic__a': 'from kitti_ros2.bags import x'}, 'synthetic may not import bags'),
         ({'node__player': 'from ..pictures import bev'}, 'node may not import pictures'),
-        ({'convert': 'from .cli import progress'}, 'convert may not import cli'),
-        ({'__init__': 'from .errors import A', 'errors': ''}, f'{PACKAGE} may not import errors'),
-        ({'playback': 'import rclpy.node'}, 'only node may'),
-        ({'kitti__png': 'import cv2'}, 'only drawing and messages and pictures and synthetic may'),
-        ({'convert': 'from rosbags.rosbag2 import Reader'}, 'only bags and messages may'),
-        ({'convert': 'import foxglove'}, 'only bridge may'),
+        ({'exporter__a': 'from ..cli import progress'}, 'exporter may not import cli'),
+        ({'__init__': 'from .model import a', 'model__a': ''}, f'{PACKAGE} may not import model'),
+        ({'player__a': 'import rclpy.node'}, 'only node may'),
+        ({'kitti__png': 'import cv2'}, 'only drawing and files and messages and pictures and'),
+        ({'exporter__a': 'from rosbags.rosbag2 import Reader'}, 'only bags and messages may'),
+        ({'exporter__a': 'import foxglove'}, 'only bridge may'),
         ({'bridge__server': 'from ..node import qos'}, 'bridge may not import node'),
         ({'bags__write': 'from rich.progress import Progress'}, 'only cli may'),
         ({'cli__view': 'import rerun as rr'}, 'only rerun_view may'),

@@ -10,18 +10,14 @@ import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
 
-from kitti_ros2.convert import convert
-from kitti_ros2.inspection import inspect_recording
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import (
-    BagOptions,
-    MarkerOptions,
-    MessageOptions,
-    Preset,
-    ReadOptions,
-    SelectionOptions,
-)
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Preset
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.report.overview import inspect_recording
 
 FILES = {
     Layout.RAW: ['calib_cam_to_cam.txt', 'calib_velo_to_cam.txt', 'calib_imu_to_velo.txt'],

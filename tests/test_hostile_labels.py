@@ -11,10 +11,10 @@ from collections import Counter
 import pytest
 
 from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.tracklet_file import parse_tracklets
-from kitti_ros2.options import MarkerColors, MarkerOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.messages import MarkerColors, MarkerOptions
 
 from builders import SMALL  # isort: skip
 from test_labels import DETECTIONS, MARKERS, POINTS, read, run  # isort: skip

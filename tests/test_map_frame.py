@@ -12,25 +12,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap_ros2.reader import read_ros2_messages
 
-from kitti_ros2.convert import convert
-from kitti_ros2.geometry import Transform, rotation_from_rpy
-from kitti_ros2.importer.planned import convert_by_plan, guess, look
+from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.map_frame import map_from_world
-from kitti_ros2.options import (
-    BagOptions,
-    Bound,
-    ImportOptions,
-    MapFrame,
-    MarkerOptions,
-    MessageOptions,
-    Preset,
-    ReadOptions,
-    SelectionOptions,
-)
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.recording import Start
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.pictures.recording_frames import RecordingFrames
-from kitti_ros2.samples import Layout, Start
 
 ODOMETRY = '/kitti/ground_truth/odometry'
 BASE_TO_IMU = np.array([-0.05, 0.32, 0.93])

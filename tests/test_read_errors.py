@@ -12,15 +12,17 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.convert import convert
-from kitti_ros2.errors import KittiRos2Error
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.store import STORE, LocalStore
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.options import BagOptions, MarkerOptions, MessageOptions, SelectionOptions
-from kitti_ros2.playing.source import open_program
-from kitti_ros2.samples import Layout
-from kitti_ros2.settings import make_play_settings
+from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip

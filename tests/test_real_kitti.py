@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.camera_info import decode_camera_info
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.oxts import decode_fix
 from kitti_ros2.messages.source import decode_sweep
 from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.options import BagOptions, MessageOptions, ReadOptions, SelectionOptions
-from kitti_ros2.samples import Stream
+from kitti_ros2.model.streams import Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

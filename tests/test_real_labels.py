@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.boxes import clip_bounds, project_corners, unit_corners
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.camera_info import decode_camera_info
@@ -20,7 +19,10 @@ from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.detections import decode_boxes_2d, decode_detections
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.options import BagOptions, MessageOptions, SelectionOptions
+from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 from test_labels import (  # isort: skip
     BOXES_2D,

@@ -12,15 +12,18 @@ from hypothesis import given
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.convert import convert
-from kitti_ros2.errors import BadFileError, UsageError
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.scan import decode_points, decode_scan
 from kitti_ros2.messages.semantic import COLORS, packed_colors
-from kitti_ros2.options import BagOptions, MessageOptions, ReadOptions, SelectionOptions
-from kitti_ros2.samples import Layout, Stream
+from kitti_ros2.model.errors import BadFileError, UsageError
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 from builders import SMALL  # isort: skip
 

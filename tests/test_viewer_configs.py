@@ -10,15 +10,17 @@ import pytest
 import yaml
 from rosbags.interfaces import Nodetype
 
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.diagnostics import DIAGNOSTICS
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
-from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
-from kitti_ros2.playing.source import open_program, reserved_by_node
-from kitti_ros2.samples import CAMERA_NAMES, Layout
-from kitti_ros2.settings import make_play_settings
+from kitti_ros2.model.streams import CAMERA_NAMES, Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program, reserved_by_node
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STATE = '/kitti_player/state'

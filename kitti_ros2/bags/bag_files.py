@@ -9,8 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from kitti_ros2.errors import BadBagError
-
+from ..model.errors import BadBagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
 from .mcap_file import McapFile

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
-    from kitti_ros2.options import BagOptions
+    from ..options.bag import BagOptions
 
 Parts: TypeAlias = Sequence[bytes | memoryview]
 """One CDR message (encapsulation header included) as buffers to be laid end to end, so that a bulk

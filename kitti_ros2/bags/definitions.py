@@ -17,7 +17,7 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
-from kitti_ros2.messages.ros_types import TYPESTORE
+from ..messages.ros_types import TYPESTORE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..kitti.turns import turn_length
 from ..messages.source import RECORDING, SWEEP, decode_description, decode_sweep
-from ..options import NOMINAL_PERIOD_NS, ScanStamp, is_period
+from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .reader import open_messages
 
 if TYPE_CHECKING:

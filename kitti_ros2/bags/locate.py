@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from kitti_ros2.errors import BadBagError, UsageError
-
+from ..model.errors import BadBagError, UsageError
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from kitti_ros2.samples import Layout
+    from ..model.streams import Layout
 
 # The first bytes of each kind of file.
 _MAGIC = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG V': 'ros1'}

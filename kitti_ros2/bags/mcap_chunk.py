@@ -32,10 +32,9 @@ except ImportError:  # a workspace may do without
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kitti_ros2.options import BagOptions
-
+    from ..files.vectored import VectoredFile
+    from ..options.bag import BagOptions
     from .contract import Parts
-    from .vectored_file import VectoredFile
 
 TARGET_SIZE = 4 * 2**20
 # Below this a copy costs less than one more buffer to hand over.

@@ -14,8 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Statistics
 from rosbags.typesys.msg import normalize_msgtype
 
-from kitti_ros2.errors import BadBagError
-
+from ..model.errors import BadBagError
 from .chunked_file import ChunkedFile
 from .mcap_records import (
     INDEX_BODY,

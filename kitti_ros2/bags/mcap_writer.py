@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from mcap.records import Channel as ChannelRecord
 from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, Schema
 
+from ..files.vectored import VectoredFile
 from .mcap_chunk import open_chunks
 from .mcap_summary import MAGIC, encode, summary_section
 from .metadata import qos_text
-from .vectored_file import VectoredFile
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,8 +7,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
-from kitti_ros2.errors import BadBagError
-
+from ..model.errors import BadBagError
 from .bag_files import open_files
 from .decompressors import ZSTD_MAGIC, decompress_message
 from .definitions import Definitions

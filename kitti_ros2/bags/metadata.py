@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from kitti_ros2.options import BagOptions
-
+    from ..options.bag import BagOptions
     from .contract import Channel, Tally
 
 VERSION = 9

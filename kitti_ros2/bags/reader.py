@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from kitti_ros2.errors import UsageError
-
+from ..model.errors import UsageError
 from .bag_files import index_files
 from .locate import locate_bag, reindex_advice
 from .message_source import BagMessage, BagMessages, LeftOut
@@ -19,8 +18,7 @@ from .summary import BagIndex, BagSummary, TopicSummary, summarize
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from kitti_ros2.samples import Int64Array
-
+    from ..model.samples import Int64Array
     from .locate import BagFiles
 
 __all__ = [

@@ -7,9 +7,9 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from ..files.staging import Staging, keep_all, keep_all_but_bags, reported
 from .ros1_scan import Ros1Channel
 from .ros1_writer import Ros1Writer
-from .staging import Staging, keep_all, keep_all_but_bags, reported
 from .writer import output_path
 
 if TYPE_CHECKING:
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from typing_extensions import Self
 
-    from kitti_ros2.options import BagOptions
-
+    from ..options.bag import BagOptions
     from .contract import Parts
     from .pieces import SourceChannel
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitti_ros2.errors import BadBagError
-
+from ..model.errors import BadBagError
 from .chunked_file import ChunkedFile
 from .pieces import FileBytes, Piece
 from .ros1_records import (

@@ -9,11 +9,10 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from kitti_ros2.errors import OutputError, UsageError
-
+from ..files.staging import Staging, keep_all, keep_all_but_bags, output_error
+from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .metadata import bag_information, information_text, metadata_yaml
-from .staging import Staging, keep_all, keep_all_but_bags, output_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

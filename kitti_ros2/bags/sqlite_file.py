@@ -17,9 +17,8 @@ from urllib.parse import quote
 import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
-from kitti_ros2.errors import BadBagError
-from kitti_ros2.one_line import one_line
-
+from ..model.errors import BadBagError
+from ..model.text import one_line
 from .offered_qos import latched_depth
 from .pieces import FileBytes, Piece, SourceChannel
 from .sqlite_scan import Pages

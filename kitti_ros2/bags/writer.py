@@ -19,9 +19,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kitti_ros2.errors import UsageError
-from kitti_ros2.options import COMPRESSIONS
-
+from ..model.errors import UsageError
+from ..options.bag import COMPRESSIONS
 from .contract import BagWriter, Channel, Parts, SegmentContext
 from .segments import SegmentedWriter
 
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from kitti_ros2.options import BagOptions
+    from ..options.bag import BagOptions
 
 __all__ = ['BagWriter', 'Channel', 'Parts', 'guess_storage', 'open_bag', 'output_path']
 

@@ -16,9 +16,9 @@ from foxglove import Channel, Schema
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
-from ..playing.audience import Audience
-from ..playing.source import STATE
-from ..program import Outlet
+from ..player.audience import Audience
+from ..player.program import Outlet
+from ..player.source import STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from foxglove import Context
 
     from ..messages.ros_types import Typestore
-    from ..program import Program
+    from ..player.program import Program
 
 _LOOK_EVERY_NS = 50_000_000
 _RENEW_AFTER_NS = 100_000_000

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 
 
 def check_installed() -> None:

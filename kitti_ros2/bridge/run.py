@@ -7,18 +7,18 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from ..errors import UsageError
-from ..options import Stamps
-from ..playing.session import favour_what_is_due
-from ..playing.source import describe, open_program, reserved_by_viewers
-from ..playing.to_the_end import play_to_the_end
+from ..model.errors import UsageError
+from ..options.playback import Stamps
+from ..player.session import favour_what_is_due
+from ..player.source import describe, open_program, reserved_by_viewers
+from ..player.to_the_end import play_to_the_end
 from .server import ViewerServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..playing.ending import Ending
-    from ..settings import PlaySettings
+    from ..options.table import PlaySettings
+    from ..player.ending import Ending
 
 
 def run_bridge(

@@ -17,11 +17,11 @@ from foxglove.websocket import (
     ServerListener,
 )
 
-from ..errors import UsageError
-from ..one_line import one_line
-from ..options import RATES
-from ..playing.session import Session
-from ..playing.state import encode_state
+from ..model.errors import UsageError
+from ..model.text import one_line
+from ..options.playback import RATES
+from ..player.session import Session
+from ..player.state import encode_state
 from .channels import Channels
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
         WebSocketServer,
     )
 
-    from ..playback import Playback
-    from ..program import Program
-    from ..settings import PlaySettings
+    from ..options.table import PlaySettings
+    from ..player.playback import Playback
+    from ..player.program import Program
 
 HOST = '127.0.0.1'
 NAME = '/kitti_player'

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 from .commands.demo import demo
 from .commands.info import info
 from .commands.play import play

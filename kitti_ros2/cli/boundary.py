@@ -11,8 +11,8 @@ import signal
 import sys
 from io import TextIOWrapper
 
-from ..errors import KittiRos2Error, describe_error
-from ..one_line import one_line
+from ..model.errors import KittiRos2Error, describe_error
+from ..model.text import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
 _DEBUG = '--debug'

@@ -8,8 +8,8 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
-from ..errors import OutputExistsError
-from ..settings import make_settings
+from ..model.errors import OutputExistsError
+from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
 from .progress import count_progress

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
-from ..inspection import inspect_bag, inspect_recording
 from ..kitti.layouts import open_recording
 from ..messages.source import RECORDING
-from ..one_line import one_line
-from ..samples import Clock
-from ..settings import make_settings
-from ..stamps import format_stamp
+from ..model.stamps import format_stamp
+from ..model.streams import Clock
+from ..model.text import one_line
+from ..options.table import make_settings
+from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
 from .memory import keep_imports
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
-    from ..inspection import LinkGlance, Overview
+    from ..report.overview import LinkGlance, Overview
 
 _MOST_FRAMES = 24
 
@@ -53,7 +53,7 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
     """The overview of a bag, or of a KITTI folder."""
     read = make_settings({'layout': layout, 'sequence': sequence}).read
     if is_bag(path, read.layout):
-        from ..importer.blueprint import missing_from
+        from ..own_bags.recorded_layout import missing_from
 
         overview = inspect_bag(path)
         counts = {series.name: series.count for series in overview.series}

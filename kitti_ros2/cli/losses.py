@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from .text import complain
 
 if TYPE_CHECKING:
-    from ..samples import Loss
+    from ..model.losses import Loss
 
 _SHOWN_LOSSES = 20
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 from ..node.installed import check_installed
-from ..settings import PLAY_OPTIONS, make_play_settings
+from ..options.table import PLAY_OPTIONS, make_play_settings
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports

@@ -7,7 +7,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..recover import recover
+from ..bags.recover import recover
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import count_progress
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from ..recover import RecoveryReport
+    from ..bags.recover import RecoveryReport
 
 _PARTS = 1000
 

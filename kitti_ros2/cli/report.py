@@ -7,9 +7,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..errors import UsageError
-from ..pictures.report import check_output, gather, make_page, write_page
-from ..settings import make_settings
+from ..model.errors import UsageError
+from ..options.table import make_settings
+from ..report import check_output, gather, make_page, write_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import part_progress

@@ -7,8 +7,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from ..one_line import one_line
-from ..quantities import format_bytes, format_count, format_duration
+from ..model.text import format_bytes, format_count, format_duration, one_line
 
 __all__ = ['complain', 'format_bytes', 'format_count', 'format_duration', 'format_path', 'say']
 

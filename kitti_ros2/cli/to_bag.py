@@ -7,14 +7,14 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..bags.staging import refuse_inside
 from ..bags.writer import guess_storage
-from ..convert import convert
+from ..exporter.schedule import make_schedule
+from ..exporter.to_bag import convert
+from ..files.staging import refuse_inside
 from ..kitti.layouts import open_recording
-from ..options import Images
-from ..samples import Clock
-from ..schedule import make_schedule
-from ..settings import TO_BAG_OPTIONS, make_settings
+from ..model.streams import Clock
+from ..options.messages import Images
+from ..options.table import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..convert import Report
-    from ..samples import Recording
+    from ..exporter.to_bag import Report
+    from ..model.recording import Recording
 
 
 def run_to_bag(

@@ -9,12 +9,12 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..bags.staging import refuse_inside
-from ..errors import UsageError
-from ..importer.blueprint import EarlierVersionError, UndescribedError, find_blueprint
+from ..files.staging import refuse_inside
 from ..messages.source import RECORDING
-from ..samples import Loss
-from ..settings import make_import_options
+from ..model.errors import UsageError
+from ..model.losses import Loss
+from ..options.table import make_import_options
+from ..own_bags.recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from ..importer.blueprint import Blueprint
     from ..importer.report import ImportReport
-    from ..options import ImportOptions
+    from ..options.importing import ImportOptions
+    from ..own_bags.recorded_layout import Blueprint
 
 
 def run_to_kitti(
@@ -81,7 +81,7 @@ def _convert(
     *,
     quiet: bool,
 ) -> list[ImportReport]:
-    from ..importer.verbatim import restore
+    from ..own_bags.restore import restore
 
     recordings, losses = _own(bags, options, planned=plan_file is not None)
     keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
@@ -90,10 +90,10 @@ def _convert(
         frames = sum(_count_frames(*each) for each in recordings)
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
-    from ..importer.appending import mend
+    from ..importer.append import mend
+    from ..importer.apply_plan import adapt, convert_by_plan, guess, look
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
-    from ..importer.planned import adapt, convert_by_plan, guess, look
     from ..kitti.store import STORE
 
     survey = look(bags)
@@ -121,7 +121,7 @@ def _convert(
 
 def _count_frames(bag: Path, blueprint: Blueprint) -> int:
     from ..bags.reader import bag_stamps
-    from ..importer.numbering import number_bag
+    from ..own_bags.numbering import number_bag
 
     numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
@@ -161,8 +161,8 @@ def _own(
 
 def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     """The plan as YAML on standard output, with what is missing as comments."""
+    from ..importer.apply_plan import guess, look
     from ..importer.plan import format_plan
-    from ..importer.planned import guess, look
 
     remarks: tuple[str, ...] = ()
     own, damaged = _own(bags, options)

@@ -8,21 +8,17 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from ..bags.staging import keep_all, refuse_inside, staged_file
-from ..errors import LackingError, UsageError
+from ..files.staging import keep_all, refuse_inside, staged_file
+from ..model.errors import LackingError, UsageError
+from ..model.losses import Loss
+from ..model.streams import Stream
+from ..options.table import make_view_settings
 from ..pictures.modes import MODES
 from ..pictures.movie import Movie
-from ..pictures.output import (
-    PICTURES,
-    keep_all_but_pictures,
-    staged_folder,
-    write_picture,
-)
+from ..pictures.output import PICTURES, keep_all_but_pictures, staged_folder, write_picture
 from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, stamps_of
 from ..pictures.sources import open_frames
-from ..samples import Loss, Stream
-from ..settings import make_view_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
@@ -34,8 +30,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
+    from ..options.table import ViewSettings
     from ..pictures.frame import Frame, FrameSource
-    from ..settings import ViewSettings
 
 _MOVIE = '.mp4'
 

@@ -9,11 +9,11 @@ import sys
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from ..bags.staging import keep_all, keep_all_but_files, staged_file
-from ..errors import UsageError
-from ..playing.source import open_program
+from ..files.staging import keep_all, keep_all_but_files, staged_file
+from ..model.errors import UsageError
+from ..options.table import make_settings
+from ..player.source import open_program
 from ..rerun_view.installed import check_installed
-from ..settings import make_settings
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_imports
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
-    from ..program import Program
+    from ..player.program import Program
     from ..rerun_view.show import Report
 
 _SHOWN_LOSSES = 20

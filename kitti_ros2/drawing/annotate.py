@@ -14,7 +14,7 @@ from .wireframes import draw_wireframes
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..samples import Calibration
+    from ..model.samples import Calibration
     from .objects import LabelledObject
     from .pixels import Pixels
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..picture_options import ColorBy, ColorMap
+from ..options.pictures import ColorBy, ColorMap
 from .looks import bgr, class_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
@@ -21,9 +21,9 @@ from .text import Tag, draw_tags, extent_of, put_text
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array
-    from ..picture_options import BirdOptions
-    from ..samples import Float32Array
+    from ..model.geometry import Float64Array
+    from ..model.samples import Float32Array
+    from ..options.pictures import BirdOptions
     from .objects import LabelledObject
     from .pixels import Pixels
 

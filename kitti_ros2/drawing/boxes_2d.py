@@ -9,23 +9,16 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
+from ..model.boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
 from .looks import caption_2d, class_color, line_width, nearest_first, scale_of
-from .strokes import (
-    cut_segments,
-    dashes,
-    draw_segments,
-    has_pixels,
-    rectangle_segments,
-    size_of,
-)
+from .strokes import cut_segments, dashes, draw_segments, has_pixels, rectangle_segments, size_of
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..boxes import Cuboid
-    from ..geometry import Float64Array
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
     from .objects import LabelledObject
     from .pixels import Pixels
     from .projection import Projection

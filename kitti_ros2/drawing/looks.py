@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import cuboid_corners
+from ..model.boxes import cuboid_corners
 from .palette import rgb_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
     from .objects import LabelledObject
     from .pixels import Pixels
     from .strokes import Bounds, Color

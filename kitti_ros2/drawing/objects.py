@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import cuboid_of, has_cuboid, is_absurd
-from ..labels import identified, rect_from_velo
+from ..model.boxes import cuboid_of, has_cuboid, is_absurd
+from ..model.labels import identified, rect_from_velo
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..boxes import Box, Cuboid
-    from ..geometry import Transform
-    from ..samples import Calibration, FrameLabels
+    from ..model.boxes import Box, Cuboid
+    from ..model.geometry import Transform
+    from ..model.samples import Calibration, FrameLabels
 
 
 LABEL_CAMERA = 2

@@ -7,7 +7,7 @@ from __future__ import annotations
 import colorsys
 from zlib import crc32
 
-from ..options import MarkerColors
+from ..options.messages import MarkerColors
 
 CLASS_COLORS = {
     'Car': (0.13, 0.59, 0.95),

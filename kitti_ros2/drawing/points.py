@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..picture_options import ColorBy, ColorMap
+from ..options.pictures import ColorBy, ColorMap
 from .looks import scale_of
 from .scales import EMPTY, SCALES, colored, draw_bar
 from .strokes import has_pixels, size_of
 
 if TYPE_CHECKING:
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
     from .pixels import Pixels
     from .projection import Projection
 

@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..boxes import NEAR_M
-from ..geometry import Transform
-from ..labels import rect_from_velo
+from ..model.boxes import NEAR_M
+from ..model.geometry import Transform
+from ..model.labels import rect_from_velo
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..geometry import Float64Array
-    from ..samples import Calibration, CameraCalibration
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, CameraCalibration
 
 _PLUMB_BOB = 5
 _PIECES = 16

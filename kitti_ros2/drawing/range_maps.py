@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..picture_options import ColorBy
+from ..options.pictures import ColorBy
 from .scales import EMPTY, SCALES
 
 if TYPE_CHECKING:
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
 
 ROWS = 64
 _STEP = np.radians(1.0)

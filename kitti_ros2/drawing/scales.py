@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..picture_options import ColorBy, ColorMap
+from ..options.pictures import ColorBy, ColorMap
 from .text import WHITE, extent_of, put_text
 
 if TYPE_CHECKING:
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
     from .pixels import Pixels
 
 EMPTY = 0

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
     from .pixels import Pixels
 
 Color: TypeAlias = tuple[int, int, int]

@@ -8,23 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import EDGES, clip_bounds
+from ..model.boxes import EDGES, clip_bounds
 from .boxes_2d import TEXT_SCALE
 from .looks import caption_3d, class_color, corners_of, line_width, nearest_first, scale_of
-from .strokes import (
-    cut_segments,
-    dashes,
-    draw_segments,
-    has_pixels,
-    size_of,
-    tint_polygon,
-)
+from .strokes import cut_segments, dashes, draw_segments, has_pixels, size_of, tint_polygon
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
     from .objects import LabelledObject
     from .pixels import Pixels
     from .projection import Projection

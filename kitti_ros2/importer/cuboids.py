@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..boxes import Cuboid
-from ..geometry import Transform
+from ..model.boxes import Cuboid
+from ..model.geometry import Transform
 from .marker_boxes import class_of_marker, is_list, shown_markers
 
 if TYPE_CHECKING:

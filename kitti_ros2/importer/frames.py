@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import UsageError
-from ..samples import Stream
-from ..stamps import NS_PER_S
+from ..model.errors import UsageError
+from ..model.stamps import NS_PER_S
+from ..model.streams import Stream
 from .plan import Incomplete
 from .sync import NONE, match_frames
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..samples import Int64Array
-    from .ego import PoseTrack
+    from ..model.samples import Int64Array
     from .plan import Plan
+    from .pose_track import PoseTrack
     from .survey import Survey, TopicSurvey
     from .sync import StreamMatch
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import LackingError, UsageError
 from ..messages.clouds import guess_intensity_scale
-from ..messages.rectify import needs_rectifying
-from ..samples import CAMERA_NAMES, Layout, Loss, Stream
-from ..stamps import NS_PER_S, format_stamp
+from ..model.errors import LackingError, UsageError
+from ..model.losses import Loss
+from ..model.stamps import NS_PER_S, format_stamp
+from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..rig.rectify import needs_rectifying
+from ..rig.tf_tree import FrameTree
 from . import survey as types
-from .frame_tree import FrameTree
 from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from .report import undecoded
 from .sync import default_tolerance_ns

@@ -17,20 +17,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bags.decoding import Decoder
 from ..bags.reader import bag_stamps, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import KittiRos2Error, UsageError
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
-from ..samples import FrameLabels, Layout
-from .decoding import Decoder
+from ..model.errors import KittiRos2Error, UsageError
+from ..model.samples import FrameLabels
+from ..model.streams import Layout
+from .apply_calibration import Rigging
 from .frames import topic_of
 from .guess import guess_plan
 from .labels import own_number
 from .plan import NONE, SOURCE, TF
-from .rigging import Rigging
 from .survey import LABEL_LINES, glance
 from .sync import default_tolerance_ns
 
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagMessages
     from ..drawing.pixels import Pixels as Picture
     from ..messages.pixels import Pixels
-    from ..samples import Int64Array
+    from ..model.samples import Int64Array
     from .plan import Plan
     from .survey import Survey
 

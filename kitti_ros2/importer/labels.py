@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import (
+from ..kitti.label_file import parse_box
+from ..model.boxes import (
     DONT_CARE,
     Box,
     Cuboid,
@@ -26,16 +27,15 @@ from ..boxes import (
     project_corners,
     wrap_angle,
 )
-from ..geometry import Transform
-from ..kitti.label_file import parse_box
-from ..labels import rect_from_velo
+from ..model.geometry import Transform
+from ..model.labels import rect_from_velo
 from .plan import UNKNOWN_OCCLUSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array
-    from ..samples import Calibration
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration
 
 OUT_OF_VIEW = 'out of view'
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..bags.staging import Staging, reported
+from ..files.staging import Staging, reported
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -37,17 +37,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform, quaternion_to_rotation, rotation_from_rpy, rotation_to_rpy
 from ..kitti.oxts_file import parse_packet
 from ..messages.header import vector_of
 from ..messages.oxts import decode_fix, position_mode
 from ..messages.ros_types import NavSatFix
+from ..model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy, rotation_to_rpy
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
     from ..messages.header import Vector3
     from ..messages.ros_types import Imu, TwistStamped
-    from ..samples import OxtsPacket
+    from ..model.geometry import Float64Array
+    from ..model.samples import OxtsPacket
 
 _UNKNOWN = parse_packet(' '.join(['0'] * 27 + ['-1'] * 3), 'unknown')
 _IDENTITY = Transform.identity()

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import yaml
 
-from ..errors import UsageError
 from ..kitti.names import RAW_DRIVE, SEQUENCE_DIGITS
-from ..one_line import one_line
-from ..samples import Layout
+from ..model.errors import UsageError
+from ..model.streams import Layout
+from ..model.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
-from ..errors import UsageError
+from ..model.errors import UsageError
 from . import survey as types
-from .decoding import Decoder
-from .ego import (
+from .frames import topic_of
+from .pose_track import (
     PoseTrack,
     StampedPose,
     camera_poses,
@@ -19,15 +20,14 @@ from .ego import (
     poses_from_pose_stamped,
     poses_from_tf,
 )
-from .frames import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from ..geometry import Transform
     from ..kitti.writer import LayoutWriter
-    from ..samples import Int64Array
+    from ..model.geometry import Transform
+    from ..model.samples import Int64Array
     from .plan import Plan, PosePlan
     from .report import LossTally
     from .survey import Survey

@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..samples import Loss
+from ..model.losses import Loss
 from .frames import frame_topics
 from .survey import TF_TYPES
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
     from pathlib import Path
 
-    from ..samples import Layout
+    from ..model.streams import Layout
     from .plan import Plan
     from .survey import Survey, TopicSurvey
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
 from ..messages.topics import LARGE_TYPES
 from ..messages.transforms import decode_static
-from .decoding import Decoder
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from ..bags.reader import BagMessage, BagMessages, LeftOut
-    from ..geometry import Transform
-    from ..samples import Int64Array, TextFile
+    from ..model.geometry import Transform
+    from ..model.samples import Int64Array, TextFile
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 IMAGE = 'sensor_msgs/msg/Image'

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..samples import Int64Array
+    from ..model.samples import Int64Array
 
 NONE = -1
 _LONE_PERIOD_NS = 100_000_000

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadFileError
+from ..model.errors import BadFileError
 from . import names
 from .store import STORE
 

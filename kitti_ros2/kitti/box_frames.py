@@ -17,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..geometry import Float64Array, Transform
+    from ..model.geometry import Float64Array, Transform
 
 
 def box_to_velo(

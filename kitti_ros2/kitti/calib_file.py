@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..errors import BadFileError
-from ..geometry import Transform
-from ..nominal import NOMINAL_VELO_T_IMU
-from ..samples import CAMERA_COUNT, Calibration, CameraCalibration, TextFile
+from ..model.errors import BadFileError
+from ..model.geometry import Transform
+from ..model.nominal import NOMINAL_VELO_T_IMU
+from ..model.samples import Calibration, CameraCalibration, TextFile
+from ..model.streams import CAMERA_COUNT
 from . import names
 from .calib_table import CalibTable
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 T = TypeVar('T')
 

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
-from ..geometry import Transform
+from ..model.errors import BadFileError
+from ..model.geometry import Transform
 from .text_file import parse_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 _LINE = re.compile(r'(?P<key>[A-Za-z]\w*)(?::|\s)\s*(?P<value>.*)')
 

@@ -22,16 +22,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..boxes import DONT_CARE, Box, is_absurd
-from ..errors import BadFileError
-from ..samples import FrameLabels
+from ..model.boxes import DONT_CARE, Box, is_absurd
+from ..model.errors import BadFileError
+from ..model.samples import FrameLabels
 from .text_file import Lines, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from ..samples import TextFile
+    from ..model.samples import TextFile
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
 EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'

@@ -7,9 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
-from ..options import ReadOptions
-from ..samples import Layout
+from ..model.errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
+from ..model.streams import Layout
+from ..options.read import ReadOptions
 from . import names
 from .object import ObjectRecording
 from .odometry import OdometryRecording

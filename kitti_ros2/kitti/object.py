@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError, describe_error
-from ..samples import FrameLabels, Layout, Stream, TextFile
+from ..model.errors import BadFileError, describe_error
+from ..model.samples import FrameLabels, TextFile
+from ..model.streams import Layout, Stream
 from . import append_journal, names
 from .label_file import frame_labels, parse_labels
 from .recording import KittiRecording
@@ -24,8 +25,8 @@ from .store import STORE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..options import ReadOptions
-    from ..samples import Calibration, Description
+    from ..model.samples import Calibration, Description
+    from ..options.read import ReadOptions
     from .append_journal import AppendJournal
     from .store import Listing
 

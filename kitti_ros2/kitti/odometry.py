@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
-from ..options import ScanStamp
-from ..samples import Clock, Layout, Scan, Stream
-from ..stamps import LAST_NS
+from ..model.errors import BadFileError
+from ..model.stamps import LAST_NS
+from ..model.streams import Clock, Layout, Stream
+from ..options.read import ScanStamp
 from . import names
 from .poses import pose_from_odometry
 from .poses_file import parse_poses
@@ -29,9 +29,9 @@ from .text_file import Lines
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..geometry import Float64Array
-    from ..options import ReadOptions
-    from ..samples import Calibration, Pose
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Pose, Scan
+    from ..options.read import ReadOptions
 
 
 class OdometryRecording(KittiRecording):

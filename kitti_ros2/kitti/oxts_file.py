@@ -12,14 +12,14 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from ..errors import BadFileError
-from ..samples import OxtsPacket
+from ..model.errors import BadFileError
+from ..model.samples import OxtsPacket
 from .text_file import parse_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..samples import TextFile
+    from ..model.samples import TextFile
 
 COLUMNS: tuple[str, ...] = tuple(
     field.name for field in fields(OxtsPacket) if field.name != 'source'

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform, rotation_from_rpy
-from ..nominal import NOMINAL_CAM0_T_VELO
-from ..samples import Pose
+from ..model.geometry import Transform, rotation_from_rpy
+from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..model.samples import Pose
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
-    from ..samples import Calibration, OxtsPacket
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, OxtsPacket
 
 EARTH_RADIUS_M = 6378137.0
 

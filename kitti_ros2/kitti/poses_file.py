@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 
 def parse_poses(text: str, path: Path | str) -> Lines[Float64Array]:

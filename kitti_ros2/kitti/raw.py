@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError, describe_error
-from ..samples import Clock, Layout, Scan, Stream, TextFile
+from ..model.errors import BadFileError, describe_error
+from ..model.samples import Scan, TextFile
+from ..model.streams import Clock, Layout, Stream
 from . import names
 from .calib_file import parse_raw_calibration
 from .oxts_file import parse_packet
@@ -30,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from ..boxes import Cuboid
-    from ..options import ReadOptions
-    from ..samples import Calibration, FrameLabels, OxtsPacket
+    from ..model.boxes import Cuboid
+    from ..model.samples import Calibration, FrameLabels, OxtsPacket
+    from ..options.read import ReadOptions
     from .store import Listing
     from .text_file import Lines
 

@@ -9,33 +9,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError, KittiRos2Error, MissingFileError, describe_error
-from ..labels import Trails, cuboids_of
-from ..nominal import NOMINAL_VELO_T_IMU
-from ..samples import (
-    CAMERA_NAMES,
+from ..files.png.header import parse_image
+from ..model.errors import BadFileError, KittiRos2Error, MissingFileError, describe_error
+from ..model.labels import Trails, cuboids_of
+from ..model.losses import Loss, runs_of
+from ..model.nominal import NOMINAL_VELO_T_IMU
+from ..model.recording import Start, StreamIndex
+from ..model.samples import (
     Calibration,
-    Clock,
     Description,
     FrameLabels,
     Image,
-    Layout,
-    Loss,
     OxtsPacket,
     Pose,
     Sample,
     Scan,
-    Start,
-    Stream,
-    StreamIndex,
     TextFile,
     Trajectory,
     Turn,
-    runs_of,
 )
-from ..stamps import LAST_NS, NS_PER_S
+from ..model.stamps import LAST_NS, NS_PER_S
+from ..model.streams import CAMERA_NAMES, Clock, Layout, Stream
 from .calib_file import parse_calibration
-from .png_file import parse_image
 from .poses import MercatorWorld, pose_from_packet
 from .scan_file import parse_scan
 from .store import STORE
@@ -45,9 +40,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from ..geometry import Float64Array, Transform
-    from ..options import ReadOptions
-    from ..samples import Int64Array
+    from ..model.geometry import Float64Array, Transform
+    from ..model.samples import Int64Array
+    from ..options.read import ReadOptions
     from .store import Listing
     from .text_file import Lines
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
+from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
 
 POINT_BYTES = 16
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
+from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
     from pathlib import Path

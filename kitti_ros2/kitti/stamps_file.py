@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..stamps import format_seconds, format_stamp, parse_seconds, parse_stamp
+from ..model.stamps import format_seconds, format_stamp, parse_seconds, parse_stamp
 from .text_file import Lines, parse_lines
 
 if TYPE_CHECKING:

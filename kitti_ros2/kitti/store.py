@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
-from ..uncached import write_uncached
+from ..files.page_cache import write_uncached
+from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..samples import Int64Array
+    from ..model.samples import Int64Array
 
 _PIECE_BYTES = 1 << 20
 _NUMBERED = re.compile(r'(\d+)(\.[a-z]+)', re.ASCII)

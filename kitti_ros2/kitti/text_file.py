@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from ..errors import BadFileError
+from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

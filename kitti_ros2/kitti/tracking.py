@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import BadFileError
-from ..samples import IMAGE_STREAMS, FrameLabels, Layout, Stream, TextFile
+from ..model.errors import BadFileError
+from ..model.samples import FrameLabels, TextFile
+from ..model.streams import IMAGE_STREAMS, Layout, Stream
 from . import names
 from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet
@@ -25,9 +26,9 @@ from .store import STORE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..boxes import Box
-    from ..options import ReadOptions
-    from ..samples import Calibration, OxtsPacket
+    from ..model.boxes import Box
+    from ..model.samples import Calibration, OxtsPacket
+    from ..options.read import ReadOptions
     from .text_file import Lines
 
 

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from ..boxes import Cuboid
-from ..errors import BadFileError
-from ..geometry import Transform, rotation_from_rpy
-from ..samples import FrameLabels
+from ..model.boxes import Cuboid
+from ..model.errors import BadFileError
+from ..model.geometry import Transform, rotation_from_rpy
+from ..model.samples import FrameLabels
 from . import names
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..options import ScanStamp
-from ..samples import Turn
+from ..model.samples import Turn
+from ..options.read import ScanStamp
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

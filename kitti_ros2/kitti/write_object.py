@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
-from ..errors import UsageError
-from ..samples import Layout, Stream
+from ..model.errors import UsageError
+from ..model.streams import Layout, Stream
 from . import names
 from .calib_file import format_object
 from .label_file import EMPTY_OBJECT_LINE, format_object_labels
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from ..boxes import Box
-    from ..samples import Calibration, Scan
+    from ..model.boxes import Box
+    from ..model.samples import Calibration, Scan
 
 
 class ObjectWriter(LayoutWriter):

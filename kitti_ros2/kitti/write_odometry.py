@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from ..errors import UsageError
-from ..samples import Layout, Stream
+from ..model.errors import UsageError
+from ..model.streams import Layout, Stream
 from . import names
 from .calib_file import format_odometry
 from .poses_file import format_poses
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..geometry import Float64Array
-    from ..samples import Calibration, Scan
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Scan
 
 
 class OdometryWriter(LayoutWriter):

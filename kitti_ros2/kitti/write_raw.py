@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..errors import UsageError
-from ..labels import rect_from_velo
-from ..samples import Layout, Stream
+from ..model.errors import UsageError
+from ..model.labels import rect_from_velo
+from ..model.streams import Layout, Stream
 from . import names
 from .box_frames import box_to_velo
 from .calib_file import format_raw
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from ..boxes import Box
-    from ..geometry import Transform
-from ..samples import Calibration, OxtsPacket, Scan
+    from ..model.boxes import Box
+    from ..model.geometry import Transform
+    from ..model.samples import Calibration, OxtsPacket, Scan
 
 KINDS = ('sync', 'extract')
 _MOST_OCCLUDED = 2

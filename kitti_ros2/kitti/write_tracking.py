@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from ..errors import UsageError
-from ..samples import Layout, Stream
+from ..model.errors import UsageError
+from ..model.streams import Layout, Stream
 from . import names
 from .calib_file import format_tracking
 from .label_file import format_tracking_labels
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from ..boxes import Box
-    from ..samples import Calibration, OxtsPacket, Scan
+    from ..model.boxes import Box
+    from ..model.samples import Calibration, OxtsPacket, Scan
 
 PARTLY_TRUNCATED = 0.15
 LARGELY_TRUNCATED = 0.5

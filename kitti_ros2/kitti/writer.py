@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from ..errors import UsageError
-from ..samples import Stream
+from ..model.errors import UsageError
+from ..model.streams import Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..boxes import Box
-    from ..geometry import Float64Array
-from ..samples import Calibration, Layout, OxtsPacket, Scan
+    from ..model.boxes import Box
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, OxtsPacket, Scan
+from ..model.streams import Layout
 
 
 class LayoutWriter:

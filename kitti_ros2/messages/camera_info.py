@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform
+from ..model.geometry import Transform
 from .header import make_header
 from .ros_types import CameraInfo, RegionOfInterest
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
-    from ..samples import Calibration, CameraCalibration
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, CameraCalibration
 
 __all__ = [
     'CameraInfo',

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
     from .ros_types import PointCloud2
 
 _KINDS = {

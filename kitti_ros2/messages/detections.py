@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..boxes import Cuboid
+from ..model.boxes import Cuboid
 from .cdr_writer import CdrWriter
 from .header import pose_numbers, transform_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..boxes import Box
+    from ..model.boxes import Box
     from .cdr import Parts
 
 _TRUTH_SCORE = 1.0

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..geometry import Transform
-from ..stamps import NS_PER_S, from_sec_nanosec, to_sec_nanosec
+from ..model.geometry import Transform
+from ..model.stamps import NS_PER_S, from_sec_nanosec, to_sec_nanosec
 from .ros_types import Header, Point, Pose, Quaternion, Time, Vector3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 __all__ = [
     'Header',

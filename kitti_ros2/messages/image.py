@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.png.decode import decode_png
 from .header import make_header
-from .png import decode_png
 from .ros_types import CompressedImage, ImageMsg
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..samples import Image
+    from ..model.samples import Image
 
 _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'bgr8'}
 

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform
-from ..options import MapFrame
+from ..model.geometry import Transform
+from ..options.messages import MapFrame
 
 if TYPE_CHECKING:
-    from ..samples import Pose, Start, Trajectory
+    from ..model.recording import Start
+    from ..model.samples import Pose, Trajectory
 
 
 def map_from_world(start: Start | None, base_t_imu: Transform, kind: MapFrame) -> Transform:

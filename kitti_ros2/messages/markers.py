@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import EDGES, unit_corners
 from ..drawing.palette import EGO_COLOR, EGO_SIZE_LWH, color_of
-from ..options import MarkerColors, MarkerOptions
+from ..model.boxes import EDGES, unit_corners
+from ..options.messages import MarkerColors, MarkerOptions
 from .cdr_writer import CdrWriter
 from .header import pose_numbers
 from .ros_types import Marker
@@ -26,8 +26,8 @@ from .ros_types import Marker
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from ..boxes import Cuboid
-    from ..geometry import Float64Array
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
     from .cdr import Parts
     from .naming import Frames
 

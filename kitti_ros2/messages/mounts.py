@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform
-from ..nominal import NOMINAL_CAM0_T_VELO, NOMINAL_CAM0_X_M
-from ..samples import CameraCalibration
+from ..model.geometry import Transform
+from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_CAM0_X_M
+from ..model.samples import CameraCalibration
 from .camera_info import image_frame_camera
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from ..samples import Calibration
+    from ..model.samples import Calibration
 
 
 def with_nominal_mounts(calibration: Calibration, cameras: Collection[int]) -> Calibration:

@@ -7,14 +7,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..geometry import Transform
-from ..options import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
-from ..samples import CAMERA_NAMES, Layout
+from ..model.geometry import Transform
+from ..model.streams import CAMERA_NAMES, Layout
+from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..options import MessageOptions
+    from ..options.messages import MessageOptions
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry import (
+from ..model.geometry import (
     quaternion_to_rotation,
     rotation_from_rpy,
     rotation_to_quaternion,
@@ -18,8 +18,8 @@ from .header import make_header, make_quaternion, make_vector3, vector_of
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
-    from ..samples import OxtsPacket
+    from ..model.geometry import Float64Array
+    from ..model.samples import OxtsPacket
 
 _UNKNOWN = np.zeros(9)
 """All zeros: covariance unknown (Imu.msg)."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-from .png import inflated
+from ..files.png.decode import inflated
 
 try:
     from isal.isal_zlib import crc32  # zlib's CRC at many times its speed

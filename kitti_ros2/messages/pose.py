@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..samples import Pose, Trajectory
+from ..model.samples import Pose, Trajectory
 from .header import make_header, make_pose, make_vector3, stamp_ns_of, transform_of, vector_of
 from .ros_types import (
     Odometry,
@@ -24,7 +24,7 @@ from .transforms import make_transform
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array, Transform
+    from ..model.geometry import Float64Array, Transform
 
 
 def encode_odometry(

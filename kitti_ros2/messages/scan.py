@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..samples import Scan
-from ..stamps import NS_PER_S
+from ..model.samples import Scan
+from ..model.stamps import NS_PER_S
 from .header import make_header
 from .ros_types import PointCloud2, PointField
 from .semantic import packed_colors
@@ -17,7 +17,7 @@ from .semantic import packed_colors
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..samples import Float32Array, Turn
+    from ..model.samples import Float32Array, Turn
 
 _DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16, '<u4': PointField.UINT32}
 _KINDS = {datatype: kind for kind, datatype in _DATATYPES.items()}

@@ -12,7 +12,9 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..samples import Description, Scan, Stream, TextFile, runs_of
+from ..model.losses import runs_of
+from ..model.samples import Description, Scan, TextFile
+from ..model.streams import Stream
 from .ros_types import String
 
 if TYPE_CHECKING:

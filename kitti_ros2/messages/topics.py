@@ -18,11 +18,10 @@ import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import BadFileError, LackingError, UsageError
-from ..labels import cuboids_of, identified
-from ..options import Images, MessageOptions
-from ..samples import (
-    IMAGE_STREAMS,
+from ..files.png.decode import decode_png
+from ..model.errors import BadFileError, LackingError, UsageError
+from ..model.labels import cuboids_of, identified
+from ..model.samples import (
     Calibration,
     Description,
     FrameLabels,
@@ -31,9 +30,10 @@ from ..samples import (
     Pose,
     Sample,
     Scan,
-    Stream,
     Trajectory,
 )
+from ..model.streams import IMAGE_STREAMS, Stream
+from ..options.messages import Images, MessageOptions
 from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import BULK_TAIL, Parts, restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
@@ -43,7 +43,6 @@ from .markers import encode_markers
 from .mounts import with_nominal_mounts
 from .naming import Frames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
-from .png import decode_png
 from .pose import encode_odometry, encode_path, encode_tf
 from .scan import encode_scan
 from .source import SWEEP, encode_description, encode_sweep, encode_text
@@ -53,9 +52,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
     from pathlib import Path
 
-    from ..boxes import Cuboid
-    from ..geometry import Float64Array, Transform
-    from ..samples import Recording
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array, Transform
+    from ..model.recording import Recording
     from .pixels import Pixels
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform
+from ..model.geometry import Transform
 from .camera_info import rectified_offset
 from .header import make_header, make_quaternion, make_vector3, vector_of
 from .ros_types import TFMessage, TransformMsg, TransformStamped
@@ -16,7 +16,7 @@ from .ros_types import TFMessage, TransformMsg, TransformStamped
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..samples import Calibration
+    from ..model.samples import Calibration
     from .naming import Frames
 
 

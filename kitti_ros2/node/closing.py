@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..playing.ending import Ending
+    from ..player.ending import Ending
 
 EXIT_S = 1.8
 """Of the 2 s that an exit may take; the rest is the interpreter's."""

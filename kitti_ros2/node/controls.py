@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from std_srvs.srv import Trigger
 
-from ..errors import UsageError
-from ..playing.state import where
+from ..model.errors import UsageError
+from ..player.state import where
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from ..playback import Playback
-    from ..playing.keys import Controlled
+    from ..player.keys import Controlled
+    from ..player.playback import Playback
 
 _PACKAGE = 'rosbag2_interfaces'
 

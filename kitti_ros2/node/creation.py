@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from ..errors import UsageError
-from ..one_line import one_line
+from ..model.errors import UsageError
+from ..model.text import one_line
 from .installed import middleware
 from .middleware import settings_variable
 

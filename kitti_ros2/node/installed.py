@@ -8,7 +8,7 @@ import os
 from importlib.util import find_spec
 from pathlib import Path
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 
 
 def middleware() -> str:

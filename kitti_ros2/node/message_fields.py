@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..errors import LackingError
+from ..model.errors import LackingError
 from .rosidl_structs import CSequence, CString
 
 if TYPE_CHECKING:

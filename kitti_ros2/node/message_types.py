@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 from typing import TYPE_CHECKING, Any
 
-from ..errors import LackingError
+from ..model.errors import LackingError
 from . import rosidl_structs as structs
 from .message_fields import defined_hash, split_name
 from .runtime_types import runtime_type

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from ..errors import UsageError
-from ..one_line import one_line
+from ..model.errors import UsageError
+from ..model.text import one_line
 from .installed import middleware
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
-from ..errors import LackingError
-from ..playing.audience import Audience
+from ..model.errors import LackingError
+from ..player.audience import Audience
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
 from .message_types import message_class
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from ..program import Outlet, Program
+    from ..player.program import Outlet, Program
     from .qos import QosOverride
 
 _OVERRIDABLE = (

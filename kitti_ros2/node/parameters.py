@@ -14,9 +14,9 @@ from rclpy.exceptions import (
 )
 from rclpy.parameter import Parameter
 
-from ..errors import UsageError
-from ..options import MOST_STEP, RATES
-from ..settings import DEFAULT_READ_AHEAD, MOST_READ_AHEAD
+from ..model.errors import UsageError
+from ..options.playback import MOST_STEP, RATES
+from ..options.table import DEFAULT_READ_AHEAD, MOST_READ_AHEAD
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,12 +14,12 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from ..errors import KittiRos2Error, UsageError
-from ..options import Bound
-from ..playing.session import Session
-from ..playing.source import CLOCK, describe, open_program, publishes_clock, reserved_by_node
-from ..playing.state import encode_state
-from ..settings import make_play_settings
+from ..model.errors import KittiRos2Error, UsageError
+from ..options.selection import Bound
+from ..options.table import make_play_settings
+from ..player.session import Session
+from ..player.source import CLOCK, describe, open_program, publishes_clock, reserved_by_node
+from ..player.state import encode_state
 from .controls import create_services
 from .outlets import Outlets
 from .parameters import PARAMETERS, declare, given
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter
 
-    from ..playback import Playback
-    from ..program import Program
-    from ..settings import PlaySettings
+    from ..options.table import PlaySettings
+    from ..player.playback import Playback
+    from ..player.program import Program
 
 NODE_NAME = 'kitti_player'
 _STATE_EVERY_NS = 200_000_000

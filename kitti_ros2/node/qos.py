@@ -17,7 +17,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

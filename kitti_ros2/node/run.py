@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from ..playing.session import LAST_WAIT_S, favour_what_is_due
-from ..playing.to_the_end import play_to_the_end
+from ..player.session import LAST_WAIT_S, favour_what_is_due
+from ..player.to_the_end import play_to_the_end
 from .closing import Closing
 from .creation import create_node
 from .middleware import start_ros
@@ -20,7 +20,7 @@ from .player import KittiPlayer
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from ..playing.ending import Ending
+    from ..player.ending import Ending
 
 
 def run_player(

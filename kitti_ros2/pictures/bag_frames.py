@@ -12,38 +12,40 @@ import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import KittiRos2Error, UsageError
-from ..geometry import Transform
+from ..importer.apply_calibration import Rigging
 from ..importer.cuboids import ABSURD
-from ..importer.frame_tree import FrameTree
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
 from ..importer.labels import class_name, own_number
-from ..importer.numbering import BY_POSITION
-from ..importer.places import PlacedMessages, places_of
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.poses import read_track
 from ..importer.report import LossTally, damage
-from ..importer.rigging import Rigging
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
-from ..nominal import NOMINAL_CAM0_T_VELO
-from ..samples import CAMERA_NAMES, FrameLabels, Layout, Pose, Stream, Trajectory
+from ..model.errors import KittiRos2Error, UsageError
+from ..model.geometry import Transform
+from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..model.samples import FrameLabels, Pose, Trajectory
+from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..own_bags.numbering import BY_POSITION
+from ..own_bags.places import PlacedMessages, places_of
+from ..rig.tf_tree import FrameTree
 from .frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from ..boxes import Cuboid
-    from ..importer.ego import PoseTrack
     from ..importer.frames import Frames
-    from ..importer.places import Place
     from ..importer.plan import Plan
+    from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
-    from ..samples import Int64Array, Loss
+    from ..model.boxes import Cuboid
+    from ..model.losses import Loss
+    from ..model.samples import Int64Array
+    from ..own_bags.places import Place
 
 
 _OPTICAL = '_optical_frame'

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from ..boxes import DONT_CARE
 from ..drawing.looks import class_color
 from ..drawing.text import extent_of, fitted, put_text
-from ..stamps import format_stamp
+from ..model.boxes import DONT_CARE
+from ..model.stamps import format_stamp
 from .frame_parts import chosen_camera
 
 if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.strokes import Color
-    from ..picture_options import PictureOptions
+    from ..options.pictures import PictureOptions
     from .frame import Frame
 
 _SCALE = 0.45

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
-    from ..samples import Calibration, Float32Array, Int64Array, Loss, OxtsPacket, Pose
+    from ..model.losses import Loss
+    from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,19 +7,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..boxes import DONT_CARE
 from ..drawing.annotate import is_labelled
 from ..drawing.objects import LABEL_CAMERA
 from ..drawing.projection import Projection
-from ..errors import LackingError
-from ..samples import Stream
+from ..model.boxes import DONT_CARE
+from ..model.errors import LackingError
+from ..model.streams import Stream
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from ..drawing.pixels import Pixels
-    from ..picture_options import PictureOptions
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
+    from ..options.pictures import PictureOptions
     from .frame import Frame
 
 

@@ -12,7 +12,7 @@ from ..drawing.birds_eye import birds_eye
 from ..drawing.boxes_2d import draw_boxes_2d
 from ..drawing.points import draw_points
 from ..drawing.wireframes import draw_wireframes
-from ..samples import Stream
+from ..model.streams import Stream
 from .frame_parts import (
     bird_points,
     camera_image,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from ..drawing.pixels import Pixels
-    from ..picture_options import PictureOptions
+    from ..options.pictures import PictureOptions
     from .frame import Frame
 
 

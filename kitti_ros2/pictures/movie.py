@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..errors import KittiRos2Error
+from ..model.errors import KittiRos2Error
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,8 +7,8 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..bags.staging import Staging, keep_all_but_files, reported
-from ..errors import UsageError
+from ..files.staging import Staging, keep_all_but_files, reported
+from ..model.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,7 +63,7 @@ def encode_picture(picture: Pixels, suffix: str) -> bytes:
     """
     import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
 
-    from ..messages.png_writer import encode_png  # noqa: PLC0415 - as above
+    from ..files.png.encode import encode_png  # noqa: PLC0415 - as above
 
     ending = suffix.lower()
     if ending not in PICTURES:

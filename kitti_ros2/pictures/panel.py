@@ -24,8 +24,8 @@ from ..drawing.scales import SCALES, colored, draw_bar, draw_ramp
 from ..drawing.strokes import new_picture
 from ..drawing.text import extent_of, fitted, put_text
 from ..drawing.wireframes import draw_wireframes
-from ..errors import LackingError
-from ..picture_options import ColorBy
+from ..model.errors import LackingError
+from ..options.pictures import ColorBy
 from .facts import draw_classes, draw_facts, moment_of
 from .frame_parts import (
     bird_points,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.projection import Projection
     from ..drawing.strokes import Color
-    from ..picture_options import BirdOptions, PictureOptions
+    from ..options.pictures import BirdOptions, PictureOptions
     from .frame import Frame
 
 SIZE = (1920, 1080)

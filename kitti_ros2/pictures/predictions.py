@@ -9,17 +9,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ..drawing.objects import objects_of
-from ..errors import BadFileError, UsageError
 from ..kitti.label_file import parse_labels
 from ..kitti.names import FRAME_DIGITS, SEQUENCE_DIGITS, TXT, file_name
 from ..kitti.store import STORE
-from ..samples import FrameLabels
+from ..model.errors import BadFileError, UsageError
+from ..model.samples import FrameLabels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..boxes import Box
+    from ..model.boxes import Box
     from .frame import Frame
 
 _DATA = 'data'

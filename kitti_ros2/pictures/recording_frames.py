@@ -10,25 +10,16 @@ import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..errors import BadFileError, KittiRos2Error, LackingError, UsageError
-from ..importer.bag_recording import BagRecording
+from ..files.png.decode import decode_png
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
-from ..messages.png import decode_png
-from ..options import MapFrame, MessageOptions
-from ..samples import (
-    FRAME_STREAMS,
-    Calibration,
-    Clock,
-    FrameLabels,
-    Image,
-    OxtsPacket,
-    Pose,
-    Scan,
-    Stream,
-    format_numbers,
-)
+from ..model.errors import BadFileError, KittiRos2Error, LackingError, UsageError
+from ..model.losses import format_numbers
+from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
+from ..model.streams import FRAME_STREAMS, Clock, Stream
+from ..options.messages import MapFrame, MessageOptions
+from ..own_bags.recording import BagRecording
 from .frame import Frame
 
 if TYPE_CHECKING:
@@ -36,7 +27,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
-    from ..samples import Int64Array, Layout, Loss, Sample, Start, StreamIndex
+    from ..model.losses import Loss
+    from ..model.recording import Start, StreamIndex
+    from ..model.samples import Int64Array, Sample
+    from ..model.streams import Layout
 
 S = TypeVar('S')
 

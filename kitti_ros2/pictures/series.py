@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..errors import LackingError, UsageError
-from ..options import NOMINAL_PERIOD_NS
-from ..ordered_map import ordered_map
-from ..stamps import NS_PER_S
+from ..files.workers import ordered_map
+from ..model.errors import LackingError, UsageError
+from ..model.stamps import NS_PER_S
+from ..options.read import NOMINAL_PERIOD_NS
 from .frame_parts import name_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..drawing.pixels import Pixels
-    from ..picture_options import PictureOptions
-    from ..samples import Int64Array
+    from ..model.samples import Int64Array
+    from ..options.pictures import PictureOptions
     from .frame import Frame, FrameSource
     from .modes import Mode
 

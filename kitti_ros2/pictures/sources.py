@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bags.locate import is_bag
-from ..importer.bag_recording import BagRecording
-from ..importer.numbering import number_bag
-from ..importer.planned import look
+from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
+from ..own_bags.numbering import number_bag
+from ..own_bags.recording import BagRecording
 from .bag_frames import BagFrames
 from .recording_frames import RecordingFrames
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..importer.survey import Survey
-    from ..options import ReadOptions
+    from ..options.read import ReadOptions
     from .frame import FrameSource
 
 

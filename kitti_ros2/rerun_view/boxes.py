@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
-from ..boxes import DONT_CARE
 from ..drawing.palette import rgb_of
+from ..model.boxes import DONT_CARE
 from .entry import Entry, Shower, entity_path, image_frame
 from .survey import DETECTIONS_3D, frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
     from .entry import Moment
 
 _DONT_CARE_RGB = (120, 120, 120)

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
-from ..geometry import Transform
-from ..importer.camera_model import camera_model
+from ..model.geometry import Transform
+from ..rig.camera_info import camera_model
 from .entry import Entry, Shower, entity_path, image_frame
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
-    from ..geometry import Float64Array
-    from ..importer.camera_model import CameraModel
-    from ..importer.viewpoints import Viewpoint
     from ..messages.ros_types import CameraInfo
+    from ..model.geometry import Float64Array
+    from ..rig.camera_info import CameraModel
+    from ..rig.stereo import Viewpoint
     from .entry import Context, Moment
 
 _IMAGE_PLANE_M = 3.0

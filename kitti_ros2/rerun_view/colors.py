@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..samples import Float32Array
+    from ..model.samples import Float32Array
 
 # Nine of the colours of viridis (S. van der Walt, N. Smith; CC0), evenly spaced.
 _VIRIDIS = (

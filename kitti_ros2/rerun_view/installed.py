@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 
 
 def check_installed() -> None:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
-from ..geometry import Transform
 from ..messages.header import stamp_ns_of, transform_of
 from ..messages.ros_types import Marker
-from ..stamps import from_sec_nanosec
+from ..model.geometry import Transform
+from ..model.stamps import from_sec_nanosec
 from .boxes import unit_quaternions
 from .entry import Entry, Shower, entity_path
 from .survey import frame_name
@@ -24,7 +24,7 @@ from .survey import frame_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
     from .entry import Context, Moment
 
 _KINDS = {

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..importer.viewpoints import viewpoints
+from ..rig.stereo import viewpoints
 
 if TYPE_CHECKING:
-    from ..importer.camera_model import CameraModel
-    from ..importer.viewpoints import Viewpoint
+    from ..rig.camera_info import CameraModel
+    from ..rig.stereo import Viewpoint
     from .survey import Survey
 
 

@@ -22,7 +22,7 @@ from .show import make_recording, show
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..program import Program
+    from ..player.program import Program
     from .show import Report
 
 _BLOCK_BYTES = 1 << 20

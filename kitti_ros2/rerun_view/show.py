@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
-from ..one_line import one_line
-from ..readahead import ReadAhead
+from ..model.text import one_line
+from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
 from .entry import FRAME, TIME, Context, Curve, Moment
@@ -22,7 +22,7 @@ from .survey import make_survey
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
-    from ..program import Due, Program
+    from ..player.program import Due, Program
     from .entry import Shown
 
 APPLICATION = 'kitti_ros2'

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 from .show import make_recording, show
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..playing.ending import Ending
-    from ..program import Program
+    from ..player.ending import Ending
+    from ..player.program import Program
     from .show import Report
 
 _HOST = '127.0.0.1'

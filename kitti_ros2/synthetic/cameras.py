@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..samples import Image
+from ..model.samples import Image
 from .ground import Backdrop
 from .render import Canvas, draw_solids
 from .textures import Texture, as_picture, paint
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..geometry import Float64Array, Transform
+    from ..model.geometry import Float64Array, Transform
     from .scene import Look, PlacedSolid
     from .textures import Picture
 

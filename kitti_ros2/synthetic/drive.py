@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..labels import rect_from_velo
-from ..samples import Scan
-from ..stamps import NS_PER_S
+from ..model.labels import rect_from_velo
+from ..model.samples import Scan
+from ..model.stamps import NS_PER_S
 from .cameras import Cameras, encode_png
 from .labels import label_solids
 from .lidar import cast_scan, ground_reflectance, scan_points
@@ -24,9 +24,9 @@ from .rig import CAR_T_VELO, make_calibration
 from .scene import PlacedSolid, build_street, place_solids
 
 if TYPE_CHECKING:
-    from ..boxes import Box
-    from ..geometry import Float64Array, Transform
-    from ..samples import Calibration, Image, OxtsPacket
+    from ..model.boxes import Box
+    from ..model.geometry import Float64Array, Transform
+    from ..model.samples import Calibration, Image, OxtsPacket
     from .render import Canvas
     from .textures import Picture
 

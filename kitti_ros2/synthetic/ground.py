@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..geometry import rotation_to_rpy
+from ..model.geometry import rotation_to_rpy
 from .path import lane_y_array
 from .rig import SCANNER_HEIGHT
 from .scene import ROAD_CENTRE, ROAD_LEFT, ROAD_RIGHT
 from .textures import HAZE, as_picture, grained, without_colour
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array, Transform
+    from ..model.geometry import Float64Array, Transform
     from .textures import Colour, Picture
 
 _PER_METRE = 32

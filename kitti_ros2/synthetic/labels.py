@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..boxes import Box, alpha_of, clip_bounds, project_corners
 from ..kitti.box_frames import box_to_rect
+from ..model.boxes import Box, alpha_of, clip_bounds, project_corners
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..geometry import Float64Array, Transform
+    from ..model.geometry import Float64Array, Transform
     from .render import Canvas
     from .scene import PlacedSolid
 

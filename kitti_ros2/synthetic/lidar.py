@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..geometry import Float64Array, Transform
-    from ..samples import Float32Array
+    from ..model.geometry import Float64Array, Transform
+    from ..model.samples import Float32Array
     from .scene import PlacedSolid
 
 ELEVATIONS = np.radians(

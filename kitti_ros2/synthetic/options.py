@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..errors import UsageError
+from ..model.errors import UsageError
 
 MAX_FRAMES = 10_000
 FULL_SIZE = (1242, 375)

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..geometry import Transform, rotation_from_rpy, rotation_to_rpy
-from ..samples import OxtsPacket
+from ..model.geometry import Transform, rotation_from_rpy, rotation_to_rpy
+from ..model.samples import OxtsPacket
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 _Float = TypeVar('_Float', np.float32, np.float64)
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..geometry import Float64Array
-    from ..samples import Float32Array
+    from ..model.geometry import Float64Array
+    from ..model.samples import Float32Array
     from .scene import PlacedSolid
     from .textures import Picture
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Transform, rotation_from_rpy
-from ..samples import Calibration, CameraCalibration
+from ..model.geometry import Transform, rotation_from_rpy
+from ..model.samples import Calibration, CameraCalibration
 from .options import FULL_SIZE
 
 if TYPE_CHECKING:
-    from ..geometry import Float64Array
+    from ..model.geometry import Float64Array
 
 SCANNER_HEIGHT = 1.73
 """The scanner above the ground, metres."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..geometry import Transform, rotation_from_rpy
+from ..model.geometry import Transform, rotation_from_rpy
 from .path import SPEED, ego_x, lane_y, lane_yaw
 from .rig import CAR_T_VELO
 

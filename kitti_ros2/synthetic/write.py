@@ -9,12 +9,12 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
-from ..errors import OutputExistsError
 from ..kitti.write_object import ObjectWriter
 from ..kitti.write_odometry import OdometryWriter
 from ..kitti.write_raw import RawWriter
 from ..kitti.write_tracking import TrackingWriter
-from ..samples import Layout, Stream
+from ..model.errors import OutputExistsError
+from ..model.streams import Layout, Stream
 from .drive import SyntheticDrive
 
 if TYPE_CHECKING:

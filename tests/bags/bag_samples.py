@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from kitti_ros2.options import BagOptions
+    from kitti_ros2.options.bag import BagOptions
 
 VISION = {
     'vision_msgs/msg/ObjectHypothesis': 'string class_id\nfloat64 score',

@@ -24,8 +24,8 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from kitti_ros2.bags import mcap_chunk
 from kitti_ros2.bags.locate import reindex_advice
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
-from kitti_ros2.errors import BadBagError
-from kitti_ros2.options import BagOptions
+from kitti_ros2.model.errors import BadBagError
+from kitti_ros2.options.bag import BagOptions
 
 CASES = {
     'mcap': ('bag.mcap', BagOptions()),

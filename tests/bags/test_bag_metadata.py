@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from kitti_ros2.bags.contract import Tally
 from kitti_ros2.bags.metadata import bag_information, information_text, metadata_yaml, qos_text
-from kitti_ros2.options import BagOptions
+from kitti_ros2.options.bag import BagOptions
 
 texts = st.text(st.characters(exclude_categories=['Cs']), max_size=12)
 words = st.sampled_from(

@@ -19,8 +19,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from kitti_ros2.bags.decompressors import decompress_file
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import Channel, open_bag
-from kitti_ros2.errors import BadBagError
-from kitti_ros2.options import BagOptions
+from kitti_ros2.model.errors import BadBagError
+from kitti_ros2.options.bag import BagOptions
 
 
 @pytest.fixture(scope='module')

@@ -20,7 +20,7 @@ from rosbags.interfaces import QosDurability, QosReliability
 
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import Channel, open_bag
-from kitti_ros2.options import BagOptions
+from kitti_ros2.options.bag import BagOptions
 
 SECOND = 1_000_000_000
 CASES = {

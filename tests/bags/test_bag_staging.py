@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 from bag_samples import CHANNELS, jazzy, make_samples, write_bag
 
-from kitti_ros2.bags import staging as staging_module
 from kitti_ros2.bags.reader import summarize_bag
-from kitti_ros2.bags.staging import Staging
 from kitti_ros2.bags.writer import guess_storage, open_bag, output_path
-from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
-from kitti_ros2.options import BagOptions
+from kitti_ros2.files import staging as staging_module
+from kitti_ros2.files.staging import Staging
+from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
+from kitti_ros2.options.bag import BagOptions
 
 OUTPUTS = {
     'mcap file': ('bag.mcap', BagOptions()),

@@ -16,14 +16,16 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.diagnostics import WARN
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
-from kitti_ros2.playing.source import open_program
-from kitti_ros2.samples import Layout
-from kitti_ros2.settings import make_play_settings
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 
 pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')

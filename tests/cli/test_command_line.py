@@ -20,13 +20,13 @@ from folder_and_bag import make_holes
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.cli.config_file import load_config
-from kitti_ros2.errors import UsageError
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions
-from kitti_ros2.samples import Layout
-from kitti_ros2.setting_values import parse_bytes
-from kitti_ros2.settings import TO_BAG_OPTIONS, make_settings
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.parsers import parse_bytes
+from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip
 
@@ -381,7 +381,7 @@ def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, co
     slow = (
         # A background job of a shell ignores Ctrl-C, and so would what it starts.
         'import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n'
-        'import sys, time, kitti_ros2.encoder as e; old = e.Encoder.encode\n'
+        'import sys, time, kitti_ros2.exporter.encode as e; old = e.Encoder.encode\n'
         'def encode(self, entry):\n    time.sleep(0.3)\n    return old(self, entry)\n'
         'e.Encoder.encode = encode\n'
         'from kitti_ros2.cli import main; sys.exit(main())'

@@ -12,9 +12,9 @@ import pytest
 from builders import one_line
 
 from kitti_ros2.cli import main
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.pictures import movie
 from kitti_ros2.pictures.modes import MODES
-from kitti_ros2.samples import Layout
 
 NEEDS = {'camera': 'image', 'boxes': 'image', 'lidar': 'scan', 'bev': 'scan', 'panel': ''}
 

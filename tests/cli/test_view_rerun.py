@@ -15,8 +15,8 @@ from importlib.util import find_spec
 import pytest
 
 from kitti_ros2.cli.view_rerun import run_rerun
-from kitti_ros2.errors import OutputError, OutputExistsError, UsageError
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
+from kitti_ros2.model.streams import Layout
 
 needs_sdk = pytest.mark.skipif(find_spec('rerun') is None, reason='rerun-sdk is not installed')
 RUN = 'import sys; from pathlib import Path; from kitti_ros2.cli.view_rerun import run_rerun;'

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from kitti_ros2.boxes import Cuboid
 from kitti_ros2.drawing.objects import LabelledObject
 from kitti_ros2.drawing.projection import Projection
-from kitti_ros2.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.boxes import Cuboid
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 
 SIZE = (400, 200)
 FOCAL = 200.0

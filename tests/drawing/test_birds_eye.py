@@ -17,8 +17,8 @@ from kitti_ros2.drawing.birds_eye import (
     draw_footprints,
     draw_points_from_above,
 )
-from kitti_ros2.errors import UsageError
-from kitti_ros2.picture_options import BirdOptions
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.options.pictures import BirdOptions
 
 OPTIONS = BirdOptions((-5.0, 25.0), (-10.0, 10.0), 10.0)
 VIEW = BirdView.of(OPTIONS)

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, solid
 
-from kitti_ros2.boxes import DONT_CARE, clip_bounds, cuboid_corners
 from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
 from kitti_ros2.drawing.looks import caption_2d, class_color
 from kitti_ros2.drawing.objects import resized
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.drawing.wireframes import draw_wireframes
-from kitti_ros2.options import ReadOptions
+from kitti_ros2.model.boxes import DONT_CARE, clip_bounds, cuboid_corners
+from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.sources import open_frames
 
 EXPECTED_IOU = {

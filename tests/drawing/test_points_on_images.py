@@ -13,7 +13,7 @@ from scenes import SIZE, camera, canvas
 from kitti_ros2.drawing.points import draw_points, scatter
 from kitti_ros2.drawing.range_maps import range_maps
 from kitti_ros2.drawing.scales import EMPTY, SCALES, color_table
-from kitti_ros2.picture_options import ColorBy, ColorMap
+from kitti_ros2.options.pictures import ColorBy, ColorMap
 
 MIDDLE = (SIZE[1] // 2, SIZE[0] // 2)
 

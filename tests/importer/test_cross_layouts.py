@@ -9,18 +9,16 @@ import shutil
 import numpy as np
 import pytest
 
-from kitti_ros2.convert import convert
-from kitti_ros2.importer.planned import convert_by_plan, guess, look
+from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.labels import cuboids_of, rect_from_velo
-from kitti_ros2.options import (
-    BagOptions,
-    ImportOptions,
-    MessageOptions,
-    ReadOptions,
-    SelectionOptions,
-)
-from kitti_ros2.samples import Layout, Stream
+from kitti_ros2.model.labels import cuboids_of, rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 LABELLED = {Layout.RAW, Layout.OBJECT, Layout.TRACKING}
 

@@ -14,10 +14,10 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.planned import convert_by_plan, guess, look
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti import names
-from kitti_ros2.options import ImportOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.importing import ImportOptions
 
 TRUTH = foreign.make_truth()
 

@@ -14,17 +14,19 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import Channel, open_bag
-from kitti_ros2.boxes import box_corners, box_of, project_corners
-from kitti_ros2.errors import BadFileError, LackingError, UsageError
+from kitti_ros2.files.png.decode import decode_png
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import Incomplete
-from kitti_ros2.importer.planned import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses_file import parse_poses
-from kitti_ros2.labels import rect_from_velo
 from kitti_ros2.messages.header import stamp_ns_of
-from kitti_ros2.messages.png import decode_png
-from kitti_ros2.options import BagOptions, ImportOptions, ReadOptions
-from kitti_ros2.samples import Layout, Stream
+from kitti_ros2.model.boxes import box_corners, box_of, project_corners
+from kitti_ros2.model.errors import BadFileError, LackingError, UsageError
+from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.read import ReadOptions
 
 TRUTH = foreign.make_truth()
 SIZE = np.array(foreign.SIZE)

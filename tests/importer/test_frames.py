@@ -7,14 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kitti_ros2.errors import UsageError
-from kitti_ros2.geometry import Transform
 from kitti_ros2.importer import survey as types
-from kitti_ros2.importer.ego import PoseTrack
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
+from kitti_ros2.importer.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey, TopicSurvey
-from kitti_ros2.samples import Layout, Stream
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.streams import Layout, Stream
 
 MS = 1_000_000
 

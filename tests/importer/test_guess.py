@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.errors import LackingError
-from kitti_ros2.geometry import Transform
 from kitti_ros2.importer import survey as types
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey, TopicSurvey
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.streams import Layout
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 PATH = Path('bag.mcap')

@@ -15,16 +15,17 @@ from mcap.writer import Writer
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.errors import KittiRos2Error, LackingError, UsageError
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import parse_plan
-from kitti_ros2.importer.planned import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
 from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.options import BagOptions, ImportOptions
-from kitti_ros2.samples import Layout, Stream
+from kitti_ros2.model.errors import KittiRos2Error, LackingError, UsageError
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.importing import ImportOptions
 
 TRUTH = foreign.make_truth()
 POINTS = '/sensors/ouster/points'

@@ -13,17 +13,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.boxes import (
-    Box,
-    Cuboid,
-    alpha_of,
-    box_corners,
-    clip_bounds,
-    cuboid_of,
-    project_corners,
-    unit_corners,
-)
-from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.importer.cuboids import (
     ABSURD,
     AS_LINES,
@@ -33,15 +22,26 @@ from kitti_ros2.importer.cuboids import (
 )
 from kitti_ros2.importer.labels import TrackIds, class_name, make_boxes, max_tilt
 from kitti_ros2.kitti.label_file import format_object_labels, parse_boxes
-from kitti_ros2.labels import rect_from_velo
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import Frames
 from kitti_ros2.messages.ros_types import Marker, Point, Pose, Quaternion, Vector3
-from kitti_ros2.options import MarkerOptions
-from kitti_ros2.samples import CameraCalibration
+from kitti_ros2.model.boxes import (
+    Box,
+    Cuboid,
+    alpha_of,
+    box_corners,
+    clip_bounds,
+    cuboid_of,
+    project_corners,
+    unit_corners,
+)
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.samples import CameraCalibration
+from kitti_ros2.options.messages import MarkerOptions
 from kitti_ros2.synthetic.rig import make_calibration
 
 SIZE = (1242, 375)

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.errors import OutputExistsError
 from kitti_ros2.importer.output import staged
+from kitti_ros2.model.errors import OutputExistsError
 
 
 def write(stage, *names):

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.errors import UsageError
 from kitti_ros2.importer.plan import (
     CameraPlan,
     Incomplete,
@@ -23,7 +22,8 @@ from kitti_ros2.importer.plan import (
     parse_plan,
     parse_sequence,
 )
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.streams import Layout
 
 PATH = Path('plan.yaml')
 LEAST = 'layout: object\nname: training\nreference: scan\ntolerance_s: 0.05\n'

@@ -9,8 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.errors import BadFileError
-from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.kitti.calib_file import (
     format_object,
     format_odometry,
@@ -19,7 +17,9 @@ from kitti_ros2.kitti.calib_file import (
     parse_calibration,
     parse_raw_calibration,
 )
-from kitti_ros2.samples import Calibration, CameraCalibration
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.samples import Calibration, CameraCalibration
 
 PATH = Path('calib/000000.txt')
 SMALL_ANGLES = st.floats(-0.5, 0.5)

@@ -9,8 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.boxes import Box
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.label_file import (
     EMPTY_OBJECT_LINE,
     format_object_box,
@@ -21,6 +19,8 @@ from kitti_ros2.kitti.label_file import (
     parse_boxes,
     parse_labels,
 )
+from kitti_ros2.model.boxes import Box
+from kitti_ros2.model.errors import BadFileError
 
 KITTI = Path(__file__).resolve().parents[3] / 'shared' / 'kitti'
 PATH = Path('label_2/000007.txt')

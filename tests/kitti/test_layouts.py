@@ -6,15 +6,15 @@ import re
 
 import pytest
 
-from kitti_ros2.errors import (
+from kitti_ros2.kitti.layouts import guess_layout, open_recording
+from kitti_ros2.model.errors import (
     AmbiguousLayoutError,
     AmbiguousSequenceError,
     NotKittiError,
     UsageError,
 )
-from kitti_ros2.kitti.layouts import guess_layout, open_recording
-from kitti_ros2.options import ReadOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import ReadOptions
 
 
 def put(folder, *names: str) -> None:

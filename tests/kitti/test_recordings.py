@@ -9,20 +9,13 @@ import shutil
 import numpy as np
 import pytest
 
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import ReadOptions
-from kitti_ros2.samples import (
-    FrameLabels,
-    Image,
-    Layout,
-    OxtsPacket,
-    Pose,
-    Scan,
-    Stream,
-    format_numbers,
-)
-from kitti_ros2.stamps import format_stamp
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.losses import format_numbers
+from kitti_ros2.model.samples import FrameLabels, Image, OxtsPacket, Pose, Scan
+from kitti_ros2.model.stamps import format_stamp
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
 
 from builders import SMALL, png_bytes  # isort: skip

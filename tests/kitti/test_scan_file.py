@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.scan_file import format_scan, format_scan_text, parse_scan, parse_scan_text
+from kitti_ros2.model.errors import BadFileError
 
 POINTS = arrays.arrays(
     np.float32,

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
 from kitti_ros2.kitti.poses_file import format_poses, parse_poses
 from kitti_ros2.kitti.stamps_file import (
@@ -23,8 +22,9 @@ from kitti_ros2.kitti.stamps_file import (
     parse_timestamps,
 )
 from kitti_ros2.kitti.store import STORE
-from kitti_ros2.samples import OxtsPacket
-from kitti_ros2.stamps import LAST_NS
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.samples import OxtsPacket
+from kitti_ros2.model.stamps import LAST_NS
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 

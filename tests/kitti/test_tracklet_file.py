@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.boxes import unit_corners
-from kitti_ros2.errors import BadFileError
 from kitti_ros2.kitti import tracklet_file
 from kitti_ros2.kitti.tracklet_file import (
     Tracklet,
@@ -20,6 +18,8 @@ from kitti_ros2.kitti.tracklet_file import (
     format_tracklets,
     parse_tracklets,
 )
+from kitti_ros2.model.boxes import unit_corners
+from kitti_ros2.model.errors import BadFileError
 
 PATH = 'drive/tracklet_labels.xml'
 COORDINATE = st.floats(-1e3, 1e3)

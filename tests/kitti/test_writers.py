@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.boxes import Box
-from kitti_ros2.errors import UsageError
 from kitti_ros2.kitti.box_frames import box_to_rect, box_to_velo
 from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.oxts_file import COLUMNS
@@ -22,8 +20,11 @@ from kitti_ros2.kitti.write_object import ObjectWriter
 from kitti_ros2.kitti.write_odometry import OdometryWriter
 from kitti_ros2.kitti.write_raw import DATAFORMAT, RawWriter, fill_stamps
 from kitti_ros2.kitti.write_tracking import TrackingWriter, truncation_level
-from kitti_ros2.labels import rect_from_velo
-from kitti_ros2.samples import Scan, Stream
+from kitti_ros2.model.boxes import Box
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.samples import Scan
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.synthetic.path import motion_at, packet_of
 from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.camera_info import (
@@ -21,7 +20,8 @@ from kitti_ros2.messages.camera_info import (
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.naming import Frames, make_frames
 from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
-from kitti_ros2.options import Preset
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.options.messages import Preset
 
 BASE_T_IMU = Transform.from_translation((-0.05, 0.32, 0.93))
 TOLERANCE_PX = 0.01

@@ -17,7 +17,7 @@ from kitti_ros2.messages.clouds import decode_cloud, guess_intensity_scale
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import PointCloud2, PointField
 from kitti_ros2.messages.scan import encode_scan
-from kitti_ros2.samples import Scan
+from kitti_ros2.model.samples import Scan
 
 KINDS = ['i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8']
 FLOATS = ['f4', 'f8']

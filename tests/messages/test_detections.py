@@ -15,8 +15,6 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import Channel, open_bag
-from kitti_ros2.boxes import Box, Cuboid
-from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import (
     decode_boxes_2d,
@@ -26,7 +24,9 @@ from kitti_ros2.messages.detections import (
 )
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions
+from kitti_ros2.model.boxes import Box, Cuboid
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.options.bag import BagOptions
 
 STAMP = 1317042145951199337
 DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.geometry import Transform, rotation_from_rpy
-from kitti_ros2.kitti.png_file import parse_image
+from kitti_ros2.files.png.decode import decode_png
+from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
 from kitti_ros2.messages.image import (
@@ -32,7 +32,6 @@ from kitti_ros2.messages.oxts import (
     encode_velocity,
     position_mode,
 )
-from kitti_ros2.messages.png import decode_png
 from kitti_ros2.messages.pose import (
     decode_odometry,
     decode_path,
@@ -51,7 +50,8 @@ from kitti_ros2.messages.source import (
     encode_text,
 )
 from kitti_ros2.messages.transforms import decode_static, encode_static
-from kitti_ros2.samples import OxtsPacket, Pose, Scan, TextFile, Trajectory
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.samples import OxtsPacket, Pose, Scan, TextFile, Trajectory
 
 from builders import png_bytes  # isort: skip
 

@@ -16,16 +16,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.errors import UsageError
-from kitti_ros2.geometry import Transform, rotation_from_rpy
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import Frames
 from kitti_ros2.messages.ros_types import Marker
-from kitti_ros2.options import MarkerColors, MarkerOptions
+from kitti_ros2.model.boxes import EDGES, Cuboid, unit_corners
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.options.messages import MarkerColors, MarkerOptions
 
 STAMP = 1317042145951199337
 KINDS = {'box': Marker.CUBE, 'edges': Marker.LINE_LIST, 'heading': Marker.ARROW,

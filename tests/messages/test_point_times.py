@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as arrays
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.clouds import decode_cloud
 from kitti_ros2.messages.scan import decode_points, decode_scan, encode_scan, rings, times
-from kitti_ros2.samples import Scan, Turn
+from kitti_ros2.model.samples import Scan, Turn
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,8 +18,8 @@ import time
 import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
-from kitti_ros2.errors import LackingError
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.errors import LackingError
 from kitti_ros2.node.message_types import message_class
 
 LOOK_EVERY_S = 0.1

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy')
 
@@ -18,7 +18,7 @@ import live
 from kitti_ros2.cli.ending import Ending
 from kitti_ros2.node import closing, run
 from kitti_ros2.node.closing import EXIT_S, Closing
-from kitti_ros2.playing.session import LAST_WAIT_S
+from kitti_ros2.player.session import LAST_WAIT_S
 
 # A player whose node is as one of Cyclone DDS while a subscriber acknowledges nothing.
 STUCK = """

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.errors import UsageError
-from kitti_ros2.options import AtEnd, PlaybackOptions
-from kitti_ros2.playback import Playback, Send
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.options.playback import AtEnd, PlaybackOptions
+from kitti_ros2.player.playback import Playback, Send
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -6,12 +6,14 @@ import hashlib
 
 import pytest
 
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import BagOptions, MessageOptions, SelectionOptions
-from kitti_ros2.playing.source import open_program
-from kitti_ros2.samples import Layout
-from kitti_ros2.settings import make_play_settings
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -19,8 +19,8 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from kitti_ros2.errors import LackingError
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.errors import LackingError
 from kitti_ros2.node import rosidl_structs as structs
 from kitti_ros2.node.message_fields import defined_hash, references_of
 from kitti_ros2.node.message_types import _runtime_class, message_class, type_hash

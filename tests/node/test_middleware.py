@@ -14,10 +14,10 @@ pytest.importorskip('rclpy', reason='needs rclpy')
 import live
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from kitti_ros2.errors import UsageError
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.node.creation import create_node
 from kitti_ros2.node.middleware import _use_profile, cyclone_settings, stays_on_this_machine
-from kitti_ros2.samples import Layout
 
 # As Cyclone DDS 11.0.1 writes them where its settings are wrong.
 ELEMENT = 'config: //CycloneDDS/Domain/General: Bogus: unknown element (CYCLONEDDS_URI+0 line 1)'

@@ -12,12 +12,14 @@ import time
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions, Images, MessageOptions, SelectionOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -4,7 +4,7 @@
 
 import pytest
 
-from kitti_ros2.errors import UsageError
+from kitti_ros2.model.errors import UsageError
 
 pytest.importorskip('rclpy', reason='needs rclpy')
 

@@ -6,10 +6,12 @@ import threading
 
 import pytest
 
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import BagOptions, MessageOptions, SelectionOptions
-from kitti_ros2.samples import Layout
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -13,15 +13,17 @@ import pytest
 from folder_and_bag import BAGS, OBJECT_NUMBERS, make_bag, make_holes
 
 from kitti_ros2.cli import main
-from kitti_ros2.importer.numbering import BY_POSITION
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.options import Bound, Images, ReadOptions, SelectionOptions
-from kitti_ros2.picture_options import PictureOptions
+from kitti_ros2.model.streams import Clock, Layout, Stream
+from kitti_ros2.options.messages import Images
+from kitti_ros2.options.pictures import PictureOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.panel import draw_panel
-from kitti_ros2.pictures.report import gather
 from kitti_ros2.pictures.sources import open_frames
-from kitti_ros2.samples import Clock, Layout, Stream
+from kitti_ros2.report import gather
 
 ANY = ReadOptions()
 LINE = 'Car 0.00 0 -1.57 100.00 50.00 200.00 90.00 1.50 1.60 3.90 1.00 1.60 12.00 -1.57 0.91\n'

@@ -12,15 +12,16 @@ import pytest
 
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
-from kitti_ros2.errors import LackingError, UsageError
-from kitti_ros2.options import ReadOptions
-from kitti_ros2.picture_options import BirdOptions, PictureOptions
+from kitti_ros2.model.errors import LackingError, UsageError
+from kitti_ros2.model.samples import FrameLabels
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.pictures import BirdOptions, PictureOptions
+from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.frame import Frame
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel import BIRD, BOXES_2D, CLASSES, DISTANCE, INTENSITY, LIDAR, SIZE
 from kitti_ros2.pictures.sources import open_frames
-from kitti_ros2.samples import FrameLabels, Layout
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
 ANY = PictureOptions()

@@ -7,11 +7,12 @@ from __future__ import annotations
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.bag_program import BagProgram
 from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.options import BagOptions, SelectionOptions
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.player.bag_program import BagProgram
 
 
 def every_type():

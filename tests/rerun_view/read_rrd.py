@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from kitti_ros2.program import Program
+    from kitti_ros2.player.program import Program
     from kitti_ros2.rerun_view.show import Report
 
 

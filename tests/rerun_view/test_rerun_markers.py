@@ -9,14 +9,14 @@ import pytest
 
 pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 
-from kitti_ros2.boxes import Cuboid
-from kitti_ros2.geometry import Transform, rotation_from_rpy
-from kitti_ros2.importer.numbering import BY_POSITION
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.markers import encode_clear, encode_markers
 from kitti_ros2.messages.naming import Frames
 from kitti_ros2.messages.ros_types import TYPESTORE, Marker, Point, Pose, Quaternion
-from kitti_ros2.options import MarkerOptions
+from kitti_ros2.model.boxes import Cuboid
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.options.messages import MarkerOptions
+from kitti_ros2.own_bags.numbering import BY_POSITION
 
 ARRAY = 'visualization_msgs/msg/MarkerArray'
 T0 = 1_700_000_000_000_000_000

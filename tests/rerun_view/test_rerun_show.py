@@ -14,16 +14,18 @@ pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 import foreign
 from read_rrd import show_in
 
-from kitti_ros2.bag_program import BagProgram
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.convert import convert
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.options import BagOptions, Bound, MessageOptions, SelectionOptions
-from kitti_ros2.program import RecordingProgram
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.player.bag_program import BagProgram
+from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.rerun_view.blueprint import chosen_cameras
 from kitti_ros2.rerun_view.survey import make_survey
-from kitti_ros2.samples import Layout, Stream
 
 ALL = SelectionOptions()
 POINTS = '/kitti/velo/points'

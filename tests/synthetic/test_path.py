@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.geometry import Transform, rotation_from_rpy
-from kitti_ros2.stamps import NS_PER_S
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.stamps import NS_PER_S
 from kitti_ros2.synthetic.path import GRAVITY, motion_at
 from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
 
 if TYPE_CHECKING:
-    from kitti_ros2.geometry import Float64Array
-    from kitti_ros2.samples import OxtsPacket
+    from kitti_ros2.model.geometry import Float64Array
+    from kitti_ros2.model.samples import OxtsPacket
     from kitti_ros2.synthetic import SyntheticDrive
 
 CALIBRATION = make_calibration()

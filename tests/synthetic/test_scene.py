@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from kitti_ros2.kitti.box_frames import box_to_velo
-from kitti_ros2.labels import rect_from_velo
+from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import MAX_RANGE
 from kitti_ros2.synthetic.rig import SCANNER_HEIGHT
 
 if TYPE_CHECKING:
-    from kitti_ros2.boxes import Box
-    from kitti_ros2.geometry import Float64Array
+    from kitti_ros2.model.boxes import Box
+    from kitti_ros2.model.geometry import Float64Array
 
 BUMPER = 0.02
 

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.errors import OutputExistsError, UsageError
+from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.calib_file import parse_calibration
 from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.kitti.png_file import parse_image
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.kitti.scan_file import parse_scan
 from kitti_ros2.kitti.stamps_file import parse_timestamps
-from kitti_ros2.labels import rect_from_velo
-from kitti_ros2.samples import Layout, Scan, Stream
+from kitti_ros2.model.errors import OutputExistsError, UsageError
+from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.samples import Scan
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
 
 if TYPE_CHECKING:

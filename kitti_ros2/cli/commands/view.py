@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from ...errors import UsageError
+from ...model.errors import UsageError
 from .shared import LayoutOption, QuietOption, SequenceOption
 
 

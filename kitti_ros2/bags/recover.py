@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag that was cut off or damaged -> a sound one: every message that can be read, as it was."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..files.staging import lies_inside
+from ..model.errors import BadBagError, KittiRos2Error, UsageError
+from ..options.bag import COMPRESSIONS, BagOptions
+from .locate import locate_bag
+from .message_source import BagMessages
+from .ros1_copy import Ros1Copy
+from .writer import Channel, guess_storage, open_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from .locate import BagFiles
+    from .message_source import BagMessage
+    from .pieces import SourceChannel
+    from .writer import BagWriter
+
+_DEPTH = 10  # of an offered QoS that keeps nothing for late subscribers
+
+# Stamps that a storage cannot tell, from which on; a damaged record may have any.
+_LATEST_NS = {'mcap': 2**63, 'sqlite3': 2**63, 'ros1': 2**32 * 10**9}
+
+
+@dataclass(frozen=True)
+class RecoveryReport:
+    """What was recovered.
+
+    Attributes:
+        path: The sound bag.
+        counts: Messages by topic; topics without messages among them.
+        size_bytes: Of all messages.
+        losses: What was damaged or left out, one line each.
+        lost: Messages that are known to be lost.
+        lost_exactly: Whether there are no others.
+        notes: What is worth a word and no loss.
+    """
+
+    path: Path
+    counts: dict[str, int]
+    size_bytes: int
+    losses: tuple[str, ...]
+    lost: int
+    lost_exactly: bool
+    notes: tuple[str, ...]
+
+
+def recover(
+    path: Path,
+    out: Path,
+    storage: str | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] = lambda _done, _expected: None,
+) -> RecoveryReport:
+    """Write what can be read of a bag to a sound one, in the order of log times.
+
+    Args:
+        path: The bag, of any kind.
+        out: The sound bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
+        storage: mcap, sqlite3 or ros1; by default as out's ending says, or as the bag has it.
+        overwrite: Whether an existing bag may be replaced.
+        progress: Called with the messages done and the messages that there may be.
+
+    Raises:
+        BadBagError: It is no bag, or cannot be read at all.
+        UsageError: The storage and out's ending contradict each other, or out is the bag itself.
+        OutputExistsError: Something is there already and may not be replaced.
+        OutputError: It cannot be written.
+    """
+    bag = locate_bag(path)
+    _refuse_itself(path, out)
+    chosen = storage or (None if out.suffix in {'.mcap', '.bag'} else bag.storage)
+    storage = guess_storage(out, chosen)
+    verbatim = bag.storage != 'ros1' or storage == 'ros1'
+    with BagMessages([bag], as_stored=verbatim) as messages:
+        options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
+        with _open_copy(bag, out, options, messages) as writer:
+            copy = _Copy(writer, messages, storage)
+            expected = messages.expected
+            for done, message in enumerate(messages, 1):
+                copy.take(message)
+                progress(done, expected)
+            if messages.losses and not any(copy.counts.values()):
+                reason = next(iter(messages.losses))
+                found = f'holds no message that can be read ({reason})'
+                raise BadBagError(path, found, 'one at least')
+    losses = {**messages.losses, **copy.losses}
+    return RecoveryReport(
+        path=writer.path,
+        counts=copy.counts,
+        size_bytes=copy.size_bytes,
+        losses=tuple(losses),
+        lost=sum(filter(None, losses.values())),
+        lost_exactly=None not in losses.values(),
+        notes=tuple(each for each in messages.warnings if each not in losses),
+    )
+
+
+class _Copy:
+    """Writes messages as they come, and counts those that the new bag cannot hold.
+
+    Attributes:
+        counts: Messages by topic.
+        size_bytes: Of all messages.
+        losses: What cannot be written, and how many messages that costs.
+    """
+
+    def __init__(self, writer: BagWriter | Ros1Copy, messages: BagMessages, storage: str) -> None:
+        self._writer = writer
+        self._storage = storage
+        self._ids: dict[str, int] = {}
+        self._unwritten: dict[str, str] = {}
+        self._first_lost: dict[tuple[str, str], str] = {}
+        self.counts: dict[str, int] = {}
+        self.size_bytes = 0
+        self.losses: Counter[str] = Counter()
+        for topic, channel in sorted(messages.sources.items()):
+            try:
+                self._ids[topic] = _add(writer, channel)
+            except KittiRos2Error:
+                raise
+            except Exception as error:  # noqa: BLE001 - types of any kind
+                text = f'{topic}: {channel.msgtype} cannot be written to {storage} ({error})'
+                self._unwritten[topic] = text
+                self.losses[text] = 0
+            else:
+                self.counts[topic] = 0
+
+    def take(self, message: BagMessage) -> None:
+        """Write a message.
+
+        Raises:
+            OutputError: The disk refuses.
+        """
+        topic = message.topic
+        if topic not in self._ids:
+            self.losses[self._unwritten[topic]] += 1
+            return
+        try:
+            _check_stamp(message.stamp_ns, self._storage)
+            self._writer.write(self._ids[topic], message.stamp_ns, [message.data])
+        except KittiRos2Error:
+            raise
+        except Exception as error:  # noqa: BLE001 - converters let anything out
+            key = (topic, str(error))
+            text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({error})'
+            self.losses[self._first_lost.setdefault(key, text)] += 1
+            return
+        self.counts[topic] += 1
+        self.size_bytes += len(message.data)
+
+
+def _add(writer: BagWriter | Ros1Copy, channel: SourceChannel) -> int:
+    if isinstance(writer, Ros1Copy):
+        return writer.add_channel(channel)
+    depth = channel.latched_depth
+    return writer.add_channel(
+        Channel(channel.topic, channel.msgtype, latched=depth > 0, depth=depth or _DEPTH)
+    )
+
+
+def _check_stamp(stamp_ns: int, storage: str) -> None:
+    if not 0 <= stamp_ns < _LATEST_NS[storage]:
+        raise ValueError(f'{storage} has no such time')
+
+
+def _open_copy(
+    bag: BagFiles, out: Path, options: BagOptions, messages: BagMessages
+) -> BagWriter | Ros1Copy:
+    if bag.storage == options.storage == 'ros1':
+        return Ros1Copy(out, options)
+    return open_bag(out, options, messages.typestore)
+
+
+def _compression(messages: BagMessages, storage: str) -> str:
+    """The bag's own compression, where the new storage knows it."""
+    known = sorted(messages.compressions & COMPRESSIONS[storage].keys() - {'none'})
+    return known[0] if known else 'none'
+
+
+def _refuse_itself(path: Path, out: Path) -> None:
+    if lies_inside(out, path):
+        raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')

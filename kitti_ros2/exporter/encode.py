@@ -1,0 +1,302 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recording's samples as serialised messages, for the converter to write or a node to publish."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..files.png.decode import decode_png
+from ..messages.map_frame import has_no_gravity
+from ..messages.mounts import with_nominal_mounts
+from ..messages.naming import image_topic
+from ..messages.source import promise
+from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
+from ..model.errors import KittiRos2Error, LackingError
+from ..model.losses import format_numbers
+from ..model.samples import Calibration, Description, FrameLabels, Scan
+from ..model.stamps import NS_PER_S
+from ..model.streams import CAMERA_NAMES, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+
+    from ..messages.cdr import Parts
+    from ..messages.pixels import Pixels
+    from ..messages.topics import Topic
+    from ..model.losses import Loss
+    from ..model.recording import Recording
+    from ..model.samples import Image, Sample
+    from ..options.messages import MessageOptions
+    from ..options.selection import SelectionOptions
+    from .schedule import Entry, Schedule
+
+_KINDS = {
+    Calibration: Stream.CALIBRATION,
+    Description: Stream.RECORDING,
+    FrameLabels: Stream.LABELS,
+    Scan: Stream.SCAN,
+}
+_IN_MAP = (Stream.POSE, Stream.PATH)
+_AFFECTED = {
+    Stream.OXTS: (Stream.OXTS, Stream.POSE, Stream.PATH),
+    Stream.POSE: (Stream.POSE, Stream.PATH),
+}
+"""The streams that a loss concerns, where these are more than its own; and trails are of poses."""
+
+_CAMERA_PART = re.compile(r'P\d')
+
+
+@dataclass(frozen=True)
+class Message:
+    """One serialised message.
+
+    Attributes:
+        topic: Index of its row in Encoder.table.
+        stamp_ns: Header stamp and log time.
+        parts: CDR, in buffers that follow one another.
+        key: What it depends on, where one equal to the topic's last need not be sent again.
+    """
+
+    topic: int
+    stamp_ns: int
+    parts: Parts
+    key: Hashable = None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One message that cannot be had, and why: topics is what it costs."""
+
+    topics: tuple[str, ...]
+    error: KittiRos2Error | OSError
+
+
+class Encoder:
+    """Turns schedule entries into messages; safe to call from several threads at once.
+
+    Attributes:
+        table: The rows that are made, in the order of Message.topic.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        schedule: Schedule,
+        options: MessageOptions,
+        selection: SelectionOptions,
+    ) -> None:
+        images = image_topic(recording.layout, recording.image_topic, options.preset)
+        table = make_table(recording.cameras, images, options)
+        selected = select_topics(table, selection.topics)
+        self._selected = _selected_streams(recording, options, selection)
+        self._schedule = schedule
+        self._unmatched = unmatched(table, selection.topics)
+        due = {stream for stream in Stream if schedule.count(stream)}
+        self.table: list[Topic] = [row for row in selected if row.stream in due]
+        self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
+        for index, row in enumerate(self.table):
+            self._rows[row.stream].append((index, row))
+        self._recording = recording
+        self._rig = make_rig(recording, options)
+        self._pose_numbers = schedule.numbers_of(Stream.POSE)
+        self._nominal: set[str] = set()
+
+    def encode(
+        self, entry: Entry, wanted: Collection[int] | None = None
+    ) -> tuple[list[Message], list[Failure]]:
+        """The messages of one sample, and what could not be made of it.
+
+        Args:
+            entry: Which sample.
+            wanted: Indices of the rows with a subscriber; rows on demand are left out where they
+                are not among them. None makes all.
+        """
+        rows = self._rows[entry.stream]
+        if wanted is not None:
+            rows = [(index, row) for index, row in rows if index in wanted or not row.on_demand]
+        if not rows:
+            return [], []
+        path = self._recording.path(entry.stream, entry.number)
+        try:
+            sample = self._read(entry)
+        except (KittiRos2Error, OSError) as error:
+            return [], [Failure(tuple(row.name for _, row in rows), error)]
+        if isinstance(sample, Calibration):
+            self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
+        moment = Moment(
+            self._rig,
+            entry.stamp_ns,
+            path,
+            lambda: self._recording.calibration(entry.number),
+            lambda: self._recording.trails(entry.number),
+            entry.stream.camera or 0,
+            _once(decode_png),
+            lambda: self._labels_of(entry.number),
+        )
+        return self._serialize(rows, sample, moment)
+
+    def left_out(self, stream: Stream, wanted: Collection[int]) -> list[int]:
+        """The rows of a stream that encode leaves out: on demand, and not wanted."""
+        return [index for index, row in self._rows[stream] if row.on_demand and index not in wanted]
+
+    def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
+        """The losses among a recording's that a selection would have wanted."""
+        parts = map(self._concerned, losses)
+        return [part for part in parts if part is not None]
+
+    def _concerned(self, loss: Loss) -> Loss | None:
+        own = Stream(loss.stream)
+        trails = (Stream.LABELS,) if self._rig.options.markers.trails else ()
+        for stream in (*_AFFECTED[own], *trails) if own in _AFFECTED else (own,):
+            part = self._schedule.concerned(replace(loss, stream=stream.value))
+            if stream in self._selected and part is not None:
+                return part
+        return None
+
+    def notes(self) -> tuple[str, ...]:
+        """Non-fatal remarks on the samples encoded so far."""
+        notes = [
+            f'{part}: not in the calibration, a nominal value is used'
+            for part in sorted(self._nominal)
+        ]
+        remarks = (self._map_note(), self._compensation_note(), self._turn_note())
+        notes += [remark for remark in remarks if remark]
+        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+
+    def _map_note(self) -> str:
+        if not has_no_gravity(self._recording.start, self._rig.options.map) or not any(
+            row.stream in _IN_MAP for row in self.table
+        ):
+            return ''
+        return (
+            f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
+            f' layout has no gravity'
+        )
+
+    def _compensation_note(self) -> str:
+        turns, timed = self._recording.turns, self._rig.options.ring_and_time
+        if not timed or all(number in turns for number, _ in self._scans_due()):
+            return ''
+        return (
+            'points have ring but no time: KITTI has compensated these scans for motion,'
+            ' so all points of a scan are of one moment'
+        )
+
+    def _turn_note(self) -> str:
+        """The scans whose turn is assumed, where their time or stamp depends on it."""
+        turns, timed = self._recording.turns, self._rig.options.ring_and_time
+        found = {
+            number: turns[number]
+            for number, stamp_ns in self._scans_due()
+            if number in turns and (timed or stamp_ns == turns[number].start_ns)
+        }
+        nominal = sorted(number for number, turn in found.items() if turn.nominal)
+        if not nominal:
+            return ''
+        return (
+            f'start and end of the turn are missing for scans {format_numbers(nominal)}: a nominal'
+            f' turn of {found[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
+            f' middle'
+        )
+
+    def _scans_due(self) -> Iterator[tuple[int, int]]:
+        """File number and stamp of the scans that are made into messages."""
+        if self._rows[Stream.SCAN]:
+            for entry in self._schedule:
+                if entry.stream is Stream.SCAN:
+                    yield entry.number, entry.stamp_ns
+
+    def _labels_of(self, number: int) -> FrameLabels:
+        """The labels of an image's frame; none where the frame has none."""
+        if number not in self._labelled:
+            return FrameLabels()
+        labels = self._recording.read(Stream.LABELS, number)
+        return labels if isinstance(labels, FrameLabels) else FrameLabels()
+
+    @cached_property
+    def _labelled(self) -> frozenset[int]:
+        """The numbers of the frames with labels; without common numbers none is an image's."""
+        index = self._recording.streams.get(Stream.LABELS)
+        if index is None or not self._recording.common_numbers:
+            return frozenset()
+        return frozenset(index.numbers.tolist())
+
+    @staticmethod
+    def _serialize(
+        rows: Sequence[tuple[int, Topic]], sample: Sample, moment: Moment
+    ) -> tuple[list[Message], list[Failure]]:
+        messages: list[Message] = []
+        failures: list[Failure] = []
+        for index, row in rows:
+            try:
+                serialized = row.serialize(sample, moment)
+            except (KittiRos2Error, OSError) as error:  # of its own, or of what it also reads
+                failures.append(Failure((row.name,), error))
+                continue
+            key = row.change_key(sample) if row.change_key else None
+            messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
+        return messages, failures + _lacking(sample)
+
+    def _read(self, entry: Entry) -> Sample:
+        if entry.stream is Stream.RECORDING:
+            return self._describe()
+        if entry.stream is Stream.PATH:
+            return self._recording.trajectory(self._pose_numbers)
+        return self._recording.read(entry.stream, entry.number)
+
+    def _describe(self) -> Description:
+        """The recording as a whole, and which of its files the messages carry.
+
+        A sample that turns out to be unreadable is among them: the description is sent first.
+        """
+        carried = {
+            row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
+        }
+        numbered = Stream.CALIBRATION in self._recording.streams
+        calibrations: list[str] = []
+        if Stream.CALIBRATION in carried and not numbered:
+            calibrations = [file.name for file in self._recording.calibration(0).files]
+        return promise(self._recording.describe(), carried, calibrations)
+
+
+def _selected_streams(
+    recording: Recording, options: MessageOptions, selection: SelectionOptions
+) -> set[Stream]:
+    """The streams that a selection by topics takes; a camera that is lost as a whole is one."""
+    if not selection.topics:
+        return set(Stream)
+    lost = {Stream(loss.stream).camera for loss in recording.losses}
+    cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
+    images = image_topic(recording.layout, recording.image_topic, options.preset)
+    table = make_table({**cameras, **recording.cameras}, images, options)
+    return {row.stream for row in select_topics(table, selection.topics)}
+
+
+def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
+    """A decoder for one image, which several messages are made of."""
+    made: list[Pixels] = []
+
+    def decoded(image: Image) -> Pixels:
+        if not made:
+            made.append(decode(image))
+        return made[0]
+
+    return decoded
+
+
+def _lacking(sample: Sample) -> list[Failure]:
+    """What a calibration or description should hold and does not.
+
+    A camera's own part is counted with its camera_info.
+    """
+    if not isinstance(sample, (Calibration, Description, FrameLabels, Scan)):
+        return []
+    return [
+        Failure((_KINDS[type(sample)].value,), LackingError(reason))
+        for part, reason in sample.lacks.items()
+        if not _CAMERA_PART.fullmatch(part)
+    ]

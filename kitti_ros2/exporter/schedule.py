@@ -1,0 +1,308 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which samples of a recording are due, and in which order: one chronological pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from ..model.errors import UsageError
+from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from ..model.losses import Loss
+    from ..model.recording import Recording
+    from ..model.samples import Int64Array, Turn
+    from ..options.selection import Bound, SelectionOptions
+
+_Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
+"""A stream, and the numbers and stamps of its samples."""
+
+_STREAMS = tuple(Stream)
+ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
+"""What may hold for a whole recording, and is then due once."""
+
+UNKNOWN = -1
+"""In place of a file number that is not known."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One sample that is due."""
+
+    stream: Stream
+    number: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The samples to send, in order of time, at equal times in the order of Stream.
+
+    Attributes:
+        stamps_ns: (N,) int64, ascending.
+        streams: (N,) indices into Stream.
+        numbers: (N,) int64 file numbers.
+        spans: First and last file number taken, by stream that is wanted.
+        common_numbers: Whether a file number is the same moment in all streams.
+        turns: When each scan was made, by file number, where that is known.
+    """
+
+    stamps_ns: Int64Array
+    streams: Int64Array
+    numbers: Int64Array
+    spans: Mapping[Stream, tuple[int, int]]
+    common_numbers: bool = True
+    turns: Mapping[int, Turn] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def __iter__(self) -> Iterator[Entry]:
+        columns = (self.streams.tolist(), self.numbers.tolist(), self.stamps_ns.tolist())
+        for code, number, stamp_ns in zip(*columns, strict=True):
+            yield Entry(_STREAMS[code], number, stamp_ns)
+
+    def count(self, stream: Stream) -> int:
+        """How many samples of a stream are due."""
+        return int((self.streams == _STREAMS.index(stream)).sum())
+
+    def numbers_of(self, stream: Stream) -> list[int]:
+        """The file numbers of a stream that are due, in order of time."""
+        numbers: list[int] = self.numbers[self.streams == _STREAMS.index(stream)].tolist()
+        return numbers
+
+    def concerned(self, loss: Loss) -> Loss | None:
+        """The part of a loss that is within what was selected, None where none of it is."""
+        span = self.spans.get(Stream(loss.stream))
+        return None if span is None else loss.within(*span)
+
+    @property
+    def frames(self) -> int:
+        """How many frames it has; see samples.FRAME_STREAMS."""
+        return len(frames_of(self._frame_streams, common=self.common_numbers))
+
+    @cached_property
+    def frame_numbers(self) -> Int64Array:
+        """(N,) int64: the frame that each entry belongs to, never falling.
+
+        Without common numbers a frame reaches half-way to the frames beside it. A scan stamped at
+        its start counts as half-way to facing forward, as the images of its frame come after that.
+        """
+        streams = self._frame_streams
+        frames = frames_of(streams, common=self.common_numbers)
+        if not len(frames):
+            return np.zeros(len(self), dtype=np.int64)
+        if self.common_numbers:
+            # What holds for the whole recording is due with whatever comes first.
+            return never_falling(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
+        reference = next(stream for stream in FRAME_STREAMS if stream in streams)
+        chosen = self.streams == _STREAMS.index(reference)
+        numbers, reference_ns = self.numbers[chosen], self.stamps_ns[chosen]
+        if reference is Stream.SCAN and self.turns:
+            forward_ns = np.array([self.turns[number].forward_ns for number in numbers.tolist()])
+            reference_ns = np.maximum.accumulate((reference_ns + forward_ns) // 2)
+        return nearest_frames(self.stamps_ns, reference_ns, numbers)
+
+    @cached_property
+    def _frame_streams(self) -> dict[Stream, Int64Array]:
+        """The numbers of the streams whose samples make frames, of those that have any."""
+        return {
+            stream: np.array(numbers)
+            for stream in FRAME_STREAMS
+            if (numbers := self.numbers_of(stream))
+        }
+
+
+def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Array:
+    """(N,) int64 numbers of the frames, ascending.
+
+    Args:
+        numbers: The file numbers of each stream.
+        common: Whether a number is the same moment in all streams.
+    """
+    found = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
+    every = np.concatenate([*(found if common else found[:1]), np.empty(0, np.int64)])
+    frames: Int64Array = np.unique(every).astype(np.int64)
+    return frames
+
+
+def never_falling(numbers: Int64Array) -> Int64Array:
+    """(N,) the frame of each of (N,) samples in order of time, from their own file numbers.
+
+    One of number UNKNOWN belongs to the frame of what comes before it, or else to the first.
+    """
+    frames: Int64Array = np.maximum.accumulate(numbers)
+    known = numbers[numbers != UNKNOWN]
+    frames[frames == UNKNOWN] = known[0] if len(known) else 0
+    return frames
+
+
+def nearest_frames(
+    stamps_ns: Int64Array, reference_ns: Int64Array, numbers: Int64Array
+) -> Int64Array:
+    """(N,) int64: the number of the reference sample nearest to each stamp.
+
+    Args:
+        stamps_ns: (N,) nanoseconds, ascending.
+        reference_ns: (M,) nanoseconds, ascending, M > 0.
+        numbers: (M,) what the reference samples are called, ascending.
+    """
+    middles = reference_ns[:-1] + np.diff(reference_ns) // 2
+    frames: Int64Array = numbers[np.searchsorted(middles, stamps_ns, 'right')]
+    return frames
+
+
+def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule:
+    """The samples of a recording that a selection takes.
+
+    What holds for the whole recording (its description, a calibration that never changes, the
+    path) is due once, at the first stamp taken.
+
+    Raises:
+        UsageError: A stream's name is unknown, or the selection takes nothing.
+    """
+    wanted = _wanted_streams(selection.streams)
+    numbers, moments = _window(recording, selection)
+    rows: list[_Row] = []
+    for stream in [stream for stream in recording.streams if stream in wanted]:
+        index = recording.streams[stream]
+        taken = _within(index.numbers, numbers) & _within(index.stamps_ns, moments)
+        rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
+    stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
+    if not len(stamps) and wanted <= set(ONCE):
+        stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
+    nothing = f'{recording.name}: the selection takes no sample; {_extent(recording)}'
+    if not len(stamps):
+        raise (
+            selection.reversed_error()
+            if _is_reversed(recording, selection)
+            else UsageError(nothing)
+        )
+    first = int(stamps.min())
+    present = {row[0] for row in rows}
+    once = np.array([first], dtype=np.int64)
+    rows += [
+        (stream, np.zeros(1, np.int64), once)
+        for stream in ONCE
+        if stream in wanted and stream not in present and _has_once(recording, stream, present)
+    ]
+    if not rows:
+        raise UsageError(nothing)
+    spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}
+    known = {stream: span for stream, span in spans.items() if span is not None}
+    return _in_order(rows, known, recording)
+
+
+def _span(
+    rows: Sequence[_Row],
+    stream: Stream,
+    recording: Recording,
+    numbers: tuple[int, int],
+    moments: tuple[int, int],
+) -> tuple[int, int] | None:
+    """First and last file number of a stream that a selection takes, as far as can be told."""
+    if moments == _ALL:
+        return numbers
+    taken = [row[1] for row in rows if len(row[1]) and row[0] in recording.streams]
+    own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
+    basis = own or (taken if recording.common_numbers else [])
+    if not basis:
+        return None
+    return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)
+
+
+def _within(values: Int64Array, bounds: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    return (values >= bounds[0]) & (values <= bounds[1])
+
+
+def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> bool:
+    if stream is Stream.CALIBRATION:
+        return stream not in recording.streams
+    return stream is Stream.RECORDING or Stream.POSE in present
+
+
+def _in_order(
+    rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]], recording: Recording
+) -> Schedule:
+    streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
+    numbers = np.concatenate([row[1] for row in rows])
+    stamps = np.concatenate([row[2] for row in rows])
+    order = np.lexsort((numbers, streams, stamps))
+    codes = streams[order].astype(np.int64)
+    common = recording.common_numbers
+    return Schedule(stamps[order], codes, numbers[order], spans, common, recording.turns)
+
+
+def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
+    if not asked:
+        return set(Stream)
+    wanted: set[Stream] = set()
+    for name in asked:
+        if name == 'image':
+            wanted |= set(IMAGE_STREAMS)
+        elif name in {stream.value for stream in Stream}:
+            wanted.add(Stream(name))
+        else:
+            known = ', '.join(['image', *(stream.value for stream in Stream)])
+            raise UsageError(f'there is no stream {name!r}; choose from {known}')
+    return wanted
+
+
+_ALL = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
+
+
+def _window(
+    recording: Recording, selection: SelectionOptions
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """(lowest, highest) file number and (lowest, highest) stamp that are taken."""
+    numbers, stamps = list(_ALL), list(_ALL)
+    for side, bound in enumerate((selection.start, selection.end)):
+        if bound is None:
+            continue
+        if bound.frame is not None and recording.common_numbers:
+            numbers[side] = bound.frame
+        else:
+            stamps[side] = _bound_ns(recording, bound, side)
+    return (numbers[0], numbers[1]), (stamps[0], stamps[1])
+
+
+def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
+    if bound.stamp_ns is not None:
+        return bound.stamp_ns
+    if bound.offset_ns is not None:
+        first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
+        return first + bound.offset_ns
+    # Streams without a common frame number are cut where the reference stream has that frame.
+    reference = next(s for s in (Stream.SCAN, *_STREAMS) if s in recording.streams)
+    index = recording.streams[reference]
+    frame = bound.frame or 0
+    position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
+    if position < 0:
+        return _ALL[0]
+    return int(index.stamps_ns[position]) if position < len(index) else _ALL[1]
+
+
+def _is_reversed(recording: Recording, selection: SelectionOptions) -> bool:
+    """Whether the end, of another kind than the start, is before it; both are in the recording."""
+    if selection.start is None or selection.end is None:
+        return False
+    first = _bound_ns(recording, selection.start, 0)
+    last = _bound_ns(recording, selection.end, 1)
+    return _ALL[0] < last < first < _ALL[1]
+
+
+def _extent(recording: Recording) -> str:
+    """What there would be to take, for errors."""
+    parts = [
+        f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
+        for stream, index in recording.streams.items()
+    ]
+    return f'it holds frames {", ".join(parts)}'

@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI -> bag: one chronological pass, each sample read when it is due and then dropped."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..bags.writer import Channel, open_bag
+from ..files.workers import ordered_map
+from ..messages.ros_types import TYPESTORE
+from ..model.errors import KittiRos2Error, describe_error
+from ..model.losses import Loss
+from ..options.messages import Images
+from .encode import Encoder
+from .schedule import make_schedule
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+    from pathlib import Path
+
+    from ..bags.writer import BagWriter
+    from ..messages.topics import Topic
+    from ..model.recording import Recording
+    from ..options.bag import BagOptions
+    from ..options.messages import MessageOptions
+    from ..options.selection import SelectionOptions
+    from .encode import Failure, Message
+
+_MOST_WORKERS = 8  # each holds images of several megabytes
+_BATCH = 8  # samples, about a frame
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a conversion did.
+
+    Attributes:
+        path: The bag.
+        counts: Messages by topic.
+        frames: How many frames were due; see samples.FRAME_STREAMS.
+        size_bytes: Of all messages.
+        first_ns, last_ns: Stamps.
+        losses: What was skipped.
+        notes: What is worth a word and no loss.
+    """
+
+    path: Path
+    counts: dict[str, int]
+    frames: int
+    size_bytes: int
+    first_ns: int
+    last_ns: int
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+
+
+def convert(
+    recording: Recording,
+    out: Path,
+    messages: MessageOptions,
+    selection: SelectionOptions,
+    bag: BagOptions,
+    *,
+    strict: bool = False,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> Report:
+    """Write a recording to a bag.
+
+    Args:
+        recording: What to read.
+        out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
+        messages: Which messages are made, and how.
+        selection: Which part of the recording is taken.
+        bag: Container, compression, splitting.
+        strict: Stop at the first thing that cannot be used, and leave nothing behind.
+        progress: Called with the samples done and the bytes written so far.
+
+    Raises:
+        UsageError: The selection takes nothing, or an option does not fit the output.
+        KittiRos2Error: With strict, the first loss.
+        OutputError: The output cannot be written.
+        OutputExistsError: The output exists and the options do not overwrite.
+    """
+    schedule = make_schedule(recording, selection)
+    encoder = Encoder(recording, schedule, messages, selection)
+    tally = _Tally(strict=strict)
+    for loss in encoder.concerned(recording.losses):
+        tally.lose(loss)
+    source = {'layout': recording.layout.value, 'name': recording.name}
+    with open_bag(out, bag, TYPESTORE, source_metadata=source) as writer:
+        channels = _Channels(writer, encoder.table)
+        workers, batch = 1, _BATCH
+        if messages.images is not Images.COMPRESSED:  # decoding is long enough to share it out
+            workers, batch = min(_MOST_WORKERS, len(os.sched_getaffinity(0))), 1
+        outcomes = ordered_map(encoder.encode, schedule, workers, batch)
+        for done, outcome in enumerate(outcomes, 1):
+            tally.take(*outcome, channels)
+            progress(done, tally.size_bytes)
+        for loss in recording.late_losses:
+            tally.lose_unnamed(loss)
+    return Report(
+        path=writer.path,
+        counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
+        frames=schedule.frames,
+        size_bytes=tally.size_bytes,
+        first_ns=int(schedule.stamps_ns[0]),
+        last_ns=int(schedule.stamps_ns[-1]),
+        losses=tally.losses(),
+        notes=tuple(recording.notes) + encoder.notes(),
+    )
+
+
+class _Channels:
+    """The topics of a bag, each declared with its first message: an empty one tells nothing."""
+
+    def __init__(self, writer: BagWriter, table: list[Topic]) -> None:
+        self._writer = writer
+        self._table = table
+        self._ids: dict[int, int] = {}
+
+    def write(self, message: Message) -> None:
+        """Write a message to its topic."""
+        index = message.topic
+        if index not in self._ids:
+            row = self._table[index]
+            channel = Channel(row.name, row.msgtype, latched=row.latched, depth=row.depth)
+            self._ids[index] = self._writer.add_channel(channel)
+        self._writer.write(self._ids[index], message.stamp_ns, message.parts)
+
+
+class _Tally:
+    """Writes what comes in order, and counts what was written and what was lost."""
+
+    def __init__(self, *, strict: bool) -> None:
+        self.counts: Counter[int] = Counter()
+        self.size_bytes = 0
+        self._strict = strict
+        self._losses: Counter[tuple[str, str]] = Counter()
+        self._last_keys: dict[int, Hashable] = {}
+
+    def take(self, messages: list[Message], failures: list[Failure], channels: _Channels) -> None:
+        """Write messages, except one that says nothing new; count failures."""
+        for failure in failures:
+            for topic in failure.topics:
+                self.lose(Loss(topic, 1, describe_error(failure.error)))
+        for message in messages:
+            if message.key is not None:
+                if self._last_keys.get(message.topic) == message.key:
+                    continue
+                self._last_keys[message.topic] = message.key
+            channels.write(message)
+            self.counts[message.topic] += 1
+            self.size_bytes += sum(map(len, message.parts))
+
+    def lose(self, loss: Loss) -> None:
+        """Count a loss; with strict, stop at it."""
+        if self._strict:
+            raise KittiRos2Error(f'{loss.text()}; stopped there because of --strict')
+        self._losses[loss.stream, loss.text()] += loss.count
+
+    def lose_unnamed(self, loss: Loss) -> None:
+        """Count a loss, unless a message that was lost for the same reason names it."""
+        if not any(text == loss.text() for _, text in self._losses):
+            self.lose(loss)
+
+    def losses(self) -> tuple[Loss, ...]:
+        """All losses, those of the same stream and reason counted together."""
+        return tuple(Loss(stream, n, message) for (stream, message), n in self._losses.items())

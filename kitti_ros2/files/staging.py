@@ -1,0 +1,319 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""An output that exists either completely or not at all.
+
+Everything is written inside the hidden directory ``.{name}.partial`` beside the output, locked as
+long as its writer lives, and renamed to the output when complete. The lock goes with the process,
+however it ends: a partial directory without one is what a killed run left, and the next run clears
+it away.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..model.errors import OutputError, OutputExistsError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+
+_REPLACED = 'replaced'
+_NAMED = 'named'
+_NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
+_MAGIC_BYTES = 8
+_MAGIC = (b'\x89MCAP0\r\n', b'#ROSBAG ')
+_BAG_FILES = ('.mcap', '.bag')
+_DIRECTORY_FILES = (*_BAG_FILES, '.db3', '.db3-shm', '.db3-wal', '.zstd')
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+# File systems without locks; there a second run at the same time goes unnoticed.
+_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
+
+
+def output_error(path: Path, error: OSError) -> OutputError:
+    """The one-line error for what the operating system says about an output."""
+    reason = error.strerror or str(error)
+    if error.errno in _FULL:
+        return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
+    if error.errno in _FORBIDDEN:
+        return OutputError(
+            path, f'cannot be written ({reason})', 'choose a folder you may write to'
+        )
+    return OutputError(path, f'cannot be written ({reason})', 'check the path and the disk')
+
+
+@contextmanager
+def reported(path: Path) -> Iterator[None]:
+    """Turn the operating system's errors about an output into OutputError."""
+    try:
+        yield
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+class Staging:
+    """A place for an output under construction.
+
+    Attributes:
+        path: The output.
+        content: Where to build it: a path inside the partial directory that does not exist yet.
+
+    Args:
+        path: The output.
+        refusal: What to do about an output that exists already, None where it may be replaced.
+
+    Raises:
+        OutputExistsError: The output exists and may not be replaced.
+        OutputError: Another run is writing it, or the disk refuses.
+        UsageError: The path names no possible output.
+    """
+
+    def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
+        self.path = _named(path)
+        self._refusal = refusal
+        self._partial = self.path.with_name(f'.{self.path.name}.partial')
+        self.content = self._partial / 'content'
+        self._created: list[Path] = []
+        self._lock = -1
+        self._check_free()
+        try:
+            with reported(self.path):
+                self._created = _make_parents(self.path.parent)
+                self._acquire()
+                self._clear()
+        except BaseException as error:
+            self.discard()
+            if isinstance(error, (KeyboardInterrupt, SystemExit)):
+                # It may have come between making the directory and locking it; an empty one goes.
+                with suppress(OSError):
+                    self._partial.rmdir()
+            raise
+
+    def publish(self) -> None:
+        """Rename the complete content to the output.
+
+        Raises:
+            OutputExistsError: The output appeared meanwhile, or is none that may be replaced.
+            OutputError: The disk refuses.
+        """
+        self._check_free()
+        with reported(self.path):
+            if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
+                self.path.rename(self._partial / _REPLACED)
+            self.content.rename(self.path)
+        self._created.clear()
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove what is there of the content and let go of the place; never raises OSError."""
+        lock, self._lock = self._lock, -1
+        if lock >= 0:
+            with suppress(OSError):
+                self._restore()
+            # Deleting comes before unlocking: another run must not find the place half cleared.
+            shutil.rmtree(self._partial, ignore_errors=True)
+            os.close(lock)
+        for folder in reversed(self._created):
+            with suppress(OSError):
+                folder.rmdir()
+        self._created.clear()
+
+    def _check_free(self) -> None:
+        with reported(self.path):
+            if not os.path.lexists(self.path):
+                return
+            if self.path.is_symlink():
+                raise OutputExistsError(
+                    self.path, 'it is a symbolic link; give the path it points to'
+                )
+            refusal = self._refusal(self.path)
+            if refusal is not None:
+                raise OutputExistsError(self.path, refusal)
+
+    def _acquire(self) -> None:
+        """Make the partial directory and lock it."""
+        while True:
+            with suppress(FileExistsError):
+                self._partial.mkdir()
+            if self._partial.is_symlink() or not self._partial.is_dir():
+                raise OutputError(
+                    self.path,
+                    f'{self._partial} is in the way and is no folder',
+                    'move it away, or choose another name',
+                )
+            fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                lock_exclusively(fd, self.path)
+                # A directory that its owner removed between our open and our lock is not ours.
+                if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
+                    self._lock = fd
+                    return
+            except FileNotFoundError:
+                pass
+            except BaseException:
+                if self._lock != fd:
+                    os.close(fd)
+                raise
+            os.close(fd)
+
+    def _clear(self) -> None:
+        self._restore()
+        found = {entry.name for entry in self._partial.iterdir()}
+        if found - {self.content.name, _REPLACED, _NAMED}:
+            # Not made here, so not ours to delete; discard must not either.
+            os.close(self._lock)
+            self._lock = -1
+            raise OutputError(
+                self.path,
+                f'{self._partial} is in the way and holds {min(found)}',
+                'move it away, or choose another name',
+            )
+        for name in found:
+            entry = self._partial / name
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
+
+    def _restore(self) -> None:
+        # A run that was killed between its two renames had moved the old bag here.
+        replaced = self._partial / _REPLACED
+        if os.path.lexists(replaced) and not os.path.lexists(self.path):
+            replaced.rename(self.path)
+
+
+def lock_exclusively(fd: int, path: Path) -> None:
+    """Lock an open folder for as long as it is open.
+
+    Raises:
+        OutputError: Another run is writing to the output, path.
+        OSError: The disk refuses.
+    """
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            path, 'another run is writing this', 'wait for it, or choose another name'
+        ) from None
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+
+
+def _named(path: Path) -> Path:
+    if path.name in {'', '..'}:
+        path = Path(os.path.realpath(path))
+    if not path.name:
+        raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
+    return path
+
+
+def lies_inside(out: Path, source: Path) -> bool:
+    """Whether what is to be made is, or lies in, what it is made from."""
+    # Unlike Path.resolve, this takes links that go in a circle.
+    target, origin = (Path(os.path.realpath(path)) for path in (out, source))
+    return target == origin or origin in target.parents
+
+
+def refuse_inside(source: Path, out: Path) -> None:
+    """Keep what is made out of the recording it is made from: that stays as it was.
+
+    Raises:
+        UsageError: The output lies inside.
+    """
+    if lies_inside(out, source):
+        raise UsageError(f'{out}: lies inside the recording {source}; give a path outside of it')
+
+
+def keep_all_but_bags(path: Path) -> str | None:
+    """Why --overwrite does not replace what is there; None for a bag."""
+    return None if _looks_like_bag(path) else _NO_BAG
+
+
+def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
+    """Why nothing that is there is replaced."""
+    return 'choose another name, or pass --overwrite'
+
+
+def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Path], str | None]:
+    """A refusal of all that --overwrite does not replace: what does not begin as its kind does.
+
+    Args:
+        what: The kind, for people, such as picture.
+        beginnings: How such files begin; empty ones may be replaced as well.
+    """
+
+    def refusal(path: Path) -> str | None:
+        if path.is_file():
+            with path.open('rb') as file:
+                head = file.read(max(map(len, beginnings))).lower()
+            if not head or any(head.startswith(each.lower()) for each in beginnings):
+                return None
+        return f'it is no {what}, so --overwrite does not touch it; choose another name'
+
+    return refusal
+
+
+@contextmanager
+def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Path]:
+    """A path to write a file at, of the same name, which is at out when all went well.
+
+    Raises:
+        OutputExistsError: out is there, and may not be replaced.
+        OutputError: The disk refuses.
+    """
+    staging = Staging(out, refusal)
+    try:
+        with reported(out):
+            # Programs that write pictures and films look at the name's ending.
+            folder = staging.content.with_name(_NAMED)
+            folder.mkdir()
+            yield folder / out.name
+            (folder / out.name).rename(staging.content)
+            folder.rmdir()
+        staging.publish()
+    finally:
+        staging.discard()
+
+
+def _looks_like_bag(path: Path) -> bool:
+    if path.is_file():
+        with path.open('rb') as file:
+            head = file.read(_MAGIC_BYTES)
+        return path.suffix in _BAG_FILES and (not head or head in _MAGIC)
+    if not path.is_dir():
+        return False
+    names = set()
+    for entry in path.iterdir():
+        if entry.is_symlink() or not entry.is_file():
+            return False
+        names.add(entry.name)
+    files = {name for name in names if name.endswith(_DIRECTORY_FILES)}
+    if names - files - {'metadata.yaml'}:
+        return False
+    # A split ROS 1 bag has no metadata.yaml; an empty directory has nothing to lose.
+    return 'metadata.yaml' in names or all(name.endswith('.bag') for name in names)
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    created: list[Path] = []
+    try:
+        for path in reversed(missing):
+            path.mkdir(exist_ok=True)
+            created.append(path)
+    except BaseException:
+        for path in reversed(created):
+            with suppress(OSError):
+                path.rmdir()
+        raise
+    return created

@@ -1,0 +1,270 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Continues an object set so that it is, at any moment, as before or as after.
+
+The new frames are built in a folder of the set that loaders do not look at. Then a journal is
+written, the files are moved to their places, the lists of frames last, and the journal is renamed:
+that completes the append. Where a process ended before, however it ended, the next run undoes what
+the journal names. This holds for processes that are killed and for full disks; files are not
+flushed, so it does not hold for a loss of power.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..files.staging import lock_exclusively, reported
+from ..kitti import names
+from ..kitti.append_journal import (
+    BEFORE,
+    COMMITTED,
+    CONTENT,
+    FOLDER,
+    JOURNAL,
+    AppendJournal,
+    find_journal,
+    format_journal,
+    parse_journal,
+)
+from ..kitti.store import STORE
+from ..model.errors import KittiRos2Error, OutputExistsError, UsageError
+from ..model.losses import format_numbers
+from .output import staged
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_NEW_JOURNAL = 'journal.new'
+_OURS = {CONTENT, BEFORE, JOURNAL, COMMITTED, _NEW_JOURNAL}
+
+
+@dataclass(frozen=True)
+class Appending:
+    """An append that is under way.
+
+    Attributes:
+        stage: The folder to build the new frames in, as if it were the set.
+        first: The number of the first new frame.
+        notes: What was done about an append that had been interrupted.
+    """
+
+    stage: Path
+    first: int
+    notes: tuple[str, ...] = ()
+
+
+@contextmanager
+def appended(out: Path, split: str) -> Iterator[Appending]:
+    """Build frames that are in an object set when all went well, and else not at all.
+
+    Args:
+        out: The set's folder; a new set is made where it is absent or empty.
+        split: training or testing.
+
+    Raises:
+        OutputExistsError: out is no folder, or a file of a new frame appeared meanwhile.
+        OutputError: Another run is writing to it, or the disk refuses.
+        UsageError: out holds no object set, or has symbolic links where frames go.
+    """
+    if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
+        with staged(out) as stage:
+            yield Appending(stage, 0)
+        return
+    _refuse_no_folder(out)
+    with reported(out), _locked(out):
+        notes = _recover(out)
+        _refuse_links(out, split)
+        first = next_number(out, split)
+        try:
+            stage = out / FOLDER / CONTENT
+            stage.mkdir(parents=True)
+            yield Appending(stage, first, notes)
+            _commit(out, split)
+        finally:
+            with suppress(OSError):
+                _recover(out)
+            if os.path.lexists(out / FOLDER / JOURNAL):
+                raise KittiRos2Error(
+                    f'{out}: the append failed, and so did undoing it; the next to-kitti --append'
+                    f' undoes it before it begins'
+                )
+
+
+def mend(out: Path) -> tuple[str, ...]:
+    """Undo an append that was interrupted, or remove what is left of it.
+
+    Returns:
+        What was done, a line each.
+
+    Raises:
+        OutputError: Another run is writing to the set, or the disk refuses.
+        BadFileError: The journal is damaged.
+    """
+    if out.is_symlink() or not os.path.lexists(out / FOLDER):
+        return ()
+    with reported(out), _locked(out):
+        return _recover(out)
+
+
+def next_number(out: Path, split: str) -> int:
+    """The number after the last frame of an object set.
+
+    Raises:
+        UsageError: The folder holds something else.
+    """
+    folders = [out / split / name for name in STORE.names(out / split)]
+    found = [
+        int(name[: names.FRAME_DIGITS])
+        for folder in folders
+        for name in STORE.names(folder)
+        if name[: names.FRAME_DIGITS].isdecimal() and len(name) == names.FRAME_DIGITS + 4
+    ]
+    if not found:
+        raise UsageError(f'{out}: holds no object set to append to; expected {split}/ with frames')
+    return max(found) + 1
+
+
+@contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    """Hold the lock of a set, which goes with the process however it ends."""
+    folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        lock_exclusively(folder, out)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _refuse_no_folder(out: Path) -> None:
+    if out.is_symlink():
+        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
+    if not out.is_dir():
+        raise OutputExistsError(out, 'it is no folder; choose another name')
+
+
+def _refuse_links(out: Path, split: str) -> None:
+    """Keep to the set: behind a link may be the files of another.
+
+    Raises:
+        UsageError: The split or the lists of frames are, or hold, a symbolic link.
+    """
+    folders = [out / split, out / names.IMAGE_SETS]
+    link = next((folder for folder in folders if folder.is_symlink()), None)
+    while folders and link is None:
+        folder = folders.pop()
+        if not folder.is_dir():
+            continue
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.is_symlink():
+                    link = folder / entry.name
+                elif entry.is_dir():
+                    folders.append(folder / entry.name)
+    if link is not None:
+        raise UsageError(
+            f'{link}: is a symbolic link, which --append does not follow or replace; put what it'
+            f' points to in its place'
+        )
+
+
+def _commit(out: Path, split: str) -> None:
+    """Move what is staged into the set, so that it can be undone until all is there."""
+    work = out / FOLDER
+    journal = _plan(out, split)
+    STORE.write_text(work / _NEW_JOURNAL, format_journal(journal))
+    (work / _NEW_JOURNAL).rename(work / JOURNAL)
+    for folder in journal.folders:
+        (out / folder).mkdir()
+    for path in (*journal.files, *journal.lists):
+        (work / CONTENT / path).rename(out / path)
+    (work / JOURNAL).rename(work / COMMITTED)
+
+
+def _plan(out: Path, split: str) -> AppendJournal:
+    """What is to be moved; the lists are staged whole, and kept as they were."""
+    content = out / FOLDER / CONTENT
+    staged_files = [
+        PurePosixPath(path.relative_to(content).as_posix())
+        for path in content.rglob('*')
+        if path.is_file()
+    ]
+    # Frame by frame: a list is named after no number.
+    staged_files.sort(key=lambda path: (path.parts[0] == names.IMAGE_SETS, path.name, path))
+    _refuse_links(out, split)
+    lists = [
+        path
+        for path in staged_files
+        if path.parts[0] == names.IMAGE_SETS and os.path.lexists(out / path)
+    ]
+    files = [path for path in staged_files if path not in lists]
+    for path in files:
+        if os.path.lexists(out / path):
+            raise OutputExistsError(out / path, 'another program wrote it meanwhile; run again')
+    lists = [path for path in lists if _continue_list(out, path)]
+    parents = {parent for path in files for parent in path.parents if parent.parts}
+    folders = sorted(folder for folder in parents if not (out / folder).is_dir())
+    return AppendJournal(split, tuple(files), tuple(lists), tuple(folders))
+
+
+def _continue_list(out: Path, path: PurePosixPath) -> bool:
+    """Put what a list names already before what is staged of it; whether it changes at all."""
+    staged_list = out / FOLDER / CONTENT / path
+    earlier, added = STORE.read_text(out / path), STORE.read_text(staged_list)
+    STORE.write_text(out / FOLDER / BEFORE / path, earlier)
+    if earlier and not earlier.endswith('\n'):
+        earlier += '\n'
+    STORE.write_text(staged_list, earlier + added)
+    return bool(added)
+
+
+def _recover(out: Path) -> tuple[str, ...]:
+    """Undo an append that is not complete, and remove what is left of any.
+
+    Returns:
+        What was done, a line each.
+    """
+    work = out / FOLDER
+    if not os.path.lexists(work):
+        return ()
+    found = {entry.name for entry in work.iterdir()} if not work.is_symlink() else {work.name}
+    if found - _OURS:
+        raise OutputExistsError(work, f'it holds {min(found - _OURS)}; move it away')
+    journal = find_journal(out)
+    if journal is not None:
+        _undo(out, journal)
+        done = f'has been undone, and frames {format_numbers(journal.numbers)} removed again'
+    elif COMMITTED in found:
+        path = work / COMMITTED
+        numbers = parse_journal(STORE.read_text(path), path).numbers
+        done = f'had been complete: frames {format_numbers(numbers)} are in the set'
+    else:
+        done = 'had not added a frame yet, and its files have been removed'
+    for name in (CONTENT, BEFORE):
+        if name in found:
+            shutil.rmtree(work / name)
+    for name in (_NEW_JOURNAL, COMMITTED):
+        (work / name).unlink(missing_ok=True)
+    work.rmdir()
+    return (f'{out}: an append that was interrupted {done}',)
+
+
+def _undo(out: Path, journal: AppendJournal) -> None:
+    """Bring a set back to how it was before an append; may be repeated from any point."""
+    work = out / FOLDER
+    _refuse_links(out, journal.split)
+    for path in journal.lists:
+        if (work / BEFORE / path).exists():
+            (work / BEFORE / path).replace(out / path)
+    for path in reversed(journal.files):
+        if not (work / CONTENT / path).exists():
+            (out / path).unlink(missing_ok=True)
+    for folder in reversed(journal.folders):
+        with suppress(OSError):  # somebody else's files are in it
+            (out / folder).rmdir()
+    (work / JOURNAL).unlink()

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Anyone's bag -> KITTI: look into it, make a plan, go by the plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..bags.reader import open_messages
+from ..kitti.names import SPLITS
+from ..model.errors import UsageError
+from ..model.streams import Layout
+from .append import appended
+from .convert import build
+from .guess import Guess, guess_plan
+from .output import staged
+from .plan import NONE
+from .survey import LABEL_LINES, Survey, survey_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from ..options.importing import ImportOptions
+    from .plan import Plan
+    from .report import ImportReport
+
+
+def look(paths: Sequence[Path]) -> Survey:
+    """Pass over bags to see what is in them.
+
+    Raises:
+        BadBagError: One cannot be read.
+    """
+    with open_messages(paths) as messages:
+        return survey_bag(messages)
+
+
+def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Guess:
+    """The plan that makes most of bags.
+
+    Raises:
+        LackingError: They hold nothing that the layout could begin with.
+        UsageError: The options name no layout.
+    """
+    if options.layout is None:
+        known = ', '.join(layout.value for layout in Layout)
+        raise UsageError(f'{paths[0]}: which layout is wanted? give --layout {known}')
+    found = guess_plan(survey, options.layout, paths[0])
+    plan, remarks = adapt(found.plan, options), found.remarks
+    if plan.labels is not None and plan.calibration == NONE:
+        remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
+        plan = replace(plan, labels=None)
+    return replace(found, plan=plan, remarks=remarks + _label_remarks(plan))
+
+
+def _label_remarks(plan: Plan) -> tuple[str, ...]:
+    """What those who load or evaluate the labels stumble over."""
+    if plan.labels is None:
+        if plan.layout is Layout.OBJECT and plan.name == SPLITS[0]:
+            return ('loaders read label_2 of training frames; without labels say --name testing',)
+        return ()
+    if plan.layout not in (Layout.OBJECT, Layout.TRACKING) or plan.labels.topic == LABEL_LINES:
+        return ()
+    remark = (
+        f'{plan.labels.topic}: tells no occlusion, so labels say 3, unknown, which evaluations'
+        f' leave out; set labels.occluded of the plan to 0 to have them counted'
+    )
+    return (remark,)
+
+
+def adapt(plan: Plan, options: ImportOptions) -> Plan:
+    """The plan with what the options say about it.
+
+    Raises:
+        UsageError: The options contradict it.
+    """
+    if options.layout not in (None, plan.layout):
+        raise UsageError(
+            f'the plan is for layout {plan.layout.value}, not {options.layout};'
+            f' make one with --plan --layout'
+        )
+    if options.name is not None:
+        plan = replace(plan, name=options.name)
+    if options.calib is not None:
+        plan = replace(plan, calibration=str(options.calib))
+    if options.append and plan.layout is not Layout.OBJECT:
+        raise UsageError('--append continues an object set; other layouts have sequences')
+    return plan
+
+
+def convert_by_plan(
+    paths: Sequence[Path],
+    plan: Plan,
+    survey: Survey,
+    out: Path,
+    options: ImportOptions,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> ImportReport:
+    """Write what a plan makes of bags.
+
+    Args:
+        paths: The bags of one recording.
+        plan: What becomes of them.
+        survey: What is in them.
+        out: The data set's folder, absent or empty unless the options append.
+        options: How it is written.
+        progress: Called with the samples and the bytes written so far.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+        UsageError: The plan names what is not there.
+        LackingError: The calibration cannot be had.
+        OutputExistsError: The folder holds something.
+        OutputError: It cannot be written.
+    """
+    if options.append:
+        with appended(out, plan.name) as place:
+            report = build(paths, plan, survey, place.stage, options, place.first, progress)
+        return replace(report, path=out, notes=(*place.notes, *report.notes))
+    with staged(out) as stage:
+        report = build(paths, plan, survey, stage, options, 0, progress)
+    return replace(report, path=out)

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a plan's calibration comes from, and which one holds at a frame."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..kitti import names
+from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.store import STORE
+from ..messages.source import CALIBRATION
+from ..model.errors import BadFileError, LackingError, UsageError
+from ..model.streams import Layout
+from .calibration import make_calibration
+from .plan import NONE, SOURCE, TF, parse_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from ..model.samples import Calibration, TextFile
+    from ..rig.tf_tree import FrameTree
+    from .calibration import CameraModel
+    from .plan import Plan
+    from .survey import Survey
+
+_RAW = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """The calibrations of a recording.
+
+    Attributes:
+        since_ns: From which stamp each holds, ascending.
+        values: The calibrations; none where the plan has none.
+        notes: What is worth a word.
+    """
+
+    since_ns: Sequence[int]
+    values: Sequence[Calibration]
+    notes: tuple[str, ...] = ()
+
+    def at(self, stamp_ns: int) -> Calibration | None:
+        """The one that holds at a stamp; before the first it is the first."""
+        if not self.values:
+            return None
+        return self.values[max(bisect_right(self.since_ns, stamp_ns) - 1, 0)]
+
+    @property
+    def first(self) -> Calibration | None:
+        """The one that holds first."""
+        return self.values[0] if self.values else None
+
+
+def is_extract(plan: Plan) -> bool:
+    """Whether the plan's images stay unrectified."""
+    return plan.layout is Layout.RAW and parse_drive(plan.name)[2] == 'extract'
+
+
+def make_calibrations(
+    plan: Plan, survey: Survey, tree: FrameTree, cameras: Mapping[int, CameraModel]
+) -> Calibrations:
+    """The calibrations of a plan.
+
+    Raises:
+        UsageError: The plan names none that is there.
+        LackingError: The static transforms, or the files of the bag, lack what is needed.
+        BadFileError: A calibration file cannot be read, or lacks what is needed.
+    """
+    if plan.calibration == NONE:
+        return Calibrations((), ())
+    straightened = [index for index, camera in plan.cameras.items() if camera.rectify]
+    if is_extract(plan) and straightened and plan.calibration != TF:
+        raise UsageError(
+            f'camera {straightened[0]} has rectify: true, and {plan.name} is of unrectified images:'
+            f' a calibration other than tf does not tell the lens of its rectified ones; set'
+            f' rectify: false, or name a drive that ends in _sync'
+        )
+    if plan.calibration == SOURCE:
+        return _from_source(plan, survey)
+    if plan.calibration != TF:
+        return Calibrations((0,), (_from_path(Path(plan.calibration), plan),))
+    if not cameras:
+        raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
+    scan_frame = plan.scan.frame if plan.scan is not None else None
+    calibration, notes = make_calibration(
+        tree,
+        scan_frame,
+        cameras,
+        plan.imu_frame or None,
+        rectified=not is_extract(plan),
+        straightened=straightened if is_extract(plan) else (),
+    )
+    if survey.changing:
+        links = ', '.join(f'{parent} -> {child}' for parent, child in survey.changing)
+        notes += (f'static transforms change within the bag ({links}); the last ones count',)
+    return Calibrations((0,), (calibration,), notes)
+
+
+def _from_source(plan: Plan, survey: Survey) -> Calibrations:
+    """The files that a bag of our own carries: one a frame, one a sequence, or the raw three."""
+    if not survey.calibrations:
+        raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
+    by_name = {PurePosixPath(file.name).name: file.text for _, file in survey.calibrations}
+    texts = {name: text for name, text in by_name.items() if name in _RAW}
+    folder = Path(CALIBRATION)
+    if texts:
+        found = parse_raw_calibration(texts, folder, rectified=not is_extract(plan))
+        stamps, values = [0], [found]
+    else:
+        changes = _changes(survey.calibrations)
+        stamps = [stamp_ns for stamp_ns, _ in changes]
+        values = [
+            parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
+        ]
+    for value in values:
+        lacking = _lacking(value, plan)
+        if lacking:
+            raise LackingError(f'{lacking}; set calibration of the plan, or give --calib')
+    if len(values) == 1 or plan.layout is Layout.OBJECT:
+        return Calibrations(stamps, values)
+    note = (
+        f'the calibration changes {len(values) - 1} times within the recording;'
+        f' layout {plan.layout.value} has a place for the first one only'
+    )
+    return Calibrations(stamps, values, (note,))
+
+
+def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]]:
+    """The files that tell something new."""
+    texts = ['', *(file.text for _, file in files)]
+    return [entry for before, entry in zip(texts, files, strict=False) if entry[1].text != before]
+
+
+def _from_path(path: Path, plan: Plan) -> Calibration:
+    if STORE.is_dir(path):
+        texts = {name: STORE.read_text(path / name) for name in _RAW if STORE.is_file(path / name)}
+        found = parse_raw_calibration(texts, path, rectified=not is_extract(plan))
+    else:
+        found = parse_calibration(STORE.read_text(path), path, path.name)
+    lacking = _lacking(found, plan)
+    if lacking:
+        raise BadFileError(path, lacking, 'a calibration of every stream of the plan')
+    return found
+
+
+def _lacking(calibration: Calibration, plan: Plan) -> str:
+    """The first part that a plan's streams need and a calibration lacks."""
+    needed = [f'P{index}' for index in plan.cameras]
+    needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
+    return next((calibration.lacks[part] for part in needed if part in calibration.lacks), '')

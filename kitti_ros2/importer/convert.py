@@ -1,0 +1,295 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a plan makes of bags: one pass over them, each sample written when it comes."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bags.decoding import Decoder
+from ..bags.reader import open_messages
+from ..files.workers import ordered_map
+from ..kitti.write_object import ObjectWriter
+from ..kitti.write_odometry import OdometryWriter
+from ..kitti.write_raw import RawWriter
+from ..kitti.write_tracking import TrackingWriter
+from ..model.errors import KittiRos2Error
+from ..model.streams import Layout, Stream
+from .apply_calibration import Rigging
+from .frames import Frames, choose_frames, frame_topics
+from .oxts_stream import PacketMaker
+from .plan import Plan, parse_drive, parse_sequence
+from .poses import read_track, write_poses
+from .report import ImportReport, LossTally, damage, unread
+from .sync import NONE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from ..bags.reader import BagMessage, BagMessages
+    from ..kitti.writer import LayoutWriter
+    from ..options.importing import ImportOptions
+    from .pose_track import PoseTrack
+    from .survey import Survey
+
+_MOST_WORKERS = 8
+_LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A sample to be worked out and written: write returns the bytes it wrote."""
+
+    stream: Stream
+    number: int
+    topic: str
+    stamp_ns: int
+    write: Callable[[], int]
+
+
+@dataclass(frozen=True)
+class _Done:
+    """A sample that was written, or why it was not."""
+
+    job: _Job
+    size_bytes: int
+    error: str = ''
+
+
+def build(
+    paths: Sequence[Path],
+    plan: Plan,
+    survey: Survey,
+    stage: Path,
+    options: ImportOptions,
+    first: int,
+    progress: Callable[[int, int], None],
+) -> ImportReport:
+    """Write what a plan makes of bags below a folder.
+
+    Args:
+        paths: The bags of one recording.
+        plan: What becomes of them.
+        survey: What is in them.
+        stage: The folder to fill.
+        options: How the layout is written.
+        first: The number of the first frame.
+        progress: Called with the samples and the bytes written so far.
+
+    Raises:
+        BadBagError, UsageError, LackingError: As planned.convert_by_plan.
+        OSError: A file cannot be written.
+    """
+    losses = LossTally()
+    track = read_track(paths, plan, survey, losses)
+    frames = choose_frames(plan, survey, track)
+    rigging = Rigging(plan, survey)
+    with _make_writer(plan, stage, options) as writer:
+        builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
+        builder.write_calibration()
+        with open_messages(paths, builder.topics) as messages:
+            workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+            for count, done in enumerate(ordered_map(_do, builder.jobs(messages), workers), 1):
+                builder.take(done)
+                progress(count, builder.size_bytes)
+            damaged = damage({**messages.losses, **survey.losses}, paths[0].name)
+        if track is not None:
+            builder.write_poses(track)
+    named = {loss.stream for loss in losses.losses()}
+    damaged += unread(survey, plan, named)
+    report = builder.report(stage, damaged)
+    return replace(report, notes=(*survey.notes, *report.notes))
+
+
+def _make_writer(plan: Plan, stage: Path, options: ImportOptions) -> LayoutWriter:
+    if plan.layout is Layout.OBJECT:
+        return ObjectWriter(
+            stage,
+            plan.name,
+            label_decimals=_LABEL_DECIMALS,
+            train_fraction=options.train_fraction,
+        )
+    if plan.layout is Layout.RAW:
+        return RawWriter(stage, *parse_drive(plan.name))
+    kind = OdometryWriter if plan.layout is Layout.ODOMETRY else TrackingWriter
+    return kind(stage, parse_sequence(plan.name))
+
+
+def _do(job: _Job) -> _Done:
+    try:
+        return _Done(job, job.write())
+    except (ValueError, KittiRos2Error) as error:
+        return _Done(job, 0, str(error))
+
+
+class _Builder:
+    def __init__(
+        self,
+        plan: Plan,
+        survey: Survey,
+        frames: Frames,
+        rigging: Rigging,
+        writer: LayoutWriter,
+        first: int,
+        losses: LossTally,
+    ) -> None:
+        self._plan = plan
+        self._frames = frames
+        self._rigging = rigging
+        self._writer = writer
+        self._first = first
+        self._streams: dict[str, list[Stream]] = defaultdict(list)
+        for stream, topic in frame_topics(plan).items():
+            if stream in writer.accepts:
+                self._streams[topic].append(stream)
+        self._numbers = {
+            stream: _numbers(frames.samples[stream], first)
+            for streams in self._streams.values()
+            for stream in streams
+        }
+        self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
+        self._losses = losses
+        self._points_dropped = 0
+        self.counts: Counter[str] = Counter()
+        self.size_bytes = 0
+
+    @property
+    def topics(self) -> set[str]:
+        """The topics to read."""
+        return set(self._streams) | self._packets.topics
+
+    def write_calibration(self) -> None:
+        """The calibration of every frame, or of all."""
+        stamps_ns = self._frames.stamps_ns.tolist()
+        if self._plan.layout is not Layout.OBJECT:
+            del stamps_ns[1:]
+        for number, stamp_ns in enumerate(stamps_ns):
+            calibration = self._rigging.calibrations.at(stamp_ns)
+            if calibration is not None:
+                self._writer.write_calibration(self._first + number, calibration)
+                self.counts[Stream.CALIBRATION.value] += 1
+
+    def jobs(self, messages: BagMessages) -> Iterator[_Job]:
+        """What is to be written of the samples that frames took, in the order of reading."""
+        seen: Counter[str] = Counter()
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            place = seen[message.topic]
+            seen[message.topic] += 1
+            wanted = [
+                (stream, self._numbers[stream][place])
+                for stream in self._streams.get(message.topic, ())
+                if place in self._numbers[stream]
+            ]
+            packet = self._packets.wants(message.topic, place)
+            if not wanted and not packet:
+                continue
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
+                self._spoil(number for _, number in wanted)
+                decoded = None
+            if packet:
+                self._packets.take(message.topic, place, decoded)
+                self.counts[Stream.OXTS.value] += self._packets.write(self._writer, self._first)
+            if decoded is None:
+                continue
+            for stream, number in wanted:
+                job = self._job(stream, number, place, message, decoded)
+                if job is not None:
+                    yield job
+
+    def _job(
+        self,
+        stream: Stream,
+        number: int,
+        place: int,
+        message: BagMessage,
+        decoded: Any,  # noqa: ANN401 - of the bag's types
+    ) -> _Job | None:
+        stamp_ns = self._stamp_ns(message.topic, number, place)
+        if stream is Stream.LABELS:
+            write = partial(self._write_labels, number, decoded)
+            # In order and at once: tracks are numbered as they appear.
+            self.take(_do(_Job(stream, number, message.topic, message.stamp_ns, write)))
+            return None
+        if stream is Stream.SCAN:
+            write = partial(self._write_scan, number, stamp_ns, decoded)
+        else:
+            write = partial(self._write_image, stream.camera or 0, number, stamp_ns, decoded)
+        return _Job(stream, number, message.topic, message.stamp_ns, write)
+
+    def _stamp_ns(self, topic: str, number: int, place: int) -> int:
+        """A sample's own stamp where the layout has one for it, else the frame's."""
+        if self._plan.layout is Layout.RAW:
+            return int(self._frames.stamps[topic][place])
+        return int(self._frames.stamps_ns[number - self._first])
+
+    def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
+        scan, dropped = self._rigging.scan(cloud)
+        self._points_dropped += dropped
+        self._writer.write_scan(number, stamp_ns, scan)
+        return scan.points.nbytes
+
+    def _write_image(self, camera: int, number: int, stamp_ns: int, image: Any) -> int:  # noqa: ANN401
+        png = self._rigging.png(camera, image)
+        self._writer.write_image(camera, number, stamp_ns, png)
+        return len(png)
+
+    def _write_labels(self, number: int, message: Any) -> int:  # noqa: ANN401 - of the bag's types
+        stamp_ns = int(self._frames.stamps_ns[number - self._first])
+        boxes = self._rigging.boxes(message, stamp_ns)
+        self._writer.write_labels(number, boxes)
+        return 0
+
+    def take(self, done: _Done) -> None:
+        """Count a sample."""
+        job = done.job
+        if done.error:
+            self._losses.lose(job.topic, job.stamp_ns, done.error)
+            self._spoil([job.number])
+            return
+        self.counts[job.stream.value] += 1
+        self.size_bytes += done.size_bytes
+
+    def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
+        """A frame that lacks a sample it should have is named in no list of frames."""
+        if isinstance(self._writer, ObjectWriter):
+            for number in numbers:
+                self._writer.leave_out(number)
+
+    def write_poses(self, track: PoseTrack) -> None:
+        """The poses of the frames."""
+        body_t_rect = self._rigging.body_t_rect()
+        stamps_ns = self._frames.stamps_ns
+        self.counts[Stream.POSE.value] = write_poses(self._writer, track, stamps_ns, body_t_rect)
+
+    def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
+        """What was written."""
+        notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
+        if self._points_dropped:
+            notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
+        return ImportReport(
+            path=path,
+            layout=self._plan.layout,
+            name=self._plan.name,
+            counts={name: count for name, count in self.counts.items() if count},
+            frames=len(self._frames),
+            size_bytes=self.size_bytes,
+            losses=(*losses, *self._losses.losses(), *self._rigging.losses()),
+            notes=tuple(notes),
+        )
+
+
+def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int64Array
+    """Place in the topic to frame number."""
+    frames = np.flatnonzero(samples != NONE)
+    return dict(zip(samples[frames].tolist(), (frames + first).tolist(), strict=True))

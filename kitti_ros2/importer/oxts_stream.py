@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The oxts packets of a plan: one a frame, of the Imu, fix and velocity around its stamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..model.losses import format_numbers
+from ..model.stamps import NS_PER_S
+from ..model.streams import Layout, Stream
+from .frames import topic_of
+from .oxts import has_fix, has_orientation, make_packet
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..kitti.writer import LayoutWriter
+    from ..model.geometry import Transform
+    from ..model.samples import Int64Array, OxtsPacket
+    from .frames import Frames
+    from .plan import Plan
+    from .survey import Survey
+
+_MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
+"""Receivers tell their position once a second or more often; one lost fix is bridged."""
+
+_HALF_TURN_DEG = 180.0
+_OR = ', or messages that cannot be decoded,'
+
+
+@dataclass
+class _Pending:
+    """What a frame's packet is made of, as far as it has come."""
+
+    missing: set[tuple[str, int]]
+    found: dict[tuple[str, int], Any] = field(default_factory=dict)
+
+
+class PacketMaker:
+    """Makes packets while a bag is read, and holds no more than a few frames of messages.
+
+    Imu and velocity are the nearest to the frame's stamp, within the plan's tolerance or their own
+    period; a position lies on the line between the fixes before and after it.
+    """
+
+    def __init__(
+        self, plan: Plan, survey: Survey, frames: Frames, turns: Mapping[str, Transform]
+    ) -> None:
+        """Find out which messages are wanted.
+
+        Args:
+            plan: Names the topics.
+            survey: Their stamps.
+            frames: The frames.
+            turns: By topic its frame in KITTI's imu frame.
+
+        Raises:
+            UsageError: A topic is not there.
+        """
+        self._notes: list[str] = []
+        self._lacking = 0
+        self._frames_ns = frames.stamps_ns
+        self._turns = turns
+        self._topics = {'imu': plan.imu, 'fix': plan.fix, 'velocity': plan.velocity}
+        named = {role: topic for role, topic in self._topics.items() if topic}
+        self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
+        tolerance_ns = round(plan.tolerance_s * NS_PER_S)
+        wanted = [
+            self._wanted_fixes(tolerance_ns)
+            if role == 'fix'
+            else self._nearest(topic, tolerance_ns)
+            for role, topic in named.items()
+        ]
+        self._wanted: list[set[tuple[str, int]] | None] = [
+            None if None in parts else set().union(*parts) for parts in zip(*wanted, strict=True)
+        ]
+        self._gapless = plan.layout is Layout.TRACKING
+        self._forbid_gaps()
+        self._pending: dict[int, _Pending] = {}
+        self._frames_of: dict[tuple[str, int], list[int]] = {}
+        for frame, parts in enumerate(self._wanted):
+            for part in parts or ():
+                self._frames_of.setdefault(part, []).append(frame)
+        self._ready: dict[int, OxtsPacket | None] = {}
+        self._next = 0
+        self._levelled = False
+
+    @property
+    def topics(self) -> set[str]:
+        """The topics to read."""
+        return {topic for topic, _ in self._frames_of}
+
+    def notes(self) -> list[str]:
+        """What is worth a word of the packets so far."""
+        if self._lacking and not self._gapless:
+            return [*self._notes, f'{self._lacking} frames have no fix{_OR} and get no packet']
+        return self._notes
+
+    def wants(self, topic: str, place: int) -> bool:
+        """Whether a message, by its place in its topic, is part of a packet."""
+        return (topic, place) in self._frames_of
+
+    def take(self, topic: str, place: int, message: Any) -> None:  # noqa: ANN401 - of the bag
+        """Take a message that is wanted; None where it cannot be decoded."""
+        part = (topic, place)
+        for frame in self._frames_of.pop(part):
+            wanted = self._wanted[frame] or set()
+            pending = self._pending.setdefault(frame, _Pending(set(wanted)))
+            pending.missing.discard(part)
+            pending.found[part] = message
+            if not pending.missing:
+                self._ready[frame] = self._make(frame, self._pending.pop(frame).found)
+
+    def write(self, writer: LayoutWriter, first: int) -> int:
+        """Write the packets that are ready and whose turn it is; returns how many."""
+        count = 0
+        while self._next < len(self._wanted):
+            if self._wanted[self._next] is not None and self._next not in self._ready:
+                break
+            packet = self._ready.pop(self._next, None)
+            if packet is not None:
+                stamp_ns = int(self._frames_ns[self._next])
+                writer.write_oxts(first + self._next, stamp_ns, packet)
+                count += 1
+            elif self._wanted[self._next] is not None:
+                self._lack()
+            self._next += 1
+        return count
+
+    def _lack(self) -> None:
+        """A frame whose messages have no fix, or cannot be decoded."""
+        self._lacking += 1
+        if self._gapless:
+            left = len(self._wanted) - self._next
+            self._notes.append(
+                f'oxts ends before frame {self._next}, which has no fix{_OR}; {left} frames go'
+                f' without: line n is frame n'
+            )
+            self._wanted.clear()
+            self._frames_of.clear()
+
+    def _nearest(self, topic: str, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
+        stamps = self._stamps[topic]
+        period = int(np.median(np.diff(stamps))) if len(stamps) > 1 else 0
+        places = _nearest(stamps, self._frames_ns)
+        far = np.abs(stamps[places] - self._frames_ns) > max(tolerance_ns, period)
+        return [
+            None if beyond else {(topic, place)}
+            for place, beyond in zip(places.tolist(), far.tolist(), strict=True)
+        ]
+
+    def _wanted_fixes(self, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
+        topic = self._topics['fix']
+        stamps = self._stamps[topic]
+        after = np.searchsorted(stamps, self._frames_ns)
+        nearest = self._nearest(topic, tolerance_ns)
+        wanted: list[set[tuple[str, int]] | None] = []
+        for frame, place in enumerate(after.tolist()):
+            between = 0 < place < len(stamps)
+            if between and stamps[place] - stamps[place - 1] <= _MAX_FIX_GAP_NS:
+                wanted.append({(topic, place - 1), (topic, place)})
+            else:
+                wanted.append(nearest[frame])
+        return wanted
+
+    def _forbid_gaps(self) -> None:
+        """In the tracking layout line n is frame n: packets of all frames, or none."""
+        lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
+        if not lacking or not self._wanted:
+            return
+        which = f'no imu, fix or velocity near frames {format_numbers(lacking)}'
+        if self._gapless:
+            self._wanted = []
+            self._notes.append(f'{which}, so {Stream.OXTS.value} is left out')
+        else:
+            self._notes.append(which)
+
+    def _make(self, frame: int, found: Mapping[tuple[str, int], Any]) -> OxtsPacket | None:
+        by_topic: dict[str, list[tuple[int, Any]]] = {}
+        for (topic, place), message in sorted(found.items(), key=lambda item: item[0]):
+            by_topic.setdefault(topic, []).append((place, message))
+        if any(message is None for message in found.values()):
+            return None
+        imu, fixes, velocity = (by_topic.get(topic) for topic in self._topics.values())
+        imu_message = imu[0][1] if imu else None
+        if imu_message is not None and not self._levelled and not has_orientation(imu_message):
+            self._levelled = True
+            self._notes.append(f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0')
+        return make_packet(
+            imu_message,
+            self._fix(frame, fixes) if fixes else None,
+            velocity[0][1] if velocity else None,
+            **self._mountings(),
+        )
+
+    def _mountings(self) -> dict[str, Transform]:
+        """Where the messages' frames are, where the static tree tells."""
+        names = {'imu_t_frame': self._topics['imu'], 'imu_t_velocity': self._topics['velocity']}
+        return {name: self._turns[topic] for name, topic in names.items() if topic in self._turns}
+
+    def _fix(self, frame: int, fixes: list[tuple[int, Any]]) -> Any:  # noqa: ANN401 - of the bag
+        stamps = self._stamps[self._topics['fix']]
+        (before, first), (after, last) = fixes[0], fixes[-1]
+        if before == after or not has_fix(last):
+            return first
+        if not has_fix(first):
+            return last
+        span = max(int(stamps[after] - stamps[before]), 1)
+        share = float(self._frames_ns[frame] - stamps[before]) / span
+        near = last if share > 0.5 else first
+        if abs(last.longitude - first.longitude) > _HALF_TURN_DEG:
+            return near
+        return replace(
+            near,
+            **{
+                name: getattr(first, name) + share * (getattr(last, name) - getattr(first, name))
+                for name in ('latitude', 'longitude', 'altitude')
+            },
+        )
+
+
+def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:
+    """(M,) index of the stamp nearest to each of (M,) wanted ones."""
+    after = np.clip(np.searchsorted(stamps, wanted), 1, max(len(stamps) - 1, 1))
+    before = after - 1
+    later = np.minimum(after, len(stamps) - 1)
+    nearer = np.abs(stamps[later] - wanted) < np.abs(stamps[before] - wanted)
+    return np.where(nearer, later, before).astype(np.int64)

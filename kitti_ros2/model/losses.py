@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What could not be used of a user's data, and how its numbers are written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Something of the user's data that could not be used: what, how much of it, and why.
+
+    Attributes:
+        stream: Name of the stream or topic.
+        count: Samples or messages.
+        message: One line; {} stands for the numbers.
+        numbers: File numbers, where they are known.
+    """
+
+    stream: str
+    count: int
+    message: str
+    numbers: tuple[int, ...] = ()
+
+    def within(self, lowest: int, highest: int) -> Loss | None:
+        """The part of it between two file numbers, both included; all where none are known."""
+        if not self.numbers:
+            return self
+        kept = tuple(number for number in self.numbers if lowest <= number <= highest)
+        return Loss(self.stream, len(kept), self.message, kept) if kept else None
+
+    def text(self) -> str:
+        """The message with its numbers."""
+        return self.message.replace('{}', format_numbers(self.numbers))
+
+
+def runs_of(numbers: Iterable[int]) -> list[list[int]]:
+    """Ascending numbers as [first, last] of each run without a gap."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return spans
+
+
+def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
+    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    spans = runs_of(numbers)
+    texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
+    rest = sum(last - first + 1 for first, last in spans[most:])
+    return ', '.join(texts) + (f' and {rest} more' if rest else '')

@@ -1,0 +1,263 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording holds, as frozen values: scans, images, packets, poses, calibration, labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from .geometry import rotation_from_rpy
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from .boxes import Box, Cuboid
+    from .geometry import Float64Array, Transform
+
+Float32Array: TypeAlias = npt.NDArray[np.float32]
+Int64Array: TypeAlias = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """A text file carried verbatim, so that it can be written again to the byte.
+
+    Attributes:
+        name: Path relative to the recording's root, with forward slashes.
+        text: The whole content, line ends untouched.
+    """
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One turn of the scanner: clockwise seen from above, from straight behind to straight behind.
+
+    Attributes:
+        start_ns: When it faces straight behind; it faces forward half a turn later.
+        length_ns: Nanoseconds.
+        nominal: Whether the length is assumed, for want of start and end stamps.
+    """
+
+    start_ns: int
+    length_ns: int
+    nominal: bool = False
+
+    @property
+    def forward_ns(self) -> int:
+        """When the scanner faces forward."""
+        return self.start_ns + self.length_ns // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sweep of the laser scanner.
+
+    Attributes:
+        points: (N, 4) float32: x y z in metres in velo_link (x forward, y left, z up), and
+            reflectance 0..1.
+        start_ns, end_ns: First and last firing of the sweep, where the layout has them.
+        labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, if asked for.
+        lacks: What was asked for and cannot be had: name to the reason, a line.
+        turn: When each direction was scanned; None where the points are of one moment, as in scans
+            that KITTI has compensated for motion.
+    """
+
+    points: Float32Array
+    start_ns: int | None = None
+    end_ns: int | None = None
+    labels: npt.NDArray[np.uint32] | None = None
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    turn: Turn | None = None
+
+
+@dataclass(frozen=True)
+class Image:
+    """One camera image, still encoded.
+
+    Attributes:
+        png: The file's own bytes.
+        width, height: Pixels.
+        channels: 1 (grey) or 3 (colour).
+    """
+
+    png: bytes = field(repr=False)
+    width: int
+    height: int
+    channels: int
+
+
+@dataclass(frozen=True)
+class OxtsPacket:
+    """One packet of the GPS/IMU unit: the 30 columns of KITTI's dataformat.txt, in its order.
+
+    Positions in degrees and metres, angles in radians, velocities in m/s, accelerations in m/s^2
+    (gravity included), rates in rad/s. x, y, z are the unit's own body axes (forward, left, up);
+    f, l, u are levelled: forward and left parallel to the earth's surface, up perpendicular to it.
+    source is the line it was read from, verbatim, under its file's name.
+    """
+
+    lat: float
+    lon: float
+    alt: float
+    roll: float
+    pitch: float
+    yaw: float
+    vn: float
+    ve: float
+    vf: float
+    vl: float
+    vu: float
+    ax: float
+    ay: float
+    az: float
+    af: float
+    al: float
+    au: float
+    wx: float
+    wy: float
+    wz: float
+    wf: float
+    wl: float
+    wu: float
+    pos_accuracy: float
+    vel_accuracy: float
+    navstat: int
+    numsats: int
+    posmode: int
+    velmode: int
+    orimode: int
+    source: TextFile | None = field(default=None, compare=False, repr=False)
+
+    def body_velocity(self) -> Float64Array:
+        """(3,) m/s along the body's axes (forward, left, up), from ve vn vu and the attitude.
+
+        Not from vf vl vu: the data set's vl is positive to the right, whatever its dataformat.txt
+        says (drive 0001: -ve sin(yaw) + vn cos(yaw) is -vl to 1 cm/s).
+        """
+        east_north_up = np.array([self.ve, self.vn, self.vu])
+        body: Float64Array = rotation_from_rpy(self.roll, self.pitch, self.yaw).T @ east_north_up
+        return body
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where the vehicle is: imu_link in a fixed frame, and how it moves where that is known.
+
+    Attributes:
+        world_T_imu: Pose of imu_link in the frame that is fixed to the world: a reader's own (see
+            Start), or map.
+        velocity: (3,) m/s in imu_link axes, or None.
+        angular_velocity: (3,) rad/s in imu_link axes, or None.
+        position_sigma, velocity_sigma: One standard deviation in metres and m/s, or None.
+    """
+
+    world_T_imu: Transform
+    velocity: Float64Array | None = None
+    angular_velocity: Float64Array | None = None
+    position_sigma: float | None = None
+    velocity_sigma: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses of imu_link in a fixed frame, as in Pose: stamps and transforms of one length."""
+
+    stamps_ns: Int64Array
+    world_T_imu: Sequence[Transform]
+
+
+@dataclass(frozen=True)
+class Description:
+    """The recording as a whole.
+
+    Attributes:
+        values: What a reader of the bag needs to lay the recording out again; plain JSON values.
+        files: Text files of the whole recording, verbatim.
+        lacks: Those that cannot be read: name to the reason, a line.
+    """
+
+    values: Mapping[str, object]
+    files: Sequence[TextFile] = ()
+    lacks: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """One camera of a rig.
+
+    Attributes:
+        p_rect: (3, 4), projects points of the rectified camera 0 to this camera's rectified pixels;
+            where cam_T_velo is set, points of this camera's own frame.
+        size: (width, height) of its rectified images, where the layout tells.
+        k, d: (3, 3) and (5,) of the unrectified camera (plumb bob), raw layout only.
+        r_rect: (3, 3), its rectifying rotation, raw layout only.
+        cam_T_cam0: Unrectified camera 0 to this unrectified camera, raw layout only.
+        cam_T_velo: This camera's own extrinsics (Waymo in KITTI's shape), None on a KITTI rig.
+    """
+
+    p_rect: Float64Array
+    size: tuple[int, int] | None = None
+    k: Float64Array | None = None
+    d: Float64Array | None = None
+    r_rect: Float64Array | None = None
+    cam_T_cam0: Transform | None = None
+    cam_T_velo: Transform | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The rig at one time.
+
+    Attributes:
+        cameras: By KITTI camera index; a camera whose numbers are lacking is absent.
+        r0_rect: (3, 3), unrectified to rectified camera 0 (KITTI's R0_rect, R_rect_00).
+        cam0_T_velo: velo_link to unrectified camera 0 (KITTI's Tr_velo_to_cam).
+        velo_T_imu: imu_link to velo_link (KITTI's Tr_imu_to_velo).
+        rectified: Whether the images are rectified (False for raw extract).
+        nominal: Attributes that are stated defaults because the layout does not tell them.
+        lacks: What is not there and should be: part (P2, Tr_velo_to_cam) to the reason, a line.
+        files: The files it came from, verbatim.
+    """
+
+    cameras: Mapping[int, CameraCalibration]
+    r0_rect: Float64Array | None
+    cam0_T_velo: Transform | None
+    velo_T_imu: Transform
+    rectified: bool = True
+    nominal: tuple[str, ...] = ()
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[TextFile, ...] = ()
+
+    @property
+    def independent_cameras(self) -> bool:
+        """Whether each camera has extrinsics of its own instead of a common rectified frame."""
+        return any(camera.cam_T_velo is not None for camera in self.cameras.values())
+
+
+Sample: TypeAlias = (
+    'Description | Scan | Image | OxtsPacket | Pose | Trajectory | FrameLabels | Calibration'
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLabels:
+    """The labelled objects of one frame.
+
+    Attributes:
+        boxes: As a label file has them, in the file's order; None where a line is bad.
+        cuboids: As tracklets have them, in velo_link; a frame has these or boxes.
+        source: The frame's lines verbatim, under their file's name; None for tracklets.
+        lacks: Bad lines: where to the reason, a line.
+    """
+
+    boxes: Sequence[Box | None] = ()
+    cuboids: Sequence[Cuboid] = ()
+    source: TextFile | None = None
+    lacks: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's layouts, the streams of a recording, and what its stamps mean.
+
+A *stream* is one sensor's series. A *sample* is what one file (or one line) of it holds. A sample's
+*number* is its KITTI file number: streams are paired by number, never by position in a listing.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+CAMERA_COUNT = 5
+CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
+"""KITTI's cameras by index, as their topics and frames call them."""
+
+
+class Layout(str, Enum):
+    """The four shapes KITTI comes in."""
+
+    RAW = 'raw'
+    OBJECT = 'object'
+    ODOMETRY = 'odometry'
+    TRACKING = 'tracking'
+
+
+class Stream(str, Enum):
+    """The series of a recording; the order is the order of publishing at equal stamps."""
+
+    RECORDING = 'recording'
+    CALIBRATION = 'calibration'
+    PATH = 'path'
+    POSE = 'pose'
+    OXTS = 'oxts'
+    SCAN = 'scan'
+    IMAGE_0 = 'image_0'
+    IMAGE_1 = 'image_1'
+    IMAGE_2 = 'image_2'
+    IMAGE_3 = 'image_3'
+    IMAGE_4 = 'image_4'
+    LABELS = 'labels'
+
+    @property
+    def camera(self) -> int | None:
+        """The KITTI camera index of an image stream, None for the others."""
+        return int(self.value[-1]) if self.value.startswith('image_') else None
+
+
+IMAGE_STREAMS: tuple[Stream, ...] = tuple(Stream(f'image_{i}') for i in range(CAMERA_COUNT))
+FRAME_STREAMS = (
+    Stream.SCAN,
+    Stream.IMAGE_2,
+    Stream.IMAGE_0,
+    Stream.IMAGE_3,
+    Stream.IMAGE_1,
+    Stream.IMAGE_4,
+    Stream.LABELS,
+    Stream.OXTS,
+    Stream.POSE,
+)
+"""The streams whose samples make frames.
+
+Where a file number is the same moment in all streams, every number that one of them has is a frame.
+Elsewhere (a raw extract) the samples of the first stream that has any are the frames.
+"""
+
+
+class Clock(str, Enum):
+    """The meaning of a recording's stamps.
+
+    UTC has date and time; RELATIVE has seconds from the start, at an assumed date; NOMINAL has no
+    time at all, only the order of frames at an assumed rate.
+    """
+
+    UTC = 'utc'
+    RELATIVE = 'relative'
+    NOMINAL = 'nominal'

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Text for people: one safe line of what files and bags say, and quantities with their units."""
+
+from __future__ import annotations
+
+import re
+
+# A word of a name that nobody reads to its end: its beginning and its end are shown.
+_LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
+
+
+def one_line(text: str) -> str:
+    r"""A text without line breaks and without what a terminal would obey instead of show.
+
+    Names of topics, frames and types are whatever a bag says. What is not printable (control
+    characters, marks that turn the direction of writing, bytes of file names that are no UTF-8) is
+    written as in a Python string, such as \x1b; of very long words the middle is left out.
+    """
+    line = ' '.join(text.split())
+    if not line.isprintable():
+        line = ''.join(each if each.isprintable() else _escaped(each) for each in line)
+    return _LONG_WORD.sub(r'\1...\2', line)
+
+
+def _escaped(character: str) -> str:
+    return character.encode('unicode_escape').decode('ascii')
+
+
+def format_bytes(count: float) -> str:
+    """A size such as 434.9 MB."""
+    for unit in ('B', 'kB', 'MB', 'GB'):
+        if count < 1000:
+            return f'{count:.0f} {unit}' if unit == 'B' else f'{count:.1f} {unit}'
+        count /= 1000
+    return f'{count:.1f} TB'
+
+
+def format_duration(nanoseconds: int) -> str:
+    """A duration such as 12.4 s or 7 min 30 s."""
+    seconds = nanoseconds / 1e9
+    if seconds < 120:
+        return f'{seconds:.1f} s'
+    minutes, rest = divmod(round(seconds), 60)
+    return f'{minutes} min {rest} s'
+
+
+def format_count(count: int, noun: str) -> str:
+    """A count with its noun, such as 1 message or 2,104 messages."""
+    return f'{count:,} {noun}{"" if count == 1 else "s"}'

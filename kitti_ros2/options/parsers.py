@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One value of a setting, as a command line, a YAML file or a ROS parameter has it.
+
+Each function takes the setting's name and the value, and raises UsageError where it is none.
+"""
+
+from __future__ import annotations
+
+import re
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from ..model.errors import UsageError
+from ..model.stamps import parse_seconds, parse_stamp
+from .selection import Bound
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+E = TypeVar('E', bound=Enum)
+
+_SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
+_LEAST_SPLIT_BYTES = 1_000_000
+_POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
+
+
+def parse_bytes(text: str) -> int:
+    """Bytes from a size such as 2GB, 500 MB or 1GiB.
+
+    Raises:
+        ValueError: The text is no size.
+    """
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    return int(float(match[1]) * (1024 if match[3] else 1000) ** _POWERS[match[2]])
+
+
+def parse_text(name: str, value: object) -> str:
+    """A word; a whole number is one, too."""
+    if isinstance(value, (str, int)) and not isinstance(value, bool):
+        return str(value)
+    raise UsageError(f'{name} takes a word, not {value!r}')
+
+
+def parse_texts(name: str, value: object) -> tuple[str, ...]:
+    """Words, of a list or apart by commas and blanks."""
+    items = value if isinstance(value, (list, tuple)) else [value]
+    return tuple(
+        word for item in items for word in parse_text(name, item).replace(',', ' ').split()
+    )
+
+
+def parse_flag(name: str, value: object) -> bool:
+    """True or false."""
+    if isinstance(value, bool):
+        return value
+    raise UsageError(f'{name} takes true or false, not {value!r}')
+
+
+def parse_integer(name: str, value: object) -> int:
+    """A whole number."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if isinstance(value, str) and value.removeprefix('-').isdecimal():
+        return int(value)
+    raise UsageError(f'{name} takes a whole number, not {value!r}')
+
+
+def parse_number(name: str, value: object) -> float:
+    """A number."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    if isinstance(value, str) and value.removeprefix('-').isdecimal():
+        return float(value)
+    raise UsageError(f'{name} takes a number, not {value!r}')
+
+
+def parse_rounds(name: str, value: object) -> int:
+    """A number of rounds; true is without end, false once."""
+    if isinstance(value, bool):
+        return 0 if value else 1
+    return parse_integer(name, value)
+
+
+def parse_path(name: str, value: object) -> Path:
+    """A path."""
+    return Path(parse_text(name, value))
+
+
+def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
+    """What parses a value of a kind."""
+
+    def parse(name: str, value: object) -> E:
+        known = [item.value for item in kind]
+        if value not in known:
+            raise UsageError(f'{name} takes {" or ".join(known)}, not {value!r}')
+        return kind(value)
+
+    return parse
+
+
+def parse_bound(name: str, value: object) -> Bound:
+    """The first or last of a selection."""
+    return Bound.parse(parse_text(name, value))
+
+
+def parse_split_size(name: str, value: object) -> int:
+    """Bytes of one file of a bag, of a size such as 2GB; below 1MB the unit was forgotten."""
+    try:
+        size = parse_bytes(parse_text(name, value))
+    except ValueError:
+        raise UsageError(f'{name} takes a size such as 2GB, not {value!r}') from None
+    if size < _LEAST_SPLIT_BYTES:
+        raise UsageError(
+            f'{name} {value} is less than 1MB; give a size with its unit, such as 500MB or 2GB'
+        )
+    return size
+
+
+def parse_seconds_ns(name: str, value: object) -> int:
+    """Nanoseconds, of seconds such as 60s."""
+    try:
+        return parse_seconds(str(value).removesuffix('s'))
+    except ValueError:
+        raise UsageError(f'{name} takes seconds such as 60s, not {value!r}') from None
+
+
+def parse_epoch(name: str, value: object) -> int:
+    """Nanoseconds since 1970, of a UTC time."""
+    try:
+        return parse_stamp(str(value).removesuffix('+00:00'))
+    except ValueError:
+        raise UsageError(
+            f"{name} takes a UTC time such as '2011-09-26 00:00:00', not {value!r}"
+        ) from None
+
+
+def parse_place(name: str, value: object) -> tuple[float, ...]:
+    """Numbers in metres, such as x, y and z."""
+    items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
+    try:
+        return tuple(float(item) for item in items)
+    except (TypeError, ValueError):
+        raise UsageError(f'{name} takes three numbers x,y,z in metres, not {value!r}') from None
+
+
+def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
+    """Four numbers in metres: from and to forward, from and to the left."""
+    try:
+        back, front, right, left = (float(word) for word in str(value).split(','))
+    except ValueError:
+        raise UsageError(
+            f'{name} takes four numbers in metres, from and to forward, from and to the left, such'
+            f" as '-10,60,-25,25', not {value!r}"
+        ) from None
+    return back, front, right, left

@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a KITTI folder is read: layout, sequence, and the time of recordings without stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from ..model.errors import UsageError
+from ..model.stamps import NS_PER_S
+
+if TYPE_CHECKING:
+    from ..model.streams import Layout
+
+DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
+"""2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
+NOMINAL_PERIOD_NS = 103_600_000
+"""One turn of KITTI's scanner, for recordings without time stamps: 0.1036 s.
+
+Sources: times.txt of odometry 00 begins 0, 0.103736, 0.207338, 0.311075 s; in tracking 0000 the yaw
+changes by 0.10360 s times the yaw rate. Raw stamps of 0001 and 0005 are 0.1031 and 0.1033 s apart.
+"""
+_PERIODS_NS = (1_000_000, 60 * NS_PER_S)
+
+
+class ScanStamp(str, Enum):
+    """The moment of a scan that is its stamp: the start of the turn, or facing forward."""
+
+    START = 'start'
+    FORWARD = 'forward'
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How a KITTI folder is read.
+
+    Attributes:
+        layout: raw, object, odometry or tracking; None to find out.
+        sequence: Which drive, split or sequence, where the folder holds several.
+        epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
+        semantic: Whether scans are read with SemanticKITTI's labels.
+        period_ns: Distance of the frames of recordings without time stamps, and length of a turn
+            of the scanner whose start and end are not known; 1 ms to 60 s.
+        scan_stamp: The moment of a scan that is its stamp. Scans that KITTI has compensated for
+            motion (odometry) keep theirs.
+
+    Raises:
+        UsageError: The epoch is not after 1970, or the period is out of range.
+    """
+
+    layout: Layout | None = None
+    sequence: str | None = None
+    epoch_ns: int = DEFAULT_EPOCH_NS
+    semantic: bool = False
+    period_ns: int = NOMINAL_PERIOD_NS
+    scan_stamp: ScanStamp = ScanStamp.FORWARD
+
+    def __post_init__(self) -> None:
+        if self.epoch_ns <= 0:
+            raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
+        if not is_period(self.period_ns):
+            least, most = (f'{period / NS_PER_S:g}' for period in _PERIODS_NS)
+            raise UsageError(
+                f'the period {self.period_ns / NS_PER_S:g} is not within {least} to {most} seconds'
+            )
+
+
+def is_period(period_ns: int) -> bool:
+    """Whether a distance of frames is within the allowed range."""
+    return _PERIODS_NS[0] <= period_ns <= _PERIODS_NS[1]

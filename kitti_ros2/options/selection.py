@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which part of a recording or a bag is taken: topics, streams, first and last."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..model.errors import UsageError
+from ..model.stamps import NS_PER_S, format_stamp, parse_seconds, parse_stamp
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One end of a selection: exactly one of a frame number, an offset, or a stamp.
+
+    Attributes:
+        frame: File number.
+        offset_ns: Nanoseconds from the recording's first stamp.
+        stamp_ns: Nanoseconds since 1970, UTC.
+    """
+
+    frame: int | None = None
+    offset_ns: int | None = None
+    stamp_ns: int | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> Bound:
+        """A bound from its text: `12` (frame), `3.5s` (from the start), or a KITTI time stamp.
+
+        Raises:
+            UsageError: The text is none of these.
+        """
+        text = text.strip()
+        try:
+            if text.isdecimal():
+                return cls(frame=int(text))
+            if text.endswith('s'):
+                return cls(offset_ns=parse_seconds(text[:-1]))
+            return cls(stamp_ns=parse_stamp(text))
+        except ValueError:
+            raise UsageError(
+                f'{text!r} is no start or end; write a frame (12), seconds from the start (3.5s)'
+                f" or a time stamp ('2011-09-26 13:02:25.9')"
+            ) from None
+
+    def __str__(self) -> str:
+        """For people: frame 12, 3.5s, or a time stamp."""
+        if self.frame is not None:
+            return f'frame {self.frame}'
+        if self.offset_ns is not None:
+            return f'{self.offset_ns / NS_PER_S:.9f}'.rstrip('0').rstrip('.') + 's'
+        return format_stamp(self.stamp_ns or 0)
+
+    def is_before(self, other: Bound) -> bool:
+        """Whether it is before another one of the same kind; False for another kind."""
+        pairs = (
+            (self.frame, other.frame),
+            (self.offset_ns, other.offset_ns),
+            (self.stamp_ns, other.stamp_ns),
+        )
+        return any(ours is not None and other is not None and ours < other for ours, other in pairs)
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """Which part of a recording is taken.
+
+    Attributes:
+        streams: Names of streams; image stands for all cameras; empty takes all.
+        topics: Names of topics, wildcards allowed; empty takes all.
+        start, end: First and last moment, both included; None takes all.
+
+    Raises:
+        UsageError: The end is before the start.
+    """
+
+    streams: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    start: Bound | None = None
+    end: Bound | None = None
+
+    def __post_init__(self) -> None:
+        if self.start is not None and self.end is not None and self.end.is_before(self.start):
+            raise self.reversed_error()
+
+    def reversed_error(self) -> UsageError:
+        """The error for an end before the start."""
+        return UsageError(f'the end ({self.end}) is before the start ({self.start})')

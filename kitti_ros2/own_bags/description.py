@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The description in a bag of our own: layout, folders, and which files the bag carries.
+
+It is untrusted: a bag may be damaged, or made by anyone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from ..kitti import names
+from ..messages.source import RECORDING, decode_description
+from ..model.errors import BadBagError
+from ..model.streams import Layout, Stream
+from ..options.read import ScanStamp, is_period
+from .folders import Folder, inside
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+_MOST_DIGITS = 12
+_MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
+_EARLIER_PERIOD_NS = 100_000_000  # of bags whose description has no period
+_SUFFIXES = (names.PNG, names.BIN, names.TXT)
+_ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+
+
+class UndescribedError(BadBagError):
+    """A bag of our own whose description is missing, invalid or too old to go by."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        expected = 'the description of a recording; --layout or --plan-file goes by a plan instead'
+        super().__init__(path, reason, expected)
+
+
+class EarlierVersionError(UndescribedError):
+    """A bag of our own whose description does not give the numbers of the files."""
+
+    def __init__(self, path: Path) -> None:
+        BadBagError.__init__(
+            self,
+            path,
+            'was made by an earlier version of to-bag, which did not tell the files their numbers',
+            'a bag of this version: make it again with to-bag, or give --layout to go by a plan',
+        )
+
+
+@dataclass(frozen=True)
+class RecordingDescription:
+    """A description that was checked.
+
+    Attributes:
+        layout, name, epoch_ns, period_ns, scan_stamp: As Blueprint has them.
+        folders: By stream.
+        texts: The text files that the bag carries, calibration apart; None where the description
+            does not list them.
+        calibrations: The calibration files that it carries, where these are not numbered.
+    """
+
+    layout: Layout
+    name: str
+    epoch_ns: int
+    period_ns: int
+    scan_stamp: ScanStamp
+    folders: Mapping[Stream, Folder]
+    texts: tuple[PurePosixPath, ...] | None
+    calibrations: tuple[PurePosixPath, ...]
+
+
+def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
+    """The description that a String holds.
+
+    Raises:
+        EarlierVersionError: It has no file numbers.
+        UndescribedError: It is invalid.
+        BadBagError: It names folders outside of its root.
+    """
+    try:
+        values: dict[str, Any] = decode_description(message)
+        entries = values['files']
+        if any('numbers' not in entry for entry in entries.values()):
+            raise EarlierVersionError(path)
+        folders = {Stream(name): _folder(entry, path) for name, entry in entries.items()}
+        if sum(len(folder.numbers) for folder in folders.values()) > _MOST_FILES:
+            raise ValueError(f'more than {_MOST_FILES} files')
+        places = {(folder.path, folder.suffix) for folder in folders.values()}
+        if len(places) < len(folders):
+            raise ValueError('two streams in one folder')
+        return RecordingDescription(
+            layout=Layout(values['layout']),
+            name=str(values['name']),
+            epoch_ns=int(values['epoch_ns']),
+            period_ns=_period(values),
+            scan_stamp=ScanStamp(values.get('scan_stamp', ScanStamp.FORWARD.value)),
+            folders=folders,
+            texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
+            calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
+        )
+    except _ERRORS as error:
+        reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'
+        raise UndescribedError(path, reason) from error
+
+
+def _period(values: Mapping[str, Any]) -> int:
+    period_ns = int(values.get('period_ns', _EARLIER_PERIOD_NS))
+    if not is_period(period_ns):
+        raise ValueError(f'a period of {period_ns} ns')
+    return period_ns
+
+
+def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
+    digits, suffix = int(entry['digits']), str(entry['suffix'])
+    if not 0 < digits <= _MOST_DIGITS or suffix not in _SUFFIXES:
+        raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
+    numbers = tuple(_numbers(entry['numbers'], 10**digits))
+    carried = numbers
+    if 'carried' in entry:
+        carried = tuple(_numbers(entry['carried'], 10**digits))
+    if not set(carried) <= set(numbers):
+        raise ValueError('files that the recording does not have')
+    return Folder(inside(entry['folder'], path), digits, suffix, numbers, carried)
+
+
+def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
+    least = 0
+    for first, last in spans:
+        if not least <= int(first) <= int(last) < limit or int(last) - int(first) >= _MOST_FILES:
+            raise ValueError(f'file numbers {first} to {last}')
+        yield from range(int(first), int(last) + 1)
+        least = int(last) + 1

@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of numbered files, and the paths that a bag may name."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..kitti import names
+from ..model.errors import BadBagError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..model.streams import Stream
+
+_SHOWN = 80
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where a stream's numbered files are.
+
+    Attributes:
+        path: Relative to the recording's root.
+        digits: How many digits the names have.
+        suffix: Their suffix.
+        numbers: File numbers of the recording, ascending.
+        carried: Those of them that the bag was made to hold, ascending.
+    """
+
+    path: PurePosixPath
+    digits: int
+    suffix: str
+    numbers: tuple[int, ...]
+    carried: tuple[int, ...]
+
+    def file(self, number: int) -> PurePosixPath:
+        """The path of the file with a number."""
+        return self.path / names.file_name(number, self.digits, self.suffix)
+
+    def has(self, number: int) -> bool:
+        """Whether the recording has a file of this number."""
+        place = bisect_left(self.numbers, number)
+        return self.numbers[place : place + 1] == (number,)
+
+
+def owner_of(path: PurePosixPath, folders: Mapping[Stream, Folder]) -> tuple[Stream, int] | None:
+    """The stream and number of a numbered file's path, None where it is none of a recording's."""
+    for stream, folder in folders.items():
+        if path.parent == folder.path and path.stem.isdecimal() and path.stem.isascii():
+            number = int(path.stem)
+            if folder.has(number) and path == folder.file(number):
+                return stream, number
+    return None
+
+
+def inside(name: str, bag: Path) -> PurePosixPath:
+    """The relative path that a bag names.
+
+    Raises:
+        BadBagError: It would lie outside of the output.
+    """
+    if not is_inside(name):
+        found = f'names a file {shown(name)}, which would lie outside of the output'
+        raise BadBagError(bag, found, 'paths within the recording')
+    return PurePosixPath(name)
+
+
+def shown(name: str) -> str:
+    """A name as errors show it."""
+    return repr(name if len(name) <= _SHOWN else f'{name[:_SHOWN]}...')
+
+
+def is_inside(name: str) -> bool:
+    """Whether a name is a relative path that stays below its root."""
+    path = PurePosixPath(name)
+    return not (path.is_absolute() or '..' in path.parts or not path.parts or '\0' in name)

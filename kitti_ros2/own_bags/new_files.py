@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of a data set that is restored: none overwrites another."""
+
+from __future__ import annotations
+
+import errno
+from typing import TYPE_CHECKING
+
+from ..kitti.store import STORE
+from ..model.errors import UsageError
+from ..model.losses import Loss
+from .source_texts import TEXT_FILE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .recorded_layout import Blueprint
+
+_OF_NAME = (errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EINVAL)
+"""Errors that a file's own name causes, not the disk."""
+
+
+def write_texts(root: Path, blueprint: Blueprint, bag: Path) -> tuple[Loss, ...]:
+    """Write the text files, some of which several recordings of a data set share."""
+    losses = []
+    for path, text in (*blueprint.texts.items(), *blueprint.calibrations.items()):
+        target = root / path
+        if STORE.is_file(target) and STORE.read_text(target) != text:
+            raise UsageError(f'{bag}: its {path} differs from that of another bag')
+        error = '' if STORE.is_file(target) else write_new(target, text.encode())
+        if error:
+            losses.append(Loss(TEXT_FILE, 1, error))
+    return tuple(losses)
+
+
+def write_new(target: Path, content: bytes | memoryview) -> str:
+    """Write a file that is not there; returns why its name cannot be taken.
+
+    Raises:
+        OSError: The disk refuses.
+    """
+    try:
+        STORE.write(target, content, new=True)
+    except OSError as error:
+        if error.errno not in _OF_NAME:
+            raise
+        return f'{target.name}: {error.strerror}; the file of that name is kept'
+    return ''

@@ -1,0 +1,326 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's file numbers of the messages in a bag of our own.
+
+Every command that addresses the frames of a bag takes their numbers from here. The description in
+the bag and its text files map stamps to numbers. A bag recorded from a player has other log times:
+its messages are found by the stamps in their headers, and texts by what they name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..bags.reader import open_messages
+from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
+from ..importer.survey import LABEL_LINES, MARKERS, STRING, TF_TYPES
+from ..kitti import names
+from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
+from ..messages.header import peek_header
+from ..messages.source import decode_text
+from ..messages.topics import LABELLED_CAMERA
+from ..model.errors import BadFileError
+from ..model.streams import FRAME_STREAMS, Clock, Layout, Stream
+from ..options.read import ScanStamp
+from .folders import Folder
+from .recorded_layout import find_blueprint
+from .topics import own_topics
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator, Mapping
+
+    from ..model.boxes import Cuboid
+    from ..model.samples import Int64Array, TextFile
+    from .recorded_layout import Blueprint
+
+BY_POSITION = 'frames of this bag are numbered by position, from 0'
+"""What commands say of a bag that is not ours."""
+
+OXTS_LINES = '/kitti/source/oxts'
+_LINES = frozenset({OXTS_LINES, LABEL_LINES})
+_HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
+
+
+class NumberedTopic(NamedTuple):
+    """A topic whose messages are samples.
+
+    Attributes:
+        stream: What they are samples of.
+        log_ns: (N,) log times, nanoseconds, ascending.
+        stamps_ns: (N,) the samples' own stamps.
+        numbers: (N,) KITTI's file numbers, UNKNOWN for a message of no known stamp.
+    """
+
+    stream: Stream
+    log_ns: Int64Array
+    stamps_ns: Int64Array
+    numbers: Int64Array
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether any number is known."""
+        return bool((self.numbers != UNKNOWN).any())
+
+
+class NumberedBag(NamedTuple):
+    """The messages of a bag of our own under KITTI's numbers.
+
+    Attributes:
+        blueprint: How the recording was laid out.
+        topics: By name; topics that hold for the whole recording are absent.
+    """
+
+    blueprint: Blueprint
+    topics: Mapping[str, NumberedTopic]
+
+    @property
+    def frames(self) -> Int64Array:
+        """(N,) the numbers of its frames, ascending; see samples.FRAME_STREAMS."""
+        return frames_of(self.by_stream(), common=self.common)
+
+    @property
+    def common(self) -> bool:
+        """Whether a number is the same moment in all streams; not in a raw extract."""
+        return has_common_numbers(self.blueprint)
+
+    @property
+    def clock(self) -> Clock:
+        """The meaning of its stamps."""
+        return clock_of(self.blueprint)
+
+    def frames_at(self, stamps_ns: Int64Array, topics: Collection[str]) -> Int64Array:
+        """(N,) the frame of each of (N,) messages.
+
+        Args:
+            stamps_ns: (N,) log times of the messages of some topics, ascending.
+            topics: Which.
+        """
+        if not self.common:
+            return nearest_frames(stamps_ns, *self._reference())
+        log_ns = np.concatenate([each.log_ns for each in self.topics.values()])
+        numbers = np.concatenate([each.numbers for each in self.topics.values()])
+        order = np.lexsort((numbers, log_ns))
+        last = np.searchsorted(log_ns[order], stamps_ns, 'right') - 1
+        frames = never_falling(numbers[order])[np.maximum(last, 0)]
+        for each in (self.topics[topic] for topic in topics if topic in self.topics):
+            known = each.numbers != UNKNOWN
+            frames[np.searchsorted(stamps_ns, each.log_ns[known])] = each.numbers[known]
+        return frames
+
+    def _reference(self) -> tuple[Int64Array, Int64Array]:
+        """Log times and numbers of the stream that frames are counted by without common numbers."""
+        present = self.by_stream()
+        stream = next(each for each in FRAME_STREAMS if len(present.get(each, ())))
+        topic = next(t for t in self.topics.values() if t.stream is stream and t.is_numbered)
+        known = topic.numbers != UNKNOWN
+        log_ns = topic.log_ns[known]
+        if stream is Stream.SCAN and self.blueprint.scan_stamp is ScanStamp.START:
+            # Images come after facing forward: between both is the middle of a frame.
+            log_ns = log_ns + self.blueprint.period_ns // 4
+        return log_ns, never_falling(topic.numbers[known])
+
+    def by_stream(self) -> dict[Stream, Int64Array]:
+        """By stream (N,) the file numbers that its topics have, ascending."""
+        found: dict[Stream, list[Int64Array]] = {}
+        for each in self.topics.values():
+            found.setdefault(each.stream, []).append(each.numbers[each.numbers != UNKNOWN])
+        return {stream: np.unique(np.concatenate(parts)) for stream, parts in found.items()}
+
+
+def has_common_numbers(blueprint: Blueprint) -> bool:
+    """Whether a file number is the same moment in all streams of a recording."""
+    return not (blueprint.layout is Layout.RAW and blueprint.name.endswith('_extract'))
+
+
+def clock_of(blueprint: Blueprint) -> Clock:
+    """The meaning of a recording's stamps, by the time files that its bag carries."""
+    files = {path.name for path in blueprint.texts}
+    if blueprint.layout is Layout.RAW and names.TIMESTAMPS in files:
+        return Clock.UTC
+    if blueprint.layout is Layout.ODOMETRY and names.TIMES in files:
+        return Clock.RELATIVE
+    return Clock.NOMINAL
+
+
+def number_bag(
+    path: Path,
+    log_ns: Mapping[str, Int64Array],
+    *,
+    blueprint: Blueprint | None = None,
+    by_header: bool = True,
+) -> NumberedBag | None:
+    """The messages of a bag under KITTI's numbers.
+
+    Args:
+        path: The bag.
+        log_ns: Log times by topic, (N,) nanoseconds, ascending.
+        blueprint: Its layout, where that has been read already.
+        by_header: Whether a bag with other log times is read to find the stamps in its headers.
+
+    Returns:
+        None for a bag that is not ours, or whose stamps are not those of its recording: its frames
+        are numbered by position.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    try:
+        blueprint = blueprint or find_blueprint(path)
+        if blueprint is None:
+            return None
+        streams = {
+            row.name: row.stream
+            for row in own_topics().values()
+            if row.stream in FRAME_STREAMS or row.stream in blueprint.folders
+        }
+        mapped = _Numbers(blueprint)
+        found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
+        if by_header and not _is_numbered(found):
+            found = _by_header(path, mapped, streams)
+    except OSError:
+        raise
+    except Exception:  # noqa: BLE001 - a description may hold anything; reading the bag names damage
+        return None
+    return NumberedBag(blueprint, found) if _is_numbered(found) else None
+
+
+def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
+    return any(each.stream in FRAME_STREAMS and each.is_numbered for each in topics.values())
+
+
+class _Numbers:
+    """Stamps to file numbers, stream by stream."""
+
+    def __init__(self, blueprint: Blueprint) -> None:
+        self.blueprint = blueprint
+        self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
+
+    def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
+        """(N,) numbers of (N,) ascending stamps; those of equal stamps in their order."""
+        known, numbers = self._pairs(stream)
+        first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
+        turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
+        found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
+        is_known = after > first
+        found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
+        return found
+
+    def _pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
+        """Stamps, ascending, and the number of each."""
+        if stream not in self._sorted:
+            mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
+            pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
+            table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            self._sorted[stream] = (table[:, 0], table[:, 1])
+        return self._sorted[stream]
+
+
+def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
+    """The layout with a stand-in for the folder of a stream that is lines of a common file."""
+    if stream in blueprint.folders:
+        return blueprint
+    if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
+        folder = blueprint.folders[Stream.OXTS]
+    elif blueprint.layout is Layout.RAW:
+        numbers = tuple(sorted(tracklets_of(blueprint)))
+        path = _folder_of_tracklets(blueprint)
+        folder = Folder(path, names.RAW_DIGITS, names.BIN, numbers, numbers)
+    else:
+        times = (path.parent for path in blueprint.texts if path.name == names.TIMES)
+        path = next(times, PurePosixPath()) / names.SCANS
+        numbers = tuple(_lines(blueprint, stream))
+        folder = Folder(path, names.FRAME_DIGITS, names.BIN, numbers, numbers)
+    return replace(blueprint, folders={**blueprint.folders, stream: folder})
+
+
+def _folder_of_tracklets(blueprint: Blueprint) -> PurePosixPath:
+    """The folder whose stamps tracklets have: see RawRecording."""
+    scans = blueprint.folders.get(Stream.SCAN)
+    if scans is not None and scans.numbers:
+        return scans.path
+    drives = (path.parent for path in blueprint.texts if path.name == names.RAW_TRACKLETS)
+    drive = next(drives, PurePosixPath())
+    return drive / names.RAW_IMAGES[LABELLED_CAMERA] / names.RAW_DATA
+
+
+def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
+    """The boxes of a raw drive by frame, from the tracklets in its bag; {} without sound ones."""
+    for path, text in blueprint.texts.items():
+        if path.name == names.RAW_TRACKLETS:
+            try:
+                return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
+            except BadFileError:
+                break  # to-bag has reported it, and made no labels of it
+    return {}
+
+
+def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
+    """The frames that the common file of a stream has lines for, ascending."""
+    tracking = blueprint.layout is Layout.TRACKING
+    labels = stream is Stream.LABELS
+    folder = (names.TRACKING_LABELS if labels else names.OXTS) if tracking else names.POSES
+    for path, text in blueprint.texts.items():
+        if folder in {path.parent.name, path.stem}:
+            lines = text.splitlines()
+            return sorted({*_rows(lines)}) if labels else range(len(lines))
+    return ()
+
+
+def _rows(lines: Iterable[str]) -> Iterator[int]:
+    """The frame that each row of a tracking label file begins with."""
+    for line in lines:
+        word = line.split(maxsplit=1)[0] if line.strip() else ''
+        if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
+            yield int(word)
+
+
+def _by_log(
+    mapped: _Numbers, topics: Mapping[str, tuple[Stream, Int64Array]]
+) -> dict[str, NumberedTopic]:
+    """By log time, which is the sample's own stamp in a bag that to-bag wrote."""
+    return {
+        name: NumberedTopic(stream, log_ns, log_ns, mapped.of(stream, log_ns))
+        for name, (stream, log_ns) in topics.items()
+    }
+
+
+def _by_header(
+    path: Path, mapped: _Numbers, streams: Mapping[str, Stream]
+) -> dict[str, NumberedTopic]:
+    """By the stamps in headers, and by what texts name."""
+    found: dict[str, list[tuple[int, int, int]]] = {}
+    with open_messages(path, set(streams)) as messages:
+        for message in messages:
+            stamp_ns, number = message.stamp_ns, UNKNOWN
+            try:
+                if message.topic in _LINES:
+                    text: Any = messages.typestore.deserialize_cdr(message.data, message.msgtype)
+                    number = _named(decode_text(text), mapped.blueprint, streams[message.topic])
+                elif message.msgtype not in _HEADLESS:
+                    stamp_ns, _ = peek_header(message.data)
+                else:
+                    continue
+            except Exception:  # noqa: BLE001, S112 - damage is reported where the bag is read
+                continue
+            row = (message.stamp_ns, stamp_ns, number)
+            found.setdefault(message.topic, []).append(row)
+    topics = {}
+    for name, rows in found.items():
+        log_ns, stamps_ns, numbers = np.array(rows, dtype=np.int64).T
+        if name not in _LINES:
+            order = np.argsort(stamps_ns, kind='stable')
+            numbers[order] = mapped.of(streams[name], stamps_ns[order])
+        topics[name] = NumberedTopic(streams[name], log_ns, stamps_ns, numbers)
+    return topics
+
+
+def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
+    """The frame that a text is of, by the name of its file or by its first column."""
+    if blueprint.layout is Layout.TRACKING:
+        return next(_rows(text.text.splitlines()), UNKNOWN) if stream is Stream.LABELS else UNKNOWN
+    stem = PurePosixPath(text.name).stem
+    return int(stem) if stem.isdecimal() else UNKNOWN

@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Single messages of a bag, found by their log times."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..bags.reader import open_messages
+from ..model.errors import LackingError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+    from pathlib import Path
+
+    from ..model.samples import Int64Array
+
+
+class Place(NamedTuple):
+    """Where a message is: its topic, its log time, and how many of that topic come before it then.
+
+    A bag is entered by time, and several messages of a topic may have the same.
+    """
+
+    topic: str
+    log_ns: int
+    before: int
+
+
+def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Place]:
+    """Where some messages of a topic are.
+
+    Args:
+        topic: Its name.
+        log_ns: (N,) log times of all its messages, nanoseconds, ascending.
+        indices: Which of them.
+    """
+    stamps = [(index, int(log_ns[index])) for index in indices]
+    return [
+        Place(topic, stamp_ns, index - int(np.searchsorted(log_ns, stamp_ns)))
+        for index, stamp_ns in stamps
+    ]
+
+
+class PlacedMessages:
+    """Reads messages by their places; safe to use from several threads.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+
+    def __init__(self, path: Path, topics: Collection[str]) -> None:
+        self._messages = open_messages(path, topics)
+        self._lock = Lock()
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._messages.close()
+
+    def read(self, place: Place) -> Any:  # noqa: ANN401 - of the bag's types
+        """The decoded message at a place.
+
+        Raises:
+            LackingError: It is missing.
+            Exception: It cannot be decoded; generated code lets anything out.
+        """
+        before = place.before
+        with self._lock:
+            for message in self._messages.since(place.log_ns):
+                if message.topic != place.topic:
+                    continue
+                if not before:
+                    kind = message.msgtype
+                    return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)
+                before -= 1
+        raise LackingError('it is not there any more')

@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a recording was laid out before it became a bag, from /kitti/source/* of our own bags.
+
+It gives every sample its file back: the text files of a layout map stamps to file numbers, and the
+description maps streams to folders. The description also lists the files that the bag carries, so
+that a lost message is noticed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..bags.decoding import Decoder
+from ..bags.reader import open_messages
+from ..importer.report import LossTally, damage
+from ..kitti import names
+from ..kitti.stamps_file import parse_times, parse_timestamps
+from ..kitti.turns import find_turns, scan_stamps
+from ..messages.source import CALIBRATION, FILES, RECORDING, decode_text
+from ..model.errors import BadBagError
+from ..model.losses import Loss
+from ..model.streams import Layout, Stream
+from ..options.read import ScanStamp
+from .description import EarlierVersionError, UndescribedError, parse_description
+from .earlier_descriptions import implied_texts, without_absent_streams
+from .source_texts import TEXT_FILE, TextFiles
+from .topics import own_topics
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..bags.reader import BagMessages
+    from ..model.samples import TextFile
+    from .description import RecordingDescription
+    from .folders import Folder
+
+__all__ = [
+    'Blueprint',
+    'EarlierVersionError',
+    'UndescribedError',
+    'find_blueprint',
+    'missing_from',
+]
+
+_STRING = 'std_msgs/msg/String'
+
+
+@dataclass(frozen=True)
+class Blueprint:
+    """The layout of one recording.
+
+    Attributes:
+        layout: Which of the four.
+        name: Drive, sequence or split.
+        epoch_ns: Where time begins in layouts without absolute time.
+        period_ns: Distance of the frames in layouts without time.
+        scan_stamp: The moment of a scan that is its stamp.
+        folders: By stream.
+        texts: Whole text files by path relative to the recording's root, calibration apart.
+        calibrations: Calibration files, in the order of their frames.
+        topics: Topics of the bag.
+        missing: Text files that the bag should hold and does not.
+        losses: Those files, and texts that are unreadable or were refused.
+        damage: What the bag's reader found damaged so far, and how many messages that costs; None:
+            unknown.
+    """
+
+    layout: Layout
+    name: str
+    epoch_ns: int
+    period_ns: int
+    scan_stamp: ScanStamp
+    folders: Mapping[Stream, Folder]
+    texts: Mapping[PurePosixPath, str]
+    calibrations: Mapping[PurePosixPath, str]
+    topics: frozenset[str] = frozenset()
+    missing: frozenset[PurePosixPath] = frozenset()
+    losses: tuple[Loss, ...] = ()
+    damage: Mapping[str, int | None] = field(default_factory=dict)
+
+    @property
+    def root(self) -> PurePosixPath:
+        """Where the recording's root is in a data set: raw drives lie in the folder of their date.
+
+        Source: readme.txt of the raw devkit; pykitti expects it so.
+        """
+        drive = self.layout is Layout.RAW and names.RAW_DRIVE.fullmatch(self.name)
+        return PurePosixPath(self.name[: len('2011_09_26')] if drive else '')
+
+    @property
+    def files(self) -> int:
+        """How many numbered files the bag was made to hold."""
+        return sum(len(folder.carried) for folder in self.folders.values())
+
+    def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
+        """Stamp to the file numbers of a stream that have it; None where their file is missing."""
+        stamps = self._stamps(stream)
+        if stamps is None:
+            return None
+        found: dict[int, list[int]] = {}
+        for number in self.folders[stream].carried:
+            if number in stamps:
+                found.setdefault(stamps[number], []).append(number)
+        return found
+
+    def stamps_path(self, stream: Stream) -> PurePosixPath:
+        """The text file with a stream's stamps, in layouts that have one."""
+        name = names.TIMESTAMPS if self.layout is Layout.RAW else names.TIMES
+        return self.folders[stream].path.parent / name
+
+    def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
+        """File number to a message's stamp; numbers without a valid stamp are left out."""
+        stamps = self.file_stamps(stream)
+        if (
+            stream is not Stream.SCAN
+            or stamps is None
+            or self.scan_stamp is ScanStamp.FORWARD
+            or self.layout is Layout.ODOMETRY
+        ):
+            return stamps
+        starts = self._turn_stamps(names.TIMESTAMPS_START)
+        ends = self._turn_stamps(names.TIMESTAMPS_END)
+        if starts is None or ends is None:
+            return None
+        turns = find_turns(stamps, starts, ends, self.period_ns)
+        return scan_stamps(stamps, turns, self.scan_stamp)
+
+    def _turn_stamps(self, name: str) -> Mapping[int, int] | None:
+        """Starts or ends of the scanner's turns; None where the bag should hold them."""
+        path = self.folders[Stream.SCAN].path.parent / name
+        if path in self.missing:
+            return None
+        return parse_timestamps(self.texts.get(path, ''), str(path)).sound()
+
+    def file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
+        """File number to the stamp of the file; None where their text file is missing."""
+        path = self.stamps_path(stream)
+        if path in self.missing:
+            return None
+        if self.layout is Layout.RAW and path in self.texts:
+            return parse_timestamps(self.texts[path], str(path)).sound()
+        if self.layout is Layout.ODOMETRY and path in self.texts:
+            offsets = parse_times(self.texts[path], str(path)).sound()
+            return {line: self.epoch_ns + offset for line, offset in offsets.items()}
+        numbers = self.folders[stream].carried
+        return {number: self.epoch_ns + number * self.period_ns for number in numbers}
+
+    def shortfall(self, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+        """Streams of which a bag holds fewer messages than its description lists.
+
+        Args:
+            counts: Messages by topic.
+        """
+        losses = []
+        for stream, folder in self.folders.items():
+            rows = (row for row in own_topics().values() if row.restores and row.stream is stream)
+            found = max((counts.get(row.name, 0) for row in rows), default=0)
+            absent = len(folder.carried) - found
+            if absent > 0:
+                text = f'the bag holds {found} of {len(folder.carried)} {stream.value} messages'
+                losses.append(Loss(stream.value, absent, text))
+        return tuple(losses)
+
+
+def find_blueprint(path: Path) -> Blueprint | None:
+    """How the recording in a bag was laid out, None where the bag is not of our own.
+
+    Raises:
+        UndescribedError: It is of our own, and its description is missing, invalid or too old.
+        BadBagError: It is no bag, or its description names folders outside of its root.
+    """
+    with open_messages(path) as messages:
+        topics = frozenset(topic for topic, _ in messages.channels)
+        left_out = [each for each in messages.left_out if each.topic in own_topics()]
+        damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
+        is_own = (RECORDING, _STRING) in messages.channels
+    if not is_own:
+        return None
+    with open_messages(path, {RECORDING, FILES, CALIBRATION} & topics) as messages:
+        source = _Source(messages, path)
+        damaged |= messages.losses
+    found = source.blueprint(topics, damaged)
+    unread = tuple(Loss(each.topic, each.messages, each.reason) for each in left_out)
+    return replace(found, losses=(*unread, *found.losses))
+
+
+def missing_from(path: Path, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+    """What a bag of our own should hold and does not; nothing for a bag of others.
+
+    Args:
+        path: A bag that can be read.
+        counts: Its messages by topic.
+    """
+    try:
+        found = find_blueprint(path)
+    except EarlierVersionError:
+        return ()
+    except BadBagError as error:
+        return (Loss(RECORDING, 1, str(error)),)
+    if found is None:
+        return ()
+    return (*damage(found.damage, path.name), *found.losses, *found.shortfall(counts))
+
+
+class _Source:
+    """What /kitti/source/{recording,files,calibration} of a bag hold, from a pass over them."""
+
+    def __init__(self, messages: BagMessages, path: Path) -> None:
+        self._path = path
+        self._tally = LossTally()
+        self._description: RecordingDescription | None = None
+        self._found: list[tuple[str, int, TextFile]] = []
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            if message.msgtype != _STRING:
+                continue
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._tally.lose(message.topic, message.stamp_ns, str(error))
+                continue
+            if message.topic == RECORDING:
+                self._description = parse_description(decoded, path)
+            else:
+                self._found.append((message.topic, message.stamp_ns, decode_text(decoded)))
+
+    def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
+        """The layout and its text files; those that are refused or missing are losses."""
+        description = self._description
+        if description is None:
+            reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
+            because = f' ({reasons[0]})' if reasons else ''
+            raise UndescribedError(self._path, f'has no readable {RECORDING}{because}')
+        found = self._files(description)
+        texts, calibrations = found.of(FILES), found.of(CALIBRATION)
+        present = dict.fromkeys((*texts, *calibrations))
+        if description.texts is None:
+            description = without_absent_streams(description, topics)
+            listed = implied_texts(description, topics, present)
+        else:
+            listed = (*description.texts, *description.calibrations)
+        missing = [path for path in dict.fromkeys(listed) if path not in present]
+        absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
+        return Blueprint(
+            layout=description.layout,
+            name=description.name,
+            epoch_ns=description.epoch_ns,
+            period_ns=description.period_ns,
+            scan_stamp=description.scan_stamp,
+            folders=description.folders,
+            texts=texts,
+            calibrations=calibrations,
+            topics=topics,
+            missing=frozenset(missing),
+            losses=(*self._tally.losses(), *absent),
+            damage=damaged,
+        )
+
+    def _files(self, description: RecordingDescription) -> TextFiles:
+        """The text files that can be written; the others are losses."""
+        listed = {FILES: description.texts, CALIBRATION: description.calibrations}
+        found = TextFiles(description.folders, {} if description.texts is None else listed)
+        for topic, stamp_ns, file in self._found:
+            try:
+                found.add(topic, file)
+            except ValueError as error:
+                self._tally.lose(topic, stamp_ns, str(error))
+        return found

@@ -1,0 +1,285 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of our own, read sample by sample under KITTI's file numbers, as its folder was.
+
+What the folder holds as text is read from the texts in the bag, so it is the same to the last
+digit. Poses are those of imu_link, as everywhere in the package, from the odometry topic.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bags.decoding import Decoder
+from ..bags.reader import open_messages
+from ..exporter.schedule import UNKNOWN
+from ..files.png.header import parse_image
+from ..importer.report import damage
+from ..importer.survey import CLOUD, COMPRESSED, DETECTIONS, IMAGE, LABEL_LINES, MARKERS, ODOMETRY
+from ..kitti import names
+from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.oxts_file import parse_packet
+from ..kitti.tracklet_file import labels_of_tracklets
+from ..messages.image import decode_compressed
+from ..messages.naming import Frames, base_t_imu
+from ..messages.pose import decode_odometry
+from ..messages.scan import decode_scan
+from ..messages.source import decode_text
+from ..model.errors import BadFileError, KittiRos2Error
+from ..model.nominal import NOMINAL_VELO_T_IMU
+from ..model.recording import StreamIndex
+from ..model.samples import Calibration
+from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..options.messages import MessageOptions
+from ..options.read import ScanStamp
+from .numbering import OXTS_LINES, tracklets_of
+from .places import PlacedMessages, places_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import PurePosixPath
+
+    from ..bags.reader import BagMessage
+    from ..importer.survey import Survey
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Transform
+    from ..model.losses import Loss
+    from ..model.recording import Start
+    from ..model.samples import FrameLabels, Image, OxtsPacket, Pose, Sample, Scan
+    from ..model.streams import Clock
+    from .numbering import NumberedBag, NumberedTopic
+    from .places import Place
+
+_LARGE = (CLOUD, COMPRESSED, IMAGE)
+"""Types of a megabyte a message, in the order of preference; they are read one by one."""
+
+_EXPECTED = 'the data of the frame'
+
+
+class BagRecording:
+    """The recording in a bag; what samples.Recording asks for, as far as frames need it.
+
+    Args:
+        path: The bag.
+        bag: Its messages under KITTI's numbers.
+        survey: What a pass over it found.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+
+    def __init__(self, path: Path, bag: NumberedBag, survey: Survey) -> None:
+        self._bag = bag
+        self._blueprint = bag.blueprint
+        self.root = path
+        self.layout: Layout = bag.blueprint.layout
+        self.name = bag.blueprint.name
+        self.common_numbers = bag.common
+        self.clock: Clock = bag.clock
+        self.start: Start | None = None  # poses are in the bag's map as they are
+        self.losses: tuple[Loss, ...] = damage(survey.losses, path.name)
+        self.notes: tuple[str, ...] = tuple(survey.notes)
+        self._survey = survey
+        self._topics = self._choose()
+        self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
+        self._face_forward()
+        large = {
+            stream: name
+            for stream, name in self._topics.items()
+            if survey.topics[name].msgtype in _LARGE
+        }
+        self.cameras = {
+            stream.camera: _camera_name(name, stream.camera)
+            for stream, name in large.items()
+            if stream.camera is not None
+        }
+        self._places = {stream: _places(name, bag.topics[name]) for stream, name in large.items()}
+        self._messages = PlacedMessages(path, set(large.values()))
+        self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
+
+    def _face_forward(self) -> None:
+        """Give scans that are stamped at the start of their turn the stamps of their files."""
+        scans = self.streams.get(Stream.SCAN)
+        if scans is None or self._blueprint.scan_stamp is ScanStamp.FORWARD:
+            return
+        stamps = self._blueprint.file_stamps(Stream.SCAN) or {}
+        forward = [stamps[number] for number in scans.numbers.tolist()]
+        self.streams[Stream.SCAN] = StreamIndex(scans.numbers, np.array(forward, dtype=np.int64))
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._messages.close()
+
+    def path(self, stream: Stream, number: int) -> Path:  # noqa: ARG002 - all is in one bag
+        """The bag."""
+        return self.root
+
+    def read(self, stream: Stream, number: int) -> Sample:
+        """The sample of a stream with a file number.
+
+        Raises:
+            KittiRos2Error: Its message is missing or cannot be decoded.
+        """
+        readers: dict[Stream, Callable[[int], Sample]] = {
+            Stream.SCAN: self._scan,
+            Stream.OXTS: self._packet,
+            Stream.POSE: self._pose,
+            Stream.LABELS: self._labels,
+        }
+        try:
+            if stream.camera is not None:
+                return self._image(stream, number)
+            return readers[stream](number)
+        except BadFileError:
+            raise
+        except Exception as error:
+            what = f'the message of frame {number}: {error}'
+            raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
+
+    def calibration(self, number: int) -> Calibration:
+        """The calibration that holds for a frame; what it lacks is named in it."""
+        return self._calibration_cached(number if self.layout is Layout.OBJECT else 0)
+
+    def _choose(self) -> dict[Stream, str]:
+        """The topic that each stream is read from, of those that have a known number."""
+        kinds = dict.fromkeys((*_LARGE, ODOMETRY))
+        lines = {OXTS_LINES} if self._tracklets else {OXTS_LINES, LABEL_LINES}
+        if self._tracklets:
+            kinds |= dict.fromkeys((DETECTIONS, MARKERS))
+        ranks = {kind: place for place, kind in enumerate(kinds)}
+        found: dict[Stream, tuple[int, str]] = {}
+        for name, topic in self._bag.topics.items():
+            msgtype = self._survey.topics[name].msgtype
+            if topic.is_numbered and (name in lines or msgtype in ranks):
+                candidate = (ranks.get(msgtype, 0), name)
+                found[topic.stream] = min(candidate, found.get(topic.stream, candidate))
+        return {stream: name for stream, (_, name) in found.items()}
+
+    @cached_property
+    def _tracklets(self) -> Mapping[int, list[Cuboid]]:
+        return tracklets_of(self._blueprint)
+
+    @cached_property
+    def _small(self) -> dict[Stream, dict[int, Any]]:
+        """By stream and number the decoded messages of all that is not large, or their errors."""
+        topics = {
+            name: stream for stream, name in self._topics.items() if stream not in self._places
+        }
+        found: dict[Stream, dict[int, Any]] = {stream: {} for stream in topics.values()}
+        turns: Counter[tuple[str, int]] = Counter()
+        with open_messages(self.root, set(topics)) as messages:
+            decode = Decoder(messages.typestore)
+            for message in messages:
+                numbered = self._bag.topics[message.topic]
+                place = int(np.searchsorted(numbered.log_ns, message.stamp_ns))
+                place += turns[message.topic, message.stamp_ns]
+                turns[message.topic, message.stamp_ns] += 1
+                if place < len(numbered.numbers):
+                    number = int(numbered.numbers[place])
+                    found[topics[message.topic]].setdefault(number, _decoded(decode, message))
+        return found
+
+    def _message(self, stream: Stream, number: int) -> Any:  # noqa: ANN401 - of the bag's types
+        if stream in self._places:
+            return self._messages.read(self._places[stream][number])
+        message = self._small[stream][number]
+        if isinstance(message, Exception):
+            raise message
+        return message
+
+    def _scan(self, number: int) -> Scan:
+        return decode_scan(self._message(Stream.SCAN, number))
+
+    def _image(self, stream: Stream, number: int) -> Image:
+        message = self._message(stream, number)
+        if hasattr(message, 'format'):
+            return parse_image(decode_compressed(message), self.root)
+        from ..files.png.encode import encode_png  # noqa: PLC0415
+        from ..messages.pixels import decode_pixels  # noqa: PLC0415 - OpenCV, which PNGs do without
+
+        return parse_image(encode_png(decode_pixels(message)), self.root)
+
+    def _packet(self, number: int) -> OxtsPacket:
+        text = decode_text(self._message(Stream.OXTS, number))
+        return parse_packet(text.text, text.name, number + 1, text)
+
+    def _pose(self, number: int) -> Pose:
+        return decode_odometry(self._message(Stream.POSE, number), self._base_t_imu)
+
+    @cached_property
+    def _base_t_imu(self) -> Transform:
+        frames = Frames()
+        for parent, child, transform in self._survey.static:
+            if (parent, child) == (frames.base, frames.imu):
+                return transform
+        return base_t_imu(MessageOptions())
+
+    def _labels(self, number: int) -> FrameLabels:
+        if self._tracklets:
+            return labels_of_tracklets(self._tracklets.get(number, []), names.RAW_TRACKLETS)
+        text = decode_text(self._message(Stream.LABELS, number))
+        return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+
+    def _calibration(self, number: int) -> Calibration:
+        files = self._blueprint.calibrations
+        if self.layout is Layout.RAW:
+            texts = {path.name: text for path, text in files.items()}
+            return parse_raw_calibration(texts, self.root, rectified=self.common_numbers)
+        found = [*files.items()]
+        if self.layout is Layout.OBJECT:
+            folder = self._blueprint.folders.get(Stream.CALIBRATION)
+            # A file like the one before it is not written to the bag again.
+            known = folder is not None and number in folder.numbers
+            found = [each for each in found if known and _number(each[0]) <= number]
+        if not found:
+            return _no_calibration(f'{self.root}: no calibration of frame {number}')
+        path, text = max(found, key=lambda each: _number(each[0]))
+        try:
+            return parse_calibration(text, Path(path), str(path))
+        except BadFileError as error:
+            return _no_calibration(str(error))
+
+
+def _number(path: PurePosixPath) -> int:
+    return int(path.stem) if path.stem.isdecimal() else UNKNOWN
+
+
+def _no_calibration(reason: str) -> Calibration:
+    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason})
+
+
+def _decoded(decode: Decoder, message: BagMessage) -> Any:  # noqa: ANN401 - of the bag's types
+    try:
+        return decode(message)
+    except ValueError as error:
+        return error
+
+
+def _first_of(topic: NumberedTopic) -> dict[int, int]:
+    """Each file number, ascending, with the place of the first message that has it."""
+    numbers, places = np.unique(topic.numbers, return_index=True)
+    pairs = zip(numbers.tolist(), places.tolist(), strict=True)
+    return {number: place for number, place in pairs if number != UNKNOWN}
+
+
+def _index(topic: NumberedTopic) -> StreamIndex:
+    first = _first_of(topic)
+    numbers = np.array([*first], dtype=np.int64)
+    return StreamIndex(numbers, topic.stamps_ns[[*first.values()]])
+
+
+def _places(name: str, topic: NumberedTopic) -> dict[int, Place]:
+    first = _first_of(topic)
+    return dict(zip(first, places_of(name, topic.log_ns, first.values()), strict=True))
+
+
+def _camera_name(topic: str, index: int) -> str:
+    """KITTI's name of a camera, or its number on a rig of independent ones."""
+    name = CAMERA_NAMES.get(index, str(index))
+    return name if f'camera_{name}/' in topic else str(index)

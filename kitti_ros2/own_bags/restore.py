@@ -1,0 +1,315 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of our own back to KITTI: every file as it was, to the byte.
+
+Images that a bag holds as pixels become PNG files of the same pixels; the text scans of raw extract
+get the same numbers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bags.decoding import Decoder
+from ..bags.reader import bag_stamps, open_messages
+from ..exporter.schedule import frames_of
+from ..files.png.header import parse_image
+from ..files.workers import ordered_map
+from ..importer.output import staged
+from ..importer.report import ImportReport, LossTally, damage, merged
+from ..kitti import names
+from ..kitti.scan_file import format_scan, format_scan_text
+from ..kitti.semantic_file import format_point_labels
+from ..messages.header import stamp_ns_of
+from ..messages.image import decode_compressed
+from ..messages.scan import decode_points, decode_scan
+from ..messages.source import decode_text
+from ..model.errors import KittiRos2Error, UsageError
+from ..model.losses import Loss, format_numbers
+from ..model.streams import Stream
+from .folders import owner_of, shown
+from .new_files import write_new, write_texts
+from .numbering import has_common_numbers, number_bag
+from .topics import LINES, sample_topics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Sequence
+    from pathlib import Path
+
+    from ..bags.reader import BagMessage, BagMessages
+    from ..model.streams import Layout
+    from .recorded_layout import Blueprint
+
+_IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
+"""Streams that some layouts have as lines of one file."""
+
+_MOST_WORKERS = 8
+
+
+@dataclass(frozen=True)
+class _File:
+    """A file to be written: what it holds is worked out where it is written."""
+
+    stream: Stream
+    number: int
+    path: PurePosixPath
+    content: Callable[[], bytes | memoryview]
+    topic: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A file that was written, or why it was not."""
+
+    file: _File
+    size_bytes: int
+    error: str = ''
+
+
+def _topics(present: Collection[str]) -> set[str]:
+    """The topics of a bag to read; a camera's pixels only where the bag lacks its PNG files."""
+    wanted = {*sample_topics(), *LINES}.intersection(present)
+    return {topic for topic in wanted if f'{topic}/compressed' not in present}
+
+
+def restore(
+    recordings: Sequence[tuple[Path, Blueprint]],
+    out: Path,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> list[ImportReport]:
+    """Lay the recordings in bags of our own out again, in one data set.
+
+    Args:
+        recordings: Each bag, and what it tells of the layout.
+        out: The data set's folder, absent or empty.
+        progress: Called with the files and the bytes written so far of one bag.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+        UsageError: Two bags hold the same recording, or disagree about a file they share.
+        OutputExistsError: The folder holds something.
+        OutputError: It cannot be written.
+    """
+    known: dict[tuple[Layout, str], Path] = {}
+    for path, blueprint in recordings:
+        other = known.setdefault((blueprint.layout, blueprint.name), path)
+        if other is not path:
+            raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
+    with staged(out) as stage:
+        reports = [_restore(path, blueprint, stage, progress) for path, blueprint in recordings]
+    return [replace(report, path=out) for report in reports]
+
+
+def _restore(
+    path: Path, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
+) -> ImportReport:
+    refused = write_texts(stage / blueprint.root, blueprint, path)
+    with open_messages(path, _topics(blueprint.topics)) as messages:
+        report = _write(path, messages, blueprint, stage, progress)
+        damaged = damage(merged(blueprint.damage, messages.losses), path.name)
+    return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
+
+
+def _write(
+    bag: Path,
+    messages: BagMessages,
+    blueprint: Blueprint,
+    stage: Path,
+    progress: Callable[[int, int], None],
+) -> ImportReport:
+    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+    for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
+        writer.take(written)
+        progress(done, writer.size_bytes)
+    return writer.report(stage)
+
+
+class _Writer:
+    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: Path) -> None:
+        self._bag = bag
+        self._messages = messages
+        self._blueprint = blueprint
+        self._root = root
+        self._streams = sample_topics()
+        self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
+        self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._unplaced: Counter[Stream] = Counter()
+        self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
+        self._losses = LossTally()
+        self.size_bytes = 0
+
+    def files(self) -> Iterator[_File]:
+        """What the messages hold, in their order."""
+        decode = Decoder(self._messages.typestore)
+        for message in self._messages:
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._lose(message, str(error))
+                continue
+            file = (
+                self._line(decoded, message)
+                if message.topic in LINES
+                else self._sample(decoded, message)
+            )
+            if file is not None:
+                yield file
+
+    def _lose(self, message: BagMessage, reason: str) -> None:
+        """Name a message that becomes no file; our bags log a sample at its own stamp."""
+        self._losses.lose(message.topic, message.stamp_ns, reason)
+        stream = self._stream(message)
+        found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
+        if found:
+            self._lost[stream].add(found.pop(0))
+        else:
+            self._unplaced[stream] += 1
+
+    def _stream(self, message: BagMessage) -> Stream:
+        return LINES.get(message.topic) or self._streams[message.topic]
+
+    def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
+        """A text of one frame, unless the whole file is known."""
+        text, stream = decode_text(decoded), self._stream(message)
+        path = PurePosixPath(text.name)
+        if path in self._blueprint.texts and stream not in self._blueprint.folders:
+            self._counts[stream.value] += 1
+            return None
+        if path in self._blueprint.missing:
+            self._lose(message, f'a part of {path}, which the bag does not hold')
+            return None
+        owner = owner_of(path, self._blueprint.folders)
+        if owner is None or owner[0] is not stream:
+            what = f'no {stream.value} file of {self._blueprint.name}'
+            self._lose(message, f'names a file {shown(text.name)}, which is {what}')
+            return None
+        # The log times of another recorder are not the samples' stamps, and tell no number.
+        expected = (self._numbers[stream] or {}).get(message.stamp_ns)
+        if expected and owner[1] not in expected:
+            self._lose(message, f'names {path}, which has another stamp')
+            return None
+        data = text.text.encode()
+        return _File(stream, owner[1], path, lambda: data, *_origin(message))
+
+    def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
+        stream = self._streams[message.topic]
+        found = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
+        if not found:
+            self._lose(message, self._why_unplaced(stream))
+            return None
+        number = found.pop(0)
+        folder = self._blueprint.folders[stream]
+        content: Callable[[], bytes | memoryview]
+        if stream is Stream.SCAN:
+            content = partial(self._scan, decoded, number, folder.suffix)
+        elif message.topic.endswith('/compressed'):
+            content = partial(_checked_png, decoded, folder.file(number))
+        else:
+            content = partial(_png, decoded)
+        return _File(stream, number, folder.file(number), content, *_origin(message))
+
+    def _why_unplaced(self, stream: Stream) -> str:
+        folder = self._blueprint.folders.get(stream)
+        if folder is not None and self._numbers[stream] is None:
+            path = self._blueprint.stamps_path(stream)
+            return f'its file number is unknown, for the bag does not hold {path}'
+        return f'no file of {self._blueprint.name} has this stamp'
+
+    def _scan(self, cloud: Any, number: int, suffix: str) -> bytes | memoryview:  # noqa: ANN401
+        """A scan's file; the labels of its points go to a file of their own."""
+        points = decode_points(cloud)
+        if {'label', 'instance'} <= set(points.dtype.names or ()):
+            labels = points['label'].astype(np.uint32)
+            labels |= points['instance'].astype(np.uint32) << np.uint32(16)
+            folder = self._blueprint.folders[Stream.SCAN].path.parent / names.POINT_LABELS
+            path = folder / names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+            error = write_new(self._root / path, format_point_labels(labels))
+            if error:
+                raise ValueError(error)
+        scan = decode_scan(cloud)
+        return format_scan_text(scan.points) if suffix == names.TXT else format_scan(scan.points)
+
+    def write(self, file: _File) -> _Written:
+        """Write a file; safe to call from several threads, a path by one of them."""
+        try:
+            content = file.content()
+        except (ValueError, KittiRos2Error) as error:
+            return _Written(file, 0, str(error))
+        return _Written(file, len(content), write_new(self._root / file.path, content))
+
+    def take(self, written: _Written) -> None:
+        """Count a file."""
+        stream = written.file.stream
+        if written.error:
+            self._lost.setdefault(stream, set()).add(written.file.number)
+            self._losses.lose(written.file.topic, written.file.stamp_ns, written.error)
+            return
+        self._counts[stream.value] += 1
+        self._written.setdefault(stream, set()).add(written.file.number)
+        self.size_bytes += written.size_bytes
+
+    def report(self, path: Path) -> ImportReport:
+        """What was written, and which files the bag should hold and does not."""
+        missing, notes = [], []
+        for stream, folder in self._blueprint.folders.items():
+            written = self._written[stream]
+            if stream is Stream.CALIBRATION:
+                found = self._blueprint.calibrations
+                written = {number for number in folder.carried if folder.file(number) in found}
+            absent = sorted({*folder.carried} - written - self._lost[stream])
+            if len(absent) > self._unplaced[stream]:
+                text = f'the bag does not hold {stream.value} of frames {{}}'
+                missing.append(Loss(stream.value, len(absent), text, tuple(absent)))
+            others = sorted({*folder.numbers} - {*folder.carried})
+            if others:
+                numbers = format_numbers(others)
+                notes.append(f'the bag was made without {stream.value} of frames {numbers}')
+        return ImportReport(
+            path=path,
+            layout=self._blueprint.layout,
+            name=self._blueprint.name,
+            counts=dict(self._counts),
+            frames=self._count_frames(),
+            size_bytes=self.size_bytes,
+            losses=(*self._losses.losses(), *missing),
+            notes=tuple(notes),
+        )
+
+    def _count_frames(self) -> int:
+        """How many frames were written, in files of their own or in a common one."""
+        stamps = bag_stamps(self._bag)
+        numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
+        common = numbered.by_stream() if numbered is not None else {}
+        written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
+        numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
+
+
+def _checked_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
+    """The PNG file that a CompressedImage holds.
+
+    Raises:
+        BadFileError: It is empty, not a PNG, truncated or damaged.
+    """
+    return parse_image(decode_compressed(image), str(path)).png
+
+
+def _png(image: Any) -> bytes:  # noqa: ANN401 - of the bag's types
+    from ..files.png.encode import encode_png  # noqa: PLC0415
+    from ..messages.pixels import decode_pixels  # noqa: PLC0415 - OpenCV, which PNGs do without
+
+    return encode_png(decode_pixels(image))
+
+
+def _origin(message: BagMessage) -> tuple[str, int]:
+    return message.topic, message.stamp_ns

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of text files that a bag gives: each is checked, so that none overwrites another file."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..messages.source import CALIBRATION
+from ..model.streams import Stream
+from .folders import is_inside, owner_of, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from ..model.samples import TextFile
+    from .folders import Folder
+
+TEXT_FILE = 'text file'
+"""The name of such a file in losses."""
+
+_MOST_PART_BYTES = 255  # NAME_MAX of Linux file systems
+_MOST_PATH_BYTES = 1024  # leaves room within PATH_MAX for the folder of the output
+
+
+class TextFiles:
+    """The text files of a recording: no two of one path, none in the way of a numbered file.
+
+    Args:
+        folders: Where the numbered files are, by stream.
+        listed: By topic the files that it may carry, besides numbered calibrations; None: any.
+    """
+
+    def __init__(
+        self,
+        folders: Mapping[Stream, Folder],
+        listed: Mapping[str, Collection[PurePosixPath] | None],
+    ) -> None:
+        self._folders = folders
+        self._listed = listed
+        self._found: dict[PurePosixPath, tuple[str, str]] = {}
+        self._doubtful: set[PurePosixPath] = set()
+        self._taken = {
+            path for folder in folders.values() for path in (folder.path, *folder.path.parents)
+        }
+
+    def add(self, topic: str, file: TextFile) -> None:
+        """Take a file; one that comes again with the same text counts once.
+
+        Raises:
+            ValueError: The name is invalid, or belongs to another file or to a folder.
+        """
+        path = _valid_path(file.name)
+        self._refuse_unlisted(topic, path)
+        if path not in self._found:
+            self._refuse_taken(topic, path)
+            self._found[path] = topic, file.text
+            self._taken.update(path.parents)
+        elif self._found[path][1] != file.text:
+            self._doubtful.add(path)  # one of the two has a damaged name, or a damaged text
+            raise ValueError(f'a second {path} with another text; neither is written')
+
+    def of(self, topic: str) -> dict[PurePosixPath, str]:
+        """The texts of a topic by path, in the order they came."""
+        return {
+            path: text
+            for path, (origin, text) in self._found.items()
+            if origin == topic and path not in self._doubtful
+        }
+
+    def _refuse_taken(self, topic: str, path: PurePosixPath) -> None:
+        if path in self._taken:
+            raise ValueError(f'a text named {path}, which is a folder')
+        for place in (path, *path.parents):
+            stream, number = owner_of(place, self._folders) or (None, 0)
+            if stream is Stream.CALIBRATION and topic == CALIBRATION and place == path:
+                return
+            if stream is not None:
+                raise ValueError(f'a text named {path}, which is {stream.value} {number}')
+            if place in self._found:
+                raise ValueError(f'a text named {path}, though {place} is a file')
+
+    def _refuse_unlisted(self, topic: str, path: PurePosixPath) -> None:
+        listed = self._listed.get(topic)
+        stream, _ = owner_of(path, self._folders) or (None, 0)
+        if listed is not None and path not in listed and stream is None:
+            raise ValueError(
+                f'a text named {shown(str(path))}, which the description does not list'
+            )
+
+
+def _valid_path(name: str) -> PurePosixPath:
+    if not is_inside(name):
+        raise ValueError(f'names a file {shown(name)}, which would lie outside of the output')
+    path = PurePosixPath(name)
+    longest = max(len(part.encode()) for part in path.parts)
+    if longest > _MOST_PART_BYTES or len(name.encode()) > _MOST_PATH_BYTES:
+        raise ValueError(f'names a file {shown(name)}, which is too long for a file name')
+    return path

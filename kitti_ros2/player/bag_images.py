@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Image topics that a bag does not contain, made of its images: decoded and annotated ones.
+
+As image_transport names topics, IMAGE/compressed is a CompressedImage of the Image IMAGE. A topic
+that is called otherwise is decoded to TOPIC/raw.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+from ..bags.decoding import Decoder
+from ..messages.cdr import join, serialize
+from ..messages.header import stamp_ns_of
+from ..messages.image import encode_pixels
+from ..messages.pixels import decode_compressed_pixels, decode_pixels
+from ..options.messages import Images
+from .bag_topics import IMAGE, ImageTopics
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from ..bags.message_source import BagMessage
+    from ..importer.labelled_images import LabelledImages
+    from ..messages.pixels import Pixels
+    from ..messages.ros_types import Typestore
+    from ..options.messages import MessageOptions
+
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+_SUFFIX = '/compressed'
+_DEPTH = '/compressedDepth'
+
+
+class BagImages:
+    """Make images as the options say: the ImageMaker of a bag; for one thread at a time.
+
+    Args:
+        path: The bag.
+        options: images and annotated.
+
+    Raises:
+        UsageError: Annotated images are requested, and the bag does not contain what they need.
+    """
+
+    def __init__(self, path: Path, options: MessageOptions) -> None:
+        self._images = options.images
+        self._labelled = _labelled(path) if options.annotated else None
+        self._annotated: dict[str, str] = {}
+        self._decoder: Decoder | None = None
+
+    def topics(self, types: Mapping[str, str]) -> ImageTopics:
+        """As ImageMaker has it."""
+        compressed = sorted(topic for topic, msgtype in types.items() if msgtype == COMPRESSED)
+        pictures = [topic for topic in compressed if not topic.endswith(_DEPTH)]
+        decoded = {_decoded_name(topic): topic for topic in pictures}
+        notes = [
+            f'{topic} is played as it is: no image is made of depths'
+            for topic in compressed
+            if topic not in pictures and self._images is not Images.COMPRESSED
+        ]
+        there = {name for name in decoded if types.get(name) == IMAGE}
+        hidden: set[str] = set()
+        if self._images is Images.COMPRESSED:
+            hidden, decoded = there, {}
+        elif self._images is Images.RAW:
+            hidden = set(pictures)
+        sources = {name: topic for name, topic in decoded.items() if name not in types}
+        if self._labelled is not None:
+            names = {_annotated_name(topic): topic for topic in self._labelled.topics}
+            self._annotated = {name: topic for name, topic in names.items() if name not in types}
+            notes += self._labelled.notes
+        return ImageTopics({**sources, **self._annotated}, frozenset(hidden), tuple(notes))
+
+    def make(
+        self, message: BagMessage, names: Sequence[str], typestore: Typestore
+    ) -> list[bytes | ValueError]:
+        """As ImageMaker has it."""
+        self._decoder = self._decoder or Decoder(typestore)
+        try:
+            image = self._decoder(message)
+            pixels = _decode(image)
+        except ValueError as error:
+            return [error] * len(names)
+        return [self._made(name, image, pixels, message.stamp_ns) for name in names]
+
+    def _made(self, name: str, image: Any, pixels: Pixels, log_ns: int) -> bytes | ValueError:  # noqa: ANN401 - of the bag's types
+        stamp_ns = stamp_ns_of(image.header)
+        try:
+            if name in self._annotated and self._labelled is not None:
+                topic = self._annotated[name]
+                pixels = self._labelled.draw(topic, image, pixels, stamp_ns, log_ns)
+            return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id)))
+        except ValueError as error:
+            return error
+        except (struct.error, OverflowError) as error:
+            return ValueError(f'a number that {IMAGE} cannot hold ({error})')
+
+
+def _labelled(path: Path) -> LabelledImages:
+    from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
+
+    return LabelledImages(path)
+
+
+def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+    """The pixels of an Image or CompressedImage.
+
+    Raises:
+        ValueError: They cannot be decoded.
+    """
+    return decode_compressed_pixels(image) if hasattr(image, 'format') else decode_pixels(image)
+
+
+def _decoded_name(topic: str) -> str:
+    """The Image's topic of a CompressedImage's."""
+    name = topic.removesuffix(_SUFFIX)
+    return name if name not in ('', topic) else f'{topic}/raw'
+
+
+def _annotated_name(topic: str) -> str:
+    """Beside the camera's images, as a folder is played."""
+    camera, _, _ = topic.removesuffix(_SUFFIX).rpartition('/')
+    return f'{camera}/annotated'

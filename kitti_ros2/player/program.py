@@ -1,0 +1,207 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a player plays: messages in order of time, each to be had by its position."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from ..exporter.encode import Encoder
+from ..exporter.schedule import make_schedule
+from ..messages.cdr import join
+from ..messages.ros_types import TYPESTORE
+from ..model.errors import describe_error
+from ..model.streams import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Hashable, Sequence
+
+    from ..exporter.encode import Failure, Message
+    from ..exporter.schedule import Schedule
+    from ..messages.ros_types import Typestore
+    from ..model.recording import Recording
+    from ..model.samples import Int64Array
+    from ..options.messages import MessageOptions
+    from ..options.selection import SelectionOptions
+
+
+class Outlet(NamedTuple):
+    """A topic that is played.
+
+    Attributes:
+        name: Topic name.
+        msgtype: Message type, such as sensor_msgs/msg/Imu.
+        latched: Whether it is transient local, for subscribers that come late.
+        depth: How many messages its publisher keeps.
+        on_demand: Whether its messages are large, and made only while somebody subscribes.
+    """
+
+    name: str
+    msgtype: str
+    latched: bool
+    depth: int
+    on_demand: bool
+
+
+class Due(NamedTuple):
+    """One message, ready to be published.
+
+    Attributes:
+        outlet: Index of its topic in Program.outlets.
+        stamp_ns: Nanoseconds since 1970.
+        data: CDR with its encapsulation header; empty where it was not made, because its topic is
+            on demand and not wanted.
+        key: What it depends on, where one equal to the topic's last need not be sent again.
+    """
+
+    outlet: int
+    stamp_ns: int
+    data: bytes
+    key: Hashable = None
+
+
+class Missing(NamedTuple):
+    """Messages that could not be made: why, in a line, and how many."""
+
+    text: str
+    messages: int
+
+
+class Program(Protocol):
+    """Messages by position; fetch may be called from `workers` threads at once.
+
+    Attributes:
+        name: What is played, for people.
+        outlets: The topics.
+        stamps_ns: (N,) int64 nanoseconds, ascending.
+        frames: (N,) int64 frame numbers, never falling.
+        workers: How many threads may fetch at once.
+        typestore: Knows the types of the outlets.
+        losses: What is missing from the start, and more that was found meanwhile, in words.
+    """
+
+    name: str
+    outlets: Sequence[Outlet]
+    stamps_ns: Int64Array
+    frames: Int64Array
+    workers: int
+    typestore: Typestore
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing, in words."""
+
+    def notes(self) -> tuple[str, ...]:
+        """What is worth a word of what was fetched so far."""
+
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
+        """The messages at a position, and what could not be made of it.
+
+        Args:
+            index: 0 .. N-1.
+            wanted: The outlets with a subscriber; messages on demand of others are not made, and
+                have no data.
+        """
+
+    def latched_before(self, index: int) -> list[Due]:
+        """For each latched topic the last messages that come before a position."""
+
+    def close(self) -> None:
+        """Let go of files."""
+
+
+class RecordingProgram:
+    """A KITTI recording, each sample read and encoded when it is fetched.
+
+    Raises:
+        UsageError: The selection takes nothing.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        messages: MessageOptions,
+        selection: SelectionOptions,
+        workers: int,
+    ) -> None:
+        schedule = make_schedule(recording, selection)
+        self._encoder = Encoder(recording, schedule, messages, selection)
+        self._entries = list(schedule)
+        self._latched = _latched_entries(schedule, self._encoder)
+        self._recording = recording
+        self.name = f'{recording.layout.value} {recording.name}'
+        self.outlets: Sequence[Outlet] = [
+            Outlet(row.name, row.msgtype, row.latched, row.depth, row.on_demand)
+            for row in self._encoder.table
+        ]
+        self.stamps_ns = schedule.stamps_ns
+        self.frames = schedule.frame_numbers
+        self.workers = workers
+        self.typestore: Typestore = TYPESTORE
+        self._losses = self._encoder.concerned(recording.losses)
+        self._named: set[str] = set()
+        self._unsent: dict[str, str] = {}
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What is missing from the start, and what passes over many samples could not read."""
+        late = {
+            loss.text(): f'{loss.stream}: {loss.text()}' for loss in self._recording.late_losses
+        }
+        late |= self._unsent
+        unnamed = [text for reason, text in late.items() if reason not in self._named]
+        return (*(f'{loss.stream}: {loss.text()}' for loss in self._losses), *unnamed)
+
+    def notes(self) -> tuple[str, ...]:
+        """As Program has it."""
+        return (*self._recording.notes, *self._encoder.notes())
+
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
+        """As Program has it."""
+        due, failures = self._encode(index, wanted)
+        self._named.update(describe_error(each.error) for each in failures)
+        missing = [
+            Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
+            for each in failures
+        ]
+        return due, missing
+
+    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
+        entry = self._entries[index]
+        messages, failures = self._encoder.encode(entry, wanted)
+        # Small ones first: each waits for those before it.
+        due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
+        unmade = self._encoder.left_out(entry.stream, wanted)
+        return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
+
+    def latched_before(self, index: int) -> list[Due]:
+        """As Program has it."""
+        last: dict[int, list[Due]] = {}
+        for positions in self._latched:
+            past = int(np.searchsorted(positions, index)) - 1
+            if past < 0:
+                continue
+            messages, failures = self._encode(int(positions[past]), ())
+            for each in failures:
+                text = f'{", ".join(each.topics)}: {describe_error(each.error)}'
+                self._unsent[describe_error(each.error)] = text
+            for message in messages:
+                if self.outlets[message.outlet].latched:
+                    last.setdefault(message.outlet, []).append(message)
+        return [message for messages in last.values() for message in messages]
+
+    def close(self) -> None:
+        """Nothing stays open between two samples."""
+
+
+def _due(message: Message) -> Due:
+    return Due(message.topic, message.stamp_ns, join(message.parts), message.key)
+
+
+def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
+    """By stream with a latched topic, the positions of its entries."""
+    streams = {row.stream for row in encoder.table if row.latched}
+    codes = [code for code, stream in enumerate(Stream) if stream in streams]
+    return [np.flatnonzero(schedule.streams == code) for code in codes]

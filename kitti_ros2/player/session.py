@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One program while it is played: a thread that publishes what its playback says is due."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..messages.cdr import restamp_message
+from ..messages.markers import encode_clear
+from ..messages.naming import Frames
+from ..options.playback import Stamps
+from .audience import Reception, SubscriberWait
+from .playback import Idle, Jump, Playback, Send, Tick
+from .read_ahead import ReadAhead
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from ..options.table import PlaySettings
+    from .playback import Event
+    from .program import Due, Program
+    from .transport import Transport
+
+_MARKERS = 'visualization_msgs/msg/MarkerArray'
+LAST_WAIT_S = 1.4
+"""How long the last messages have to arrive."""
+
+_STOPPED_WAIT_S = 0.4
+_PATIENCE_S = 0.2
+_LONG_GAP_NS = 20_000_000
+
+
+# A thread that decodes may keep the interpreter for that long while a message is due.
+_SWITCH_INTERVAL_S = 0.0005
+
+
+def favour_what_is_due() -> None:
+    """Let the threads of this process take turns often, so that none is late for another's work."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+
+
+@dataclass
+class Counts:
+    """What a session did so far.
+
+    Attributes:
+        messages: Published.
+        failures: Messages that could not be made.
+        late_ns: The most that a message was published after it was due.
+    """
+
+    messages: int = 0
+    failures: int = 0
+    late_ns: int = 0
+
+
+class Session:
+    """Plays a program until it ends or is stopped.
+
+    Args:
+        program: What is played; closed at the end.
+        settings: How.
+        connect: Creates the topics of a program.
+        complain: Told once of everything that cannot be published.
+        changed: Called, from the session's thread, when the state has changed.
+        say: Told, in a line, that it waits for subscribers, and that they are there.
+
+    Attributes:
+        playback: The controls.
+        counts: What it did so far.
+        reception: Which messages had a subscriber.
+        late: Topics whose last messages had not arrived LAST_WAIT_S after the end.
+        on_publish: Called with each outlet, its sample's due time and the time of the call, steady
+            nanoseconds; for measuring.
+    """
+
+    on_publish: Callable[[int, int, int], None] | None = None
+
+    def __init__(
+        self,
+        program: Program,
+        settings: PlaySettings,
+        connect: Callable[[Program], Transport],
+        complain: Callable[[str], None],
+        changed: Callable[[], None],
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.program = program
+        self._settings = settings
+        self._connect = connect
+        self._complain_once = complain
+        self._changed = changed
+        self._say = say
+        self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
+        self.counts = Counts()
+        self.reception = Reception()
+        self.late: tuple[str, ...] = ()
+        self._wait = SubscriberWait(settings.playback.subscribers)
+        self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
+        self._done: Callable[[BaseException | None], None] = lambda _: None
+        self._complaints: set[str] = set()
+        self._keys: dict[int, Hashable] = {}
+        self._markers = [
+            index for index, each in enumerate(program.outlets) if each.msgtype == _MARKERS
+        ]
+        self._stale: set[int] = set()
+        self._frame: int | None = None
+        self._wall_ns = 0
+
+    def start(self, done: Callable[[BaseException | None], None]) -> None:
+        """Create the topics and begin.
+
+        Args:
+            done: Called at the end, from the session's thread, with the error that caused it.
+        """
+        self._transport = self._connect(self.program)
+        self._done = done
+        for complaint in (*self.program.losses, *self._transport.complaints.values()):
+            self._complain(complaint, 0)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it, and take the topics away."""
+        self.playback.stop()
+        if self._thread.ident is not None:
+            self._thread.join()
+            self._transport.close()
+        self.program.close()
+
+    def _run(self) -> None:
+        error: BaseException | None = None
+        try:
+            self._play()
+        except BaseException as caught:  # noqa: BLE001 - done hands it to the main thread
+            error = caught
+        self._done(error)
+
+    def _play(self) -> None:
+        frames = len(set(self.program.frames.tolist()))
+        samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
+        with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
+            ahead.want(self._transport.look())
+            ahead.refill()
+            if self.playback.state().waiting:
+                self._say(self._wait.beginning())
+            for event in self.playback.events():
+                self._do(event, ahead)
+            if self.playback.stopped:
+                self._transport.finish(_STOPPED_WAIT_S)
+                return
+            self.late = self._transport.finish(LAST_WAIT_S)
+            if self.late and self.playback.options.lossless:
+                self._complain_once(
+                    f'{", ".join(self.late)}: the last messages were not acknowledged within'
+                    f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
+                )
+        for complaint in self.program.losses:
+            self._complain(complaint, 0)  # those that were found meanwhile
+
+    def _do(self, event: Event, ahead: ReadAhead) -> None:
+        if isinstance(event, Send):
+            self._send(event, ahead)
+        elif isinstance(event, Tick):
+            self._tell(event.stamp_ns)
+        elif isinstance(event, Jump):
+            self._jump(event)
+        elif isinstance(event, Idle):
+            ahead.want(self._transport.wanted(time.monotonic_ns()))
+            # Decoding takes the processors from what is due next: the longest gap is best.
+            if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
+                ahead.refill()
+            if event.for_ns is None:
+                self._clear_stale()
+                self._look_for_subscribers()
+            self._changed()
+
+    def _look_for_subscribers(self) -> None:
+        if not self.playback.state().waiting:
+            return
+        if self._wait.over(self._transport.audience(), time.monotonic_ns()):
+            self._say(self._wait.ending())
+            self.playback.begin()
+
+    def _send(self, event: Send, ahead: ReadAhead) -> None:
+        wanted = self._transport.wanted(time.monotonic_ns())
+        ahead.want(wanted)
+        messages, failures = ahead.take(event.position)
+        for missing in failures:
+            self._complain(*missing)
+        frame = int(self.program.frames[event.position])
+        if frame != self._frame:
+            if self._frame is not None:
+                self._clear_stale()
+            self._frame = frame
+        sent = 0
+        for message in messages:
+            if self.playback.stopped:
+                break
+            if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
+                self.reception.note(message.outlet, received=False)
+                continue
+            sent += self._publish(message, message.stamp_ns, event.due_ns)
+        self.playback.sent(sent)
+        if ahead.low():
+            ahead.refill()
+        self._changed()
+
+    def _publish(self, message: Due, stamp_ns: int, due_ns: int) -> int:
+        """Publish, except what says nothing new; returns how many messages that were."""
+        outlet = message.outlet
+        if message.key is not None:
+            if self._keys.get(outlet) == message.key:
+                return 0
+            self._keys[outlet] = message.key
+        self._stale.discard(outlet)
+        if outlet in self._transport.complaints:
+            self.counts.failures += 1
+            return 0
+        data = message.data
+        if self._settings.stamps is Stamps.NOW:
+            data = restamp_message(
+                data, self.program.outlets[outlet].msgtype, self._wall_time(due_ns)
+            )
+        if self.playback.options.lossless and not self._wait_for_room(outlet):
+            return 0
+        now = time.monotonic_ns()
+        if self.on_publish is not None:
+            self.on_publish(outlet, due_ns, now)
+        if not self.program.outlets[outlet].latched:
+            self.reception.note(outlet, received=self._transport.has_subscriber(outlet))
+        self._transport.publish(outlet, data, stamp_ns)
+        self.counts.messages += 1
+        self.counts.late_ns = max(self.counts.late_ns, now - due_ns)
+        return 1
+
+    def _wait_for_room(self, outlet: int) -> bool:
+        """Wait for subscribers as long as it takes; False once it was stopped."""
+        while not self._transport.make_room(outlet, _PATIENCE_S):
+            if self.playback.stopped:
+                return False
+        return True
+
+    def _wall_time(self, due_ns: int) -> int:
+        """The wall's time of a steady time; the same for the same one, but for a set clock."""
+        offset = time.time_ns() - time.monotonic_ns()
+        if abs(offset - self._wall_ns) > 1_000_000:
+            self._wall_ns = offset
+        return due_ns + self._wall_ns
+
+    def _jump(self, event: Jump) -> None:
+        """Renew what subscribers keep of another time."""
+        self._keys.clear()
+        self._stale = set(self._markers)
+        self._frame = None
+        self._transport.jump(event.stamp_ns)
+        self._tell(event.stamp_ns)
+        if event.position:
+            now = time.monotonic_ns()
+            for message in self.program.latched_before(event.position):
+                self._publish(message, event.stamp_ns, now)
+
+    def _clear_stale(self) -> None:
+        """Delete markers of another time that nothing has replaced."""
+        for outlet in sorted(self._stale):
+            stamp_ns = self.playback.state().stamp_ns
+            (data,) = encode_clear(stamp_ns, Frames().map)
+            self._transport.publish(outlet, bytes(data), stamp_ns)
+        self._stale.clear()
+
+    def _tell(self, stamp_ns: int) -> None:
+        if self._settings.stamps is Stamps.ORIGINAL and self._settings.playback.clock_hz:
+            self._transport.tell_time(stamp_ns)
+
+    def _complain(self, complaint: str, messages: int) -> None:
+        """Log once, count always."""
+        self.counts.failures += messages
+        if complaint not in self._complaints:
+            self._complaints.add(complaint)
+            self._complain_once(complaint)

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a report tells: values alone, gathered first and laid out as a page afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from ..model.text import format_count
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..model.streams import Clock
+    from .overview import Overview
+    from .statistics import ClassStatistics, Route
+    from .timing import Timing
+
+
+_ONE_CLOCK_NS = 60_000_000_000
+"""No message takes longer from its stamp to the log; a simulation's clock begins at 0."""
+
+
+class Severity(Enum):
+    """How bad a finding is, worst first."""
+
+    LOSS = 'Lost or damaged'
+    WARNING = 'Warning'
+    NOTE = 'Note'
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that a user of the recording should know.
+
+    Attributes:
+        severity: Whether data is lost.
+        where: Stream, topic or part; empty for the whole.
+        text: One line.
+    """
+
+    severity: Severity
+    where: str
+    text: str
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether data is lost or damaged."""
+        return self.severity is Severity.LOSS
+
+
+@dataclass(frozen=True, eq=False)
+class StreamFacts:
+    """One stream of a recording, or topic of a bag.
+
+    Attributes:
+        name: Stream or topic.
+        detail: Its frames, or its message type.
+        timing: How evenly it comes.
+        files: How many files hold it; None in a bag.
+        size_bytes: Of its samples; None where it is not known.
+        facts: What else is worth telling, such as image sizes; a few words each.
+        delay_ns: How long after its own stamp a message was logged, median; None where timing is of
+            log times, or of a folder.
+    """
+
+    name: str
+    detail: str
+    timing: Timing
+    files: int | None = None
+    size_bytes: int | None = None
+    facts: tuple[str, ...] = ()
+    delay_ns: int | None = None
+
+    @property
+    def clock_offset_ns(self) -> int:
+        """What its stamps lack to the clock of the log: 0, unless they are of another clock."""
+        delay_ns = self.delay_ns or 0
+        return delay_ns if abs(delay_ns) > _ONE_CLOCK_NS else 0
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An encoded image.
+
+    Attributes:
+        data: JPEG.
+        width, height: Pixels.
+        alt: What it shows, for those who do not see it.
+        caption: What stands below it.
+    """
+
+    data: bytes
+    width: int
+    height: int
+    alt: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame in pictures.
+
+    Attributes:
+        number: Frame number.
+        stamp_ns: Nanoseconds since 1970.
+        words: What is in it, a few words each.
+        camera: The image of a camera, with the boxes of its objects.
+        points: The scan over the same image.
+        above: Scan and boxes from above.
+    """
+
+    number: int
+    stamp_ns: int
+    words: tuple[str, ...]
+    camera: Picture | None
+    points: Picture | None
+    above: Picture | None
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Everything.
+
+    Attributes:
+        overview: What info shows: kind, name, extent, calibration.
+        frames: How many frames; None where there is nothing to count them by.
+        streams: By name.
+        findings: Worst first.
+        route: None without poses.
+        classes: None without labels.
+        projections: Points of the scanner over images.
+        scenes: A few frames spread over the recording.
+    """
+
+    overview: Overview
+    frames: int | None
+    streams: Sequence[StreamFacts]
+    findings: Sequence[Finding]
+    route: Route | None
+    classes: ClassStatistics | None
+    projections: Sequence[Picture]
+    scenes: Sequence[Scene]
+
+    @property
+    def clock(self) -> Clock:
+        """The meaning of the stamps."""
+        return self.overview.clock
+
+    @property
+    def verdict(self) -> str:
+        """How many losses and warnings there are, in words."""
+        losses, warnings = (
+            sum(finding.severity is severity for finding in self.findings)
+            for severity in (Severity.LOSS, Severity.WARNING)
+        )
+        counts = [f'{losses} loss{"" if losses == 1 else "es"}'] if losses else []
+        counts += [format_count(warnings, 'warning')] if warnings else []
+        return ' and '.join(counts) or 'nothing is missing, damaged or out of order'
+
+    @property
+    def notes(self) -> int:
+        """How many findings are no loss and no warning."""
+        return sum(finding.severity is Severity.NOTE for finding in self.findings)
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing of the data is lost or damaged."""
+        return not any(finding.is_loss for finding in self.findings)

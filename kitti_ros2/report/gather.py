@@ -1,0 +1,291 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Look at a recording or a bag from all sides, once, and keep what a report tells."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from contextlib import closing
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..bags.locate import is_bag
+from ..bags.reader import bag_stamps
+from ..importer.apply_plan import look
+from ..kitti.layouts import open_recording
+from ..model.errors import KittiRos2Error
+from ..model.losses import format_numbers
+from ..model.streams import Layout, Stream
+from ..own_bags.recorded_layout import missing_from
+from ..pictures.bag_frames import BagFrames, ego_track
+from ..pictures.recording_frames import RecordingFrames
+from ..pictures.sources import open_own_recording
+from .contents import Finding, Report, Severity, StreamFacts
+from .overview import inspect_bag, inspect_recording
+from .rig import is_finite
+from .scenes import draw_projections, draw_scenes
+from .statistics import ClassTally, route_of
+from .streams import bag_streams, recording_streams
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from ..importer.survey import Survey
+    from ..kitti.recording import KittiRecording
+    from ..model.geometry import Float64Array
+    from ..options.read import ReadOptions
+    from ..own_bags.recording import BagRecording
+    from ..pictures.frame import Frame, FrameSource
+    from ..pictures.recording_frames import Readable
+    from .contents import Picture, Scene
+    from .overview import Overview
+    from .statistics import ClassStatistics, Route
+
+SCENES = 5
+"""Frames shown, spread over the recording."""
+
+_TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})
+_PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not None))
+
+
+class _Frames(NamedTuple):
+    """What the frames of a source tell."""
+
+    frames: int | None = None
+    route: Route | None = None
+    classes: ClassStatistics | None = None
+    projections: Sequence[Picture] = ()
+    scenes: Sequence[Scene] = ()
+
+
+def gather(
+    path: Path,
+    options: ReadOptions,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Report:
+    """Everything that a report of a KITTI folder or a bag tells.
+
+    Args:
+        path: The folder or the bag.
+        options: How a folder is read.
+        progress: Called with the steps done and their number, which grows as more is known.
+
+    Raises:
+        UsageError: There is no such path.
+        KittiRos2Error: It is nothing that can be read.
+    """
+    if is_bag(path, options.layout):
+        return _gather_bag(path, _Steps(progress))
+    return _gather_recording(open_recording(path, options), path, _Steps(progress))
+
+
+class _Steps:
+    """Counts what is done."""
+
+    def __init__(self, progress: Callable[[int, int], None]) -> None:
+        self._progress = progress
+        self._done = 0
+        self._total = 0
+
+    def expect(self, count: int) -> None:
+        """So many more are to come."""
+        self._total += count
+
+    def step(self) -> None:
+        """One is done."""
+        self._done += 1
+        self._progress(self._done, max(self._total, self._done))
+
+
+def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
+    overview = inspect_recording(recording, path)
+    findings: list[Finding] = []
+    steps.expect(len(recording.streams))
+    streams = recording_streams(recording, findings, steps.step)
+    try:
+        source = RecordingFrames(recording)
+    except KittiRos2Error as error:
+        findings.append(Finding(Severity.NOTE, '', str(error)))
+        seen = _Frames()
+    else:
+        seen = _look_through(source, _pictured(recording, source), findings, steps)
+    return _report(overview, streams, findings, seen)
+
+
+def _gather_bag(path: Path, steps: _Steps) -> Report:
+    overview = inspect_bag(path)
+    findings: list[Finding] = []
+    if not any(series.count for series in overview.series):
+        findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
+    if not overview.series:
+        return _report(overview, [], findings, _Frames())
+    steps.expect(2)
+    survey = look([path])
+    steps.step()
+    own = open_own_recording(path, survey)
+    streams = bag_streams(overview.series, bag_stamps(path), survey, overview.clock, findings)
+    steps.step()
+    counts = {series.name: series.count for series in overview.series}
+    absent = (loss for loss in missing_from(path, counts) if loss.text() not in survey.losses)
+    findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
+    findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
+    findings += _of_transforms(overview, survey, own)
+    try:
+        source = BagFrames(path, survey) if own is None else RecordingFrames(own, path.name)
+    except KittiRos2Error as error:
+        findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
+        seen = _Frames(route=_route_alone(path, survey))
+    else:
+        findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
+        with closing(source):
+            pictured = source.numbers.tolist() if own is None else _pictured(own, source)
+            seen = _look_through(source, pictured, findings, steps)
+        if isinstance(source, BagFrames):
+            seen = seen._replace(route=_route_along(source))
+    return _report(overview, streams, findings, seen)
+
+
+def _of_transforms(
+    overview: Overview, survey: Survey, own: BagRecording | None
+) -> Iterator[Finding]:
+    """Static transforms that change or are none; those of object sets are of several days."""
+    if own is None or own.layout is not Layout.OBJECT:
+        for parent, child in survey.changing:
+            text = f'the static transform {parent} -> {child} is told anew and differently'
+            yield Finding(Severity.WARNING, '/tf_static', text)
+    for link in overview.links:
+        if not is_finite(link):
+            text = f'the static transform {link.parent} -> {link.child} is no transform'
+            yield Finding(Severity.WARNING, '/tf_static', text)
+
+
+def _route_along(source: BagFrames) -> Route | None:
+    """The route through all poses of a bag, also those between its frames."""
+    found = source.trajectory()
+    places = [pose.translation for pose in found.world_T_imu]
+    return route_of(found.stamps_ns.tolist(), places)
+
+
+def _route_alone(path: Path, survey: Survey) -> Route | None:
+    """The poses of a bag that has nothing else to make frames of."""
+    found = ego_track(path, survey, [])
+    if found is None:
+        return None
+    stamps_ns = found.track.stamps_ns
+    poses = found.track.at(stamps_ns)
+    places = [pose.translation for pose in poses if pose is not None]
+    return route_of(stamps_ns.tolist(), places) if len(places) == len(stamps_ns) else None
+
+
+def _pictured(recording: Readable, source: FrameSource) -> list[int]:
+    """The frames that have something to see."""
+    if not recording.common_numbers:
+        return [int(number) for number in source.numbers]
+    found = [
+        recording.streams[stream].numbers for stream in _PICTURED if stream in recording.streams
+    ]
+    numbers = np.concatenate([np.zeros(0, np.int64), *found])
+    return [int(number) for number in np.unique(numbers)]
+
+
+def _look_through(
+    source: FrameSource, pictured: Sequence[int], findings: list[Finding], steps: _Steps
+) -> _Frames:
+    """Labels and poses of every frame, pictures of a few."""
+    steps.expect(len(source.numbers) + SCENES + 1)
+    lacks = _Lacks()
+    tally = ClassTally()
+    stamps: list[int] = []
+    positions: list[Float64Array] = []
+    for number in source.numbers.tolist():
+        frame = source.frame(number, _TEXT)
+        lacks.add(frame)
+        tally.add(frame.objects)
+        if frame.pose is not None:
+            stamps.append(frame.stamp_ns)
+            positions.append(frame.pose.world_T_imu.translation)
+        steps.step()
+    scenes = draw_scenes(source, pictured, SCENES, lacks.add, steps.step)
+    projections = draw_projections(source, pictured, lacks.add)
+    steps.step()
+    findings += lacks.findings()
+    classes = tally.statistics()
+    return _Frames(
+        len(source.numbers),
+        route_of(stamps, positions),
+        classes if classes.classes or classes.dont_care else None,
+        projections,
+        scenes,
+    )
+
+
+class _Lacks:
+    """What frames lack, by what it is: the first reason, and the frames."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, dict[int, str]] = defaultdict(dict)
+
+    def add(self, frame: Frame) -> None:
+        """Take what a frame lacks."""
+        for what, reason in frame.lacks.items():
+            # Each row of labels has a name of its own; the stream is what they have in common.
+            part = what if what.startswith('calibration') else what.split()[0]
+            self._frames[part].setdefault(frame.number, reason)
+
+    def findings(self) -> list[Finding]:
+        """One of each."""
+        found = []
+        for what, reasons in self._frames.items():
+            severity = Severity.WARNING if what.startswith('calibration') else Severity.LOSS
+            if len(set(reasons.values())) == 1:
+                text = next(iter(reasons.values()))
+            else:
+                text = f'{next(iter(reasons.values()))}; and more, frames {_numbers(reasons)}'
+            found.append(Finding(severity, what, text))
+        return found
+
+
+def _numbers(frames: Iterable[int]) -> str:
+    return format_numbers(sorted(frames))
+
+
+def _report(
+    overview: Overview,
+    streams: Sequence[StreamFacts],
+    findings: list[Finding],
+    seen: _Frames,
+) -> Report:
+    lost = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
+    notes = [
+        Finding(Severity.NOTE if overview.complete else Severity.LOSS, '', note)
+        for note in overview.notes
+    ]
+    return Report(
+        overview=overview,
+        frames=seen.frames,
+        streams=streams,
+        findings=_in_order([*lost, *findings, *notes]),
+        route=seen.route,
+        classes=seen.classes,
+        projections=seen.projections,
+        scenes=seen.scenes,
+    )
+
+
+def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Worst first; what is told of several streams in the same words once, a word never twice."""
+    where: dict[tuple[Severity, str], dict[str, None]] = {}
+    said: set[str] = set()
+    ranks = list(Severity)
+    for finding in sorted(findings, key=lambda each: ranks.index(each.severity)):
+        if not finding.where and finding.text in said:
+            continue
+        said.add(finding.text)
+        named = where.setdefault((finding.severity, finding.text), {})
+        if finding.where:
+            named.setdefault(finding.where)
+    return tuple(
+        Finding(severity, ', '.join(names), text) for (severity, text), names in where.items()
+    )

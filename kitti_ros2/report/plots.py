@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plots of streams and of labels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .markup import Markup, element, join, number
+from .svg import WIDTH, box, figure, line, plain, text, ticks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..model.geometry import Float64Array
+    from .timing import Timing
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
+_INTERVAL_HEIGHT = 150
+_HISTOGRAM_HEIGHT = 130
+_COLUMNS = 172
+_STRIP_BINS = 200
+_STRIP_TICK = 0.5
+"""Width of one sample in a strip of 100."""
+
+_UNITS = (('s', 1e9), ('ms', 1e6), ('\N{MICRO SIGN}s', 1e3), ('ns', 1.0))
+_LARGE_NS = 1e10
+_DIGIT = 7.5
+"""Width of a digit of a tick, at most."""
+
+_MOST_BANDS = 200
+
+
+def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
+    """When a stream has samples between two times: a bar, with its gaps cut out and marked.
+
+    It has no words of its own, for the row it stands in has them.
+    """
+    scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
+    period = timing.period_ns or 0
+    places: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
+    drawn = [
+        box(x0, 3, x1 - x0 + _STRIP_TICK, 6, 'bar')
+        for x0, x1 in _spans(timing, places, period if timing.regular else 0)
+    ]
+    for gap in timing.gaps[:_MOST_BANDS]:
+        x0 = (gap.at_ns - start_ns) * scale
+        drawn.append(box(x0, 0, max(gap.length_ns * scale, _STRIP_TICK), 12, 'gap'))
+    return element(
+        'svg',
+        *drawn,
+        viewBox='0 0 100 12',
+        preserveAspectRatio='none',
+        class_='strip',
+        aria_hidden='true',
+        focusable='false',
+    )
+
+
+def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[float, float]]:
+    """Where samples are: runs of a regular stream, the samples themselves of others."""
+    if period:
+        ends = [gap.at_ns for gap in timing.gaps]
+        cuts = np.searchsorted(timing.stamps_ns, ends, 'right')
+        return [(float(run[0]), float(run[-1])) for run in np.split(places, cuts) if len(run)]
+    step = (100 - _STRIP_TICK) / _STRIP_BINS
+    bins = np.unique(np.round(places / step)) * step
+    return [(float(place), float(place)) for place in bins]
+
+
+def interval_plot(key: str, name: str, timing: Timing) -> Markup:
+    """Distance to the next sample over time; gaps are marked.
+
+    The axis shows the usual distances large; what is outside is drawn at its edge.
+    """
+    period_ns = timing.period_ns or 0
+    away = np.abs(timing.intervals_ns - period_ns)
+    reach_ns = max(float(np.percentile(away, 97)) * 1.25, period_ns * 0.02, 1.0)
+    unit, length = _unit(period_ns + reach_ns)
+    intervals, period, reach = timing.intervals_ns / length, period_ns / length, reach_ns / length
+    times = (timing.stamps_ns[:-1] - timing.stamps_ns[0]) / 1e9
+    span = float(times[-1]) or 1.0
+    frame = _Frame((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
+    drawn = [
+        frame.axes('s', unit),
+        line(_LEFT, frame.y(period), WIDTH - _RIGHT, frame.y(period), 'median'),
+        _dots(frame, times, np.clip(intervals, *frame.vertical)),
+        *[
+            _gap_mark(frame, (gap.at_ns - int(timing.stamps_ns[0])) / 1e9)
+            for gap in timing.gaps[:_MOST_BANDS]
+        ],
+    ]
+    return figure(
+        key,
+        f'Intervals of {name}',
+        f'{len(intervals)} distances between neighbouring samples over {span:.1f} seconds. The'
+        f' median is {period:.2f} {unit}, the shortest {intervals.min():.2f} {unit}, the longest'
+        f' {intervals.max():.2f} {unit}; {len(timing.gaps)} gaps are marked.',
+        (WIDTH, _INTERVAL_HEIGHT),
+        *drawn,
+    )
+
+
+def format_period(period_ns: int) -> str:
+    """A period in the unit of its plot, such as 100.00 ms."""
+    unit, length = _unit(period_ns)
+    return f'{period_ns / length:.2f} {unit}'
+
+
+def _unit(longest_ns: float) -> tuple[str, float]:
+    """The unit, and its nanoseconds, in which durations up to a longest one have few digits."""
+    if longest_ns >= _LARGE_NS:
+        return _UNITS[0]
+    return next((unit for unit in _UNITS[1:] if longest_ns >= unit[1]), _UNITS[-1])
+
+
+def _gap_mark(frame: _Frame, at_s: float) -> Markup:
+    """A triangle at the upper edge and a line down from it."""
+    x = frame.x(at_s)
+    return join(
+        [
+            line(x, _TOP - 2, x, _INTERVAL_HEIGHT - _BOTTOM, 'gap-line'),
+            element('path', d=f'M{number(x)} {_TOP}l-5-9h10z', class_='gap'),
+        ]
+    )
+
+
+class _Frame:
+    """The axes of a plot: what it shows across and up, and where that is in the SVG."""
+
+    def __init__(
+        self, across: tuple[float, float], vertical: tuple[float, float], height: int
+    ) -> None:
+        self._across, self.vertical = across, vertical
+        self._floor = height - _BOTTOM
+
+    def x(self, value: float) -> float:
+        """Place of a value across."""
+        low, high = self._across
+        return _LEFT + (WIDTH - _LEFT - _RIGHT) * (value - low) / (high - low)
+
+    def y(self, value: float) -> float:
+        """Place of a value up."""
+        low, high = self.vertical
+        return self._floor - (self._floor - _TOP) * (value - low) / (high - low)
+
+    def axes(self, across: str, up: str) -> Markup:
+        """Lines and numbers of both axes, with their units."""
+        drawn = [
+            join(
+                [
+                    line(_LEFT, self.y(value), WIDTH - _RIGHT, self.y(value), 'grid-line'),
+                    text(_LEFT - 6, self.y(value) + 4, plain(value), 'end'),
+                ]
+            )
+            for value in ticks(*self.vertical, 4)
+        ]
+        drawn += [
+            text(_inside(self.x(value), plain(value)), self._floor + 16, plain(value), 'middle')
+            for value in ticks(*self._across, 6)
+        ]
+        drawn += [
+            text(_LEFT + 4, 12, up, class_='unit'),
+            text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
+        ]
+        return join(drawn)
+
+
+def _inside(x: float, words: str) -> float:
+    """The middle of a tick's words, moved so that none of them is cut off at the edges."""
+    half = len(words) * _DIGIT / 2
+    return min(max(x, half), WIDTH - half)
+
+
+def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
+    """Each value a dot; of very many, the range of each column."""
+    if len(values) <= 4 * _COLUMNS:
+        marks = (
+            f'M{number(frame.x(float(x)))} {number(frame.y(float(y)))}h0'
+            for x, y in zip(times, values, strict=True)
+        )
+        return element('path', d=''.join(marks), class_='dots')
+    edges = np.searchsorted(times, np.linspace(0, float(times[-1]), _COLUMNS + 1)[1:-1])
+    bars = []
+    for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
+        if len(ys):
+            x, low, high = frame.x(float(xs.mean())), frame.y(ys.min()), frame.y(ys.max())
+            bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
+    return element('path', d=''.join(bars), class_='ranges')
+
+
+def histogram_plot(
+    key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
+) -> Markup:
+    """Bars over bins of one width; the last bin has all from its edge on."""
+    width = edges[1] - edges[0]
+    most = max(*counts, 1)
+    height = _HISTOGRAM_HEIGHT
+    frame = _Frame((edges[0], edges[-1] + width), (0, most * 1.08), height)
+    drawn = [
+        join(
+            [
+                line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'),
+                text(_LEFT - 6, frame.y(value) + 4, _short(int(value)), 'end'),
+            ]
+        )
+        for value in ticks(0, most, 3)
+        if value == int(value)
+    ]
+    across = frame.x(edges[1]) - frame.x(edges[0])
+    drawn += [
+        box(frame.x(edge) + 1, frame.y(count), across - 2, frame.y(0) - frame.y(count), 'bar')
+        for edge, count in zip(edges, counts, strict=True)
+        if count
+    ]
+    low = height - _BOTTOM + 16
+    drawn += [text(frame.x(edge), low, plain(edge), 'middle') for edge in edges[:-1:2]]
+    drawn += [
+        text(frame.x(edges[-1]) + across / 2, low, f'{plain(edges[-1])}+', 'middle'),
+        line(_LEFT, frame.y(0), WIDTH - _RIGHT, frame.y(0), 'axis'),
+        text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
+    ]
+    ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']
+    told = ', '.join(
+        f'{count} from {plain(edge)} {end}'
+        for edge, end, count in zip(edges, ends, counts, strict=True)
+        if count
+    )
+    return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)
+
+
+def _short(count: int) -> str:
+    """A count that fits beside an axis, such as 2,500 or 120k."""
+    if count < 10_000:
+        return f'{count:,}'
+    power, letter = next(each for each in ((1e9, 'G'), (1e6, 'M'), (1e3, 'k')) if count >= each[0])
+    return f'{count / power:.4g}{letter}'
+
+
+def shares_bar(shares: Sequence[int]) -> Markup:
+    """Counts as parts of a bar; the cells beside it have the numbers."""
+    total = max(sum(shares), 1)
+    drawn, x = [], 0.0
+    for place, share in enumerate(shares):
+        width = 100 * share / total
+        if share:
+            drawn.append(box(x, 0, width, 10, f'share{place}'))
+        x += width
+    return element(
+        'svg',
+        *drawn,
+        viewBox='0 0 100 10',
+        preserveAspectRatio='none',
+        class_='shares',
+        aria_hidden='true',
+        focusable='false',
+    )

@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the sensors are: their frames with axes, from above and from the side."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.geometry import Transform, rotation_from_rpy
+from .markup import Markup, element, join, number
+from .svg import WIDTH, figure, line, scale_bar, text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..model.geometry import Float64Array
+    from .overview import LinkGlance
+
+MOST_FRAMES = 16
+"""More are not told apart in a drawing."""
+
+_MARGIN = 44.0
+_FOOT = 26
+_AXIS = 26.0
+_LEAST_M = 0.2
+_APART = 15.0
+_LABELLED = 60.0
+_SPARSE = 9
+_NAMES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A frame of the rig.
+
+    Attributes:
+        name: Frame.
+        parent: The frame it hangs from, empty for the root.
+        root_T_frame: Its pose in the root.
+        xyz_m: On its parent, metres; empty for the root.
+        rpy_deg: The same, roll pitch yaw in degrees.
+    """
+
+    name: str
+    parent: str
+    root_T_frame: Transform
+    xyz_m: tuple[float, ...] = ()
+    rpy_deg: tuple[float, ...] = ()
+
+    @property
+    def distance_m(self) -> float:
+        """To its parent, metres; 0 for the root."""
+        return float(np.linalg.norm(self.xyz_m))
+
+
+def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
+    """The frames of the largest tree that links make, parents before children; roots first."""
+    links = [link for link in links if is_finite(link)]
+    children: dict[str, list[LinkGlance]] = defaultdict(list)
+    for link in links:
+        children[link.parent].append(link)
+    placed = {link.child for link in links}
+    trees = [_tree(root, children) for root in children if root not in placed]
+    return max(trees, key=len, default=[])
+
+
+def is_finite(link: LinkGlance) -> bool:
+    """Whether a link tells a place and an attitude; a rotation of zeros tells none."""
+    return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
+
+
+def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
+    found = [Mount(root, '', Transform.identity())]
+    for mount in found:
+        for link in children.get(mount.name, ()):
+            place = Transform(
+                rotation_from_rpy(*(float(np.radians(angle)) for angle in link.rpy_deg)),
+                np.array(link.xyz_m),
+            )
+            pose = mount.root_T_frame @ place
+            found.append(Mount(link.child, mount.name, pose, link.xyz_m, link.rpy_deg))
+    return found
+
+
+def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
+    """The frames with their axes, numbered from 1; distances stand on the links that have room.
+
+    Args:
+        key: Unique in the page.
+        mounts: At most MOST_FRAMES of them.
+        side: From the left side (x to the right, z up); else from above (x to the right, y up).
+    """
+    axes = (0, 2) if side else (0, 1)
+    view = _View(mounts, axes)
+    order = {mount.name: place for place, mount in enumerate(mounts)}
+    spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
+    drawn: list[Markup] = []
+    said: list[Float64Array] = []
+    for place, mount in enumerate(mounts):
+        if mount.parent:
+            ends = spots[order[mount.parent]], spots[place]
+            drawn += _link(*ends, mount.distance_m, said if len(mounts) <= _SPARSE else None)
+    drawn += [
+        _axes(spot, mount.root_T_frame.rotation[list(axes)])
+        for spot, mount in zip(spots, mounts, strict=True)
+    ]
+    drawn += [_badge(spot, place + 1) for place, spot in enumerate(_apart(spots))]
+    seen, up = ('the left side', 'z') if side else ('above', 'y')
+    height = view.height + _FOOT
+    drawn += [
+        text(WIDTH - 8, height - 7, 'x \N{RIGHTWARDS ARROW}', 'end', 'unit'),
+        text(8, 14, f'{up} \N{UPWARDS ARROW}', 'start', 'unit'),
+        scale_bar(view.scale, height),
+    ]
+    places = '; '.join(
+        f'{place + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
+        for place, mount in enumerate(mounts)
+    )
+    told = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
+    return figure(key, f'Sensors from {seen}', told, (WIDTH, height), *drawn)
+
+
+def _metres(xyz: Float64Array) -> str:
+    return ' '.join(f'{value + 0.0:.2f}' for value in xyz.tolist())
+
+
+class _View:
+    """Metres of two axes to the units of the plot."""
+
+    def __init__(self, mounts: Sequence[Mount], axes: tuple[int, int]) -> None:
+        self._axes = list(axes)
+        places = np.array([mount.root_T_frame.translation for mount in mounts])
+        flat = places[:, self._axes]
+        extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_M)
+        # The same scale in both views, so that they can be held against each other.
+        widest = float(np.ptp(places, axis=0).max())
+        self.scale = (WIDTH - 2 * _MARGIN) / max(widest, _LEAST_M)
+        self.height = round(float(extent[1]) * self.scale + 2 * _MARGIN)
+        self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
+
+    def place(self, xyz: Float64Array) -> Float64Array:
+        """(2,) units of (3,) metres."""
+        shift = (xyz[self._axes] - self._middle) * [self.scale, -self.scale]
+        placed: Float64Array = np.array([WIDTH / 2, self.height / 2]) + shift
+        return placed
+
+
+def _link(
+    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array] | None
+) -> list[Markup]:
+    """A line, with its length where it is long enough and no other length stands there.
+
+    Args:
+        start: (2,) units.
+        end: (2,) units.
+        distance_m: Between the two frames.
+        said: Where lengths stand already; None for a line alone.
+    """
+    (x1, y1), (x2, y2) = start.tolist(), end.tolist()
+    drawn = [line(x1, y1, x2, y2, 'link')]
+    if said is None:
+        return drawn
+    middle = (start + end) / 2
+    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in said)
+    if np.linalg.norm(end - start) > _LABELLED and not crowded:
+        said.append(middle)
+        x, y = middle.tolist()
+        drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
+    return drawn
+
+
+def _axes(spot: Float64Array, directions: Float64Array) -> Markup:
+    """Arrows along x, y and z as far as they lie in the plane of the drawing.
+
+    Args:
+        spot: (2,) units.
+        directions: (2, 3), columns are the axes in the plane.
+    """
+    x, y = spot.tolist()
+    drawn = []
+    for name, (dx, dy) in zip(_NAMES, directions.T.tolist(), strict=True):
+        length = float(np.hypot(dx, dy))
+        if length < 0.35:
+            continue
+        tip = f'{number(x + dx * _AXIS)} {number(y - dy * _AXIS)}'
+        drawn.append(element('path', d=f'M{number(x)} {number(y)}L{tip}', class_=f'axis-{name}'))
+        drawn.append(
+            text(x + dx * (_AXIS + 7), y - dy * (_AXIS + 7) + 4, name, 'middle', f'axis-{name}')
+        )
+    return join(drawn)
+
+
+def _apart(spots: Float64Array) -> Float64Array:
+    """(N, 2) places near the spots, far enough from each other for their badges."""
+    places = spots + np.linspace(0, 1e-3, len(spots))[:, None]
+    for _ in range(200):
+        away = places[:, None] - places[None]
+        distance = np.linalg.norm(away, axis=2)
+        np.fill_diagonal(distance, np.inf)
+        close = distance < _APART
+        if not close.any():
+            break
+        push = np.where(close, (_APART - distance) / 4, 0.0)
+        places = places + (away / np.maximum(distance, 1e-6)[..., None] * push[..., None]).sum(1)
+    spread: Float64Array = places
+    return spread
+
+
+def _badge(spot: Float64Array, place: int) -> Markup:
+    x, y = spot.tolist()
+    return element(
+        'g',
+        element('circle', cx=number(x), cy=number(y), r=7.5, class_='badge'),
+        text(x, y + 3.8, str(place), 'middle', 'badge'),
+    )

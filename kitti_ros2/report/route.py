@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A route seen from above."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .markup import Markup, element, join, number
+from .svg import WIDTH, box, figure, line, path, plain, round_length, scale_bar, text
+
+if TYPE_CHECKING:
+    from ..model.geometry import Float64Array
+
+_MARGIN = 34.0
+_FOOT = 26
+_LEAST_M = 1.0
+_LOWEST = 70.0
+
+
+def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
+    """Equal axes in metres, a scale, start and end marked.
+
+    Args:
+        key: Unique in the page.
+        positions: (N, 2) x y in metres; x is drawn to the right, y up.
+        description: In words.
+    """
+    view = _View(positions)
+    pixels = _thinned(view.place(positions))
+    return figure(
+        key,
+        'Route from above',
+        description,
+        (WIDTH, view.height + _FOOT),
+        view.grid(),
+        element('path', d=path(pixels), class_='route'),
+        _marked(pixels[-1], 'end'),
+        _marked(pixels[0], 'start'),
+        scale_bar(view.scale, view.height + _FOOT),
+    )
+
+
+class _View:
+    """Metres to the units of the plot.
+
+    Attributes:
+        scale: Units a metre, the same both ways.
+        height: Of the part with the route.
+    """
+
+    def __init__(self, positions: Float64Array) -> None:
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        extent = np.maximum(high - low, _LEAST_M)
+        self.scale = float((WIDTH - 2 * _MARGIN) / extent.max())
+        self.height = round(max(float(extent[1]) * self.scale, _LOWEST) + 2 * _MARGIN)
+        self._middle = (low + high) / 2
+        self._centre = np.array([WIDTH / 2, self.height / 2])
+
+    def place(self, positions: Float64Array) -> Float64Array:
+        """(N, 2) units of (N, 2) metres."""
+        placed: Float64Array = self._centre + (positions - self._middle) * [self.scale, -self.scale]
+        return placed
+
+    def grid(self) -> Markup:
+        """Lines at round metres, with their numbers along the left and the lower edge."""
+        step = round_length(WIDTH / self.scale / 4)
+        x0, y0 = self.place(np.zeros((1, 2)))[0].tolist()
+        drawn = []
+        for value in _multiples(-x0 / self.scale, (WIDTH - x0) / self.scale, step):
+            x = x0 + value * self.scale
+            drawn.append(line(x, 0, x, self.height, 'grid-line'))
+            if 40 < x < WIDTH - 44:
+                drawn.append(text(x, self.height - 5, plain(value), 'middle'))
+        for value in _multiples((y0 - self.height) / self.scale, y0 / self.scale, step):
+            y = y0 - value * self.scale
+            drawn.append(line(0, y, WIDTH, y, 'grid-line'))
+            if 28 < y < self.height - 20:
+                drawn.append(text(4, y - 4, plain(value)))
+        drawn += [
+            text(WIDTH - 6, self.height - 5, 'x m', 'end', 'unit'),
+            text(4, 12, 'y m', 'start', 'unit'),
+        ]
+        return join(drawn)
+
+
+def _multiples(low: float, high: float, step: float) -> list[float]:
+    return [step * count for count in range(int(np.ceil(low / step)), int(high // step) + 1)]
+
+
+def _thinned(pixels: Float64Array) -> Float64Array:
+    """Without places nearer than half a unit to the one before."""
+    kept = [0]
+    for place in range(1, len(pixels)):
+        if np.abs(pixels[place] - pixels[kept[-1]]).max() >= 0.5:
+            kept.append(place)
+    if kept[-1] != len(pixels) - 1:
+        kept.append(len(pixels) - 1)
+    thinned: Float64Array = pixels[kept]
+    return thinned
+
+
+def _marked(at: Float64Array, name: str) -> Markup:
+    """A start (round, named above) or an end (square, named below)."""
+    x, y = at.tolist()
+    if name == 'start':
+        mark = element('circle', cx=number(x), cy=number(y), r=5, class_='start')
+    else:
+        mark = box(x - 4.5, y - 4.5, 9, 9, 'end')
+    below = -10 if name == 'start' else 19
+    return join([mark, text(min(max(x, 20), WIDTH - 20), y + below, name, 'middle', 'label')])

@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A few frames of a recording in pictures, small enough for a page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from ..model.boxes import DONT_CARE
+from ..model.errors import LackingError
+from ..model.streams import Stream
+from ..model.text import format_count
+from ..options.pictures import PictureOptions
+from ..pictures.frame_parts import chosen_camera
+from ..pictures.modes import MODES
+from .contents import Picture, Scene
+from .statistics import spread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from ..drawing.pixels import Pixels
+    from ..pictures.frame import Frame, FrameSource
+
+_QUALITY = 80
+_CAMERA_WIDTH = 1100
+_POINTS_WIDTH = 900
+_ABOVE_WIDTH = 560
+_MOST_CAMERAS = 4
+
+
+def draw_scenes(
+    source: FrameSource,
+    pictured: Sequence[int],
+    most: int,
+    seen: Callable[[Frame], None],
+    step: Callable[[], None],
+) -> tuple[Scene, ...]:
+    """Up to most frames, evenly spread, each from a camera, with points in it, and from above.
+
+    Args:
+        source: The frames.
+        pictured: Numbers of those that have something to see.
+        most: How many.
+        seen: Called with each frame.
+        step: Called after each.
+    """
+    options = PictureOptions()
+    camera = chosen_camera(source.cameras, options)
+    wanted = frozenset[str]().union(
+        *(MODES[name].streams(source.cameras, options) for name in ('boxes', 'lidar', 'bev'))
+    )
+    scenes = []
+    for place in spread(len(pictured), most):
+        frame = source.frame(pictured[place], wanted)
+        seen(frame)
+        scene = _scene(frame, source, camera)
+        if scene.camera or scene.points or scene.above:
+            scenes.append(scene)
+        step()
+    return tuple(scenes)
+
+
+def draw_projections(
+    source: FrameSource, pictured: Sequence[int], seen: Callable[[Frame], None]
+) -> tuple[Picture, ...]:
+    """The points of the frame in the middle over the image of each camera."""
+    if not pictured:
+        return ()
+    images = [Stream(f'image_{index}').value for index in sorted(source.cameras)][:_MOST_CAMERAS]
+    frame = source.frame(pictured[len(pictured) // 2], frozenset({Stream.SCAN.value, *images}))
+    seen(frame)
+    found = (_projection(frame, index, source.cameras[index]) for index in sorted(frame.images))
+    return tuple(picture for picture in found if picture is not None)
+
+
+def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
+    """What can be drawn of a frame."""
+    image = points = None
+    if camera is not None:
+        image = _image(frame, camera, source.cameras[camera])
+        points = _projection(frame, camera, source.cameras[camera])
+    return Scene(
+        frame.number, frame.stamp_ns, tuple(_words(frame)), image, points, _from_above(frame)
+    )
+
+
+def _image(frame: Frame, camera: int, name: str) -> Picture | None:
+    """The image with its boxes: the 2D ones, where there is no calibration for the others."""
+    pixels = _drawn('boxes', frame, camera)
+    if pixels is None:
+        pixels = _drawn('camera', frame, camera)
+    if pixels is None:
+        return None
+    alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
+    return encode_picture(pixels, _CAMERA_WIDTH, alt, f'Camera {name}')
+
+
+def _from_above(frame: Frame) -> Picture | None:
+    pixels = _drawn('bev', frame, None)
+    if pixels is None:
+        return None
+    alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
+    return encode_picture(pixels, _ABOVE_WIDTH, alt, 'From above, by height')
+
+
+def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
+    """Points over an image, None where they cannot be brought there."""
+    pixels = _drawn('lidar', frame, camera)
+    if pixels is None:
+        return None
+    alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
+    caption = f'Points in camera {name}, by depth'
+    return encode_picture(pixels, _POINTS_WIDTH, alt, caption)
+
+
+def _drawn(mode: str, frame: Frame, camera: int | None) -> Pixels | None:
+    """A picture in one of the modes, None of a frame that has not what it takes."""
+    try:
+        return MODES[mode].draw(frame, PictureOptions(camera=camera))
+    except LackingError:
+        return None
+
+
+def _words(frame: Frame) -> Iterator[str]:
+    counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
+    yield from (f'{count} {kind}' for kind, count in counts.most_common())
+    if frame.points is not None:
+        yield format_count(len(frame.points), 'point')
+
+
+def _labels(frame: Frame) -> str:
+    count = sum(each.kind != DONT_CARE for each in frame.objects)
+    return f'{format_count(count, "labelled object")}' if count else 'no labels'
+
+
+def encode_picture(pixels: Pixels, width: int, alt: str, caption: str) -> Picture:
+    """A JPEG no wider than so many pixels."""
+    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
+    small: Pixels = pixels
+    if pixels.shape[1] > width:
+        small = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
+    done, data = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if not done:
+        raise AssertionError('OpenCV encodes every image of bytes')
+    return Picture(data.tobytes(), small.shape[1], small.shape[0], alt, caption)

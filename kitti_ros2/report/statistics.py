@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How far a route goes and what is labelled: numbers only."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.boxes import DONT_CARE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from ..drawing.objects import LabelledObject
+    from ..model.geometry import Float64Array
+    from ..model.samples import Int64Array
+
+_STEP_LIMIT_M_S = 100.0
+
+OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
+"""By the number in a label file (readme.txt of the object devkit)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Where the vehicle went.
+
+    Attributes:
+        stamps_ns: (N,) int64, ascending.
+        positions: (N, 3) x y z in metres, in map.
+        jumps: Steps that would need more than 100 m/s; not part of the length.
+    """
+
+    stamps_ns: Int64Array
+    positions: Float64Array
+    jumps: int = 0
+    length_m: float = 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first position to the last."""
+        return float(self.stamps_ns[-1] - self.stamps_ns[0]) / 1e9
+
+    @property
+    def net_m(self) -> float:
+        """Metres from the first position straight to the last."""
+        return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
+
+
+def route_of(stamps_ns: Sequence[int], positions: Sequence[Float64Array]) -> Route | None:
+    """The route through (3,) positions in metres; None for less than two finite ones."""
+    stamps = np.array(stamps_ns, dtype=np.int64)
+    places = np.array(positions, dtype=np.float64).reshape(-1, 3)
+    good = np.isfinite(places).all(axis=1)
+    order = np.flatnonzero(good)[np.argsort(stamps[good], kind='stable')]
+    stamps, places = stamps[order], places[order]
+    if len(places) < 2:
+        return None
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
+    return Route(stamps, places, int(np.count_nonzero(jumps)), float(steps[~jumps].sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class ClassFacts:
+    """The objects of one class.
+
+    Attributes:
+        kind: Class name.
+        count: Boxes.
+        frames: Frames that have one.
+        most: Most of them in a frame.
+        tracks: Different track ids; None where there are none.
+        distances_m: (N,) from the scanner over the ground, of those with a 3D box.
+        occlusions: How many have each of OCCLUSIONS; None where it is not told.
+        truncated: How many are cut by the image; None where it is not told.
+    """
+
+    kind: str
+    count: int
+    frames: int
+    most: int
+    tracks: int | None
+    distances_m: Float64Array
+    occlusions: tuple[int, ...] | None
+    truncated: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class ClassStatistics:
+    """The labels of all frames.
+
+    Attributes:
+        classes: Most frequent first.
+        frames: Frames that were looked at.
+        labelled: Those with an object.
+        dont_care: Regions without labels.
+    """
+
+    classes: tuple[ClassFacts, ...]
+    frames: int
+    labelled: int
+    dont_care: int
+
+    @property
+    def count(self) -> int:
+        """All objects."""
+        return sum(each.count for each in self.classes)
+
+
+@dataclass
+class _Tally:
+    count: int = 0
+    frames: int = 0
+    most: int = 0
+    tracks: set[int] = field(default_factory=set)
+    distances_m: list[float] = field(default_factory=list)
+    occlusions: Counter[int] = field(default_factory=Counter)
+    truncation_told: int = 0
+    truncated: int = 0
+
+    def add(self, objects: Sequence[LabelledObject]) -> None:
+        """Take those of one frame, all of this class."""
+        self.count += len(objects)
+        self.frames += 1
+        self.most = max(self.most, len(objects))
+        for each in objects:
+            if each.track_id is not None:
+                self.tracks.add(each.track_id)
+            if each.cuboid is not None:
+                x, y, _ = each.cuboid.velo_T_box.translation.tolist()
+                self.distances_m.append(float(np.hypot(x, y)))
+            if each.occluded is not None:
+                self.occlusions[each.occluded] += 1
+            if each.truncated is not None:
+                self.truncation_told += 1
+                self.truncated += each.truncated > 0
+
+    def facts(self, kind: str) -> ClassFacts:
+        """What was taken."""
+        told = sum(self.occlusions.values())
+        places = range(len(OCCLUSIONS))
+        return ClassFacts(
+            kind,
+            self.count,
+            self.frames,
+            self.most,
+            len(self.tracks) or None,
+            np.array(self.distances_m),
+            tuple(self.occlusions[place] for place in places) if told else None,
+            self.truncated if self.truncation_told else None,
+        )
+
+
+class ClassTally:
+    """Labels, frame by frame."""
+
+    def __init__(self) -> None:
+        self._tallies: dict[str, _Tally] = defaultdict(_Tally)
+        self._frames = 0
+        self._labelled = 0
+        self._dont_care = 0
+
+    def add(self, objects: Iterable[LabelledObject]) -> None:
+        """Take a frame, also one without objects."""
+        by_kind: dict[str, list[LabelledObject]] = defaultdict(list)
+        for each in objects:
+            by_kind[each.kind].append(each)
+        self._dont_care += len(by_kind.pop(DONT_CARE, ()))
+        self._frames += 1
+        self._labelled += bool(by_kind)
+        for kind, found in by_kind.items():
+            self._tallies[kind].add(found)
+
+    def statistics(self) -> ClassStatistics:
+        """What was taken so far."""
+        facts = (tally.facts(kind) for kind, tally in self._tallies.items())
+        ordered = sorted(facts, key=lambda each: (-each.count, each.kind))
+        return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
+
+
+def histogram(values: Float64Array, edges: Sequence[float]) -> list[int]:
+    """How many values are in each bin [edge, next edge); the last one has all from its edge on."""
+    counts, _ = np.histogram(values, [*edges, np.inf])
+    return [int(count) for count in counts]
+
+
+def spread(count: int, most: int) -> list[int]:
+    """Up to most places of 0 .. count-1, evenly, the first and the last among them."""
+    if not count:
+        return []
+    places = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    return [int(place) for place in np.unique(places)]

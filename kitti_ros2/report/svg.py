@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parts of plots: inline SVG, told in words as well; colours come from the page.
+
+Each plot is drawn 400 units wide and shown between 300 and 560 pixels wide, so its text stays
+legible on a phone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from .markup import element, number
+
+if TYPE_CHECKING:
+    from ..model.geometry import Float64Array
+    from .markup import Markup
+
+WIDTH = 400
+
+
+def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn: Markup) -> Markup:
+    """An SVG that screen readers tell in words.
+
+    Args:
+        key: Unique in the page; its ids are made from it.
+        title: Its name.
+        description: What a person sees in it.
+        size: Width and height in its own units.
+        drawn: Its elements.
+    """
+    return element(
+        'svg',
+        element('title', title, id=f'{key}-title'),
+        element('desc', description, id=f'{key}-desc'),
+        *drawn,
+        viewBox=f'0 0 {size[0]} {size[1]}',
+        role='img',
+        aria_labelledby=f'{key}-title {key}-desc',
+        class_='plot',
+    )
+
+
+def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> Markup:
+    """Words at a place; anchor is start, middle or end."""
+    return element(
+        'text', words, x=number(x), y=number(y), text_anchor=anchor, class_=class_ or None
+    )
+
+
+def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> Markup:
+    """A straight line."""
+    return element(
+        'line', x1=number(x1), y1=number(y1), x2=number(x2), y2=number(y2), class_=class_
+    )
+
+
+def box(x: float, y: float, width: float, height: float, class_: str) -> Markup:
+    """A filled rectangle."""
+    return element(
+        'rect',
+        x=number(x),
+        y=number(y),
+        width=number(width),
+        height=number(height),
+        class_=class_,
+    )
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """At most so many round values (1, 2 or 5 times a power of ten apart) from low to high."""
+    span = max(high - low, 1e-9)
+    rough = span / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [step * place for place in range(first, last + 1)]
+
+
+def plain(value: float) -> str:
+    """A tick's value without needless digits."""
+    return f'{value:.6g}'
+
+
+def round_length(length: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is no longer."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001)
+
+
+def scale_bar(scale: float, height: float) -> Markup:
+    """A round length, drawn in the lower left corner.
+
+    Args:
+        scale: Units a metre.
+        height: Of the plot.
+    """
+    length = round_length(110 / scale)
+    y = height - 8
+    return element(
+        'g',
+        element('path', d=f'M10 {number(y - 5)}v5h{number(length * scale)}v-5', class_='scale'),
+        text(10 + length * scale + 6, y + 1, f'{plain(length)} m', class_='label'),
+    )
+
+
+def path(points: Float64Array) -> str:
+    """The d of a line through (N, 2) points."""
+    return 'M' + 'L'.join(f'{number(x)} {number(y)}' for x, y in points.tolist())

@@ -1,0 +1,119 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""sensor_msgs/CameraInfo -> a camera's numbers, in pixels of the images that are published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..model.geometry import Float64Array
+
+_SINGULAR = 1e-9
+_ROTATION = 1e-3
+_LARGEST = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A camera as its CameraInfo tells, in pixels of the images that are published.
+
+    Attributes:
+        frame: Optical frame (x right, y down, z forward).
+        size: (width, height).
+        k: (3, 3) of the unrectified image.
+        d: (n,) distortion.
+        r: (3, 3) optical to rectified frame.
+        p: (3, 4), projects points of the rectified frame.
+        model: Name of the distortion model.
+    """
+
+    frame: str
+    size: tuple[int, int]
+    k: Float64Array
+    d: Float64Array
+    r: Float64Array
+    p: Float64Array
+    model: str = 'plumb_bob'
+
+    @property
+    def offset(self) -> Float64Array:
+        """(3,) metres that P's fourth column adds to points of the rectified frame."""
+        return np.asarray(np.linalg.solve(self.p[:, :3], self.p[:, 3]), np.float64)
+
+
+def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's types
+    """The model of a sensor_msgs/CameraInfo.
+
+    Zeros in P, R or K stand for what was never told: P is K then, R turns nothing, K is P's left
+    part. Binning and a region of interest bring K and P to the published pixels: first the region's
+    corner is subtracted, in pixels of the full resolution, then all is divided (CameraInfo.msg, and
+    as image_geometry does it).
+
+    Raises:
+        ValueError: It has no size or no calibration, or its region leaves the image.
+    """
+    if not message.width or not message.height:
+        raise ValueError('a CameraInfo without width and height')
+    k, p = _matrix(message.k, 3), _matrix(message.p, 4)
+    if not p[:, :3].any():
+        p = np.column_stack([k, np.zeros(3)])
+    if not k.any():
+        k = p[:, :3].copy()
+    for name, matrix in (('K', k), ('P', p)):
+        if not _is_projection(matrix):
+            raise ValueError(f'a CameraInfo that is not calibrated: {name} is {matrix.tolist()}')
+    d = np.array(message.d, dtype=np.float64).ravel()
+    if not (np.abs(d) <= _LARGEST).all():
+        raise ValueError(f'a CameraInfo that is not calibrated: D is {d.tolist()}')
+    size, to_published = _published(message)
+    return CameraModel(
+        frame=message.header.frame_id.lstrip('/'),
+        size=size,
+        k=to_published @ k,
+        d=d,
+        r=_rectifying(_matrix(message.r, 3)),
+        p=to_published @ p,
+        model=message.distortion_model or 'plumb_bob',
+    )
+
+
+def _is_projection(matrix: Float64Array) -> bool:
+    """Whether a K or P can be meant: possible numbers, focal lengths above 0, no plane lost."""
+    if not (np.abs(matrix) <= _LARGEST).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        return False
+    return bool(abs(np.linalg.det(matrix[:, :3])) >= _SINGULAR)
+
+
+def _matrix(numbers: Any, columns: int) -> Float64Array:  # noqa: ANN401 - a list or an array
+    return np.array(numbers, dtype=np.float64).reshape(3, columns)
+
+
+def _rectifying(r: Float64Array) -> Float64Array:
+    if not r.any():
+        return np.eye(3)
+    off = np.abs(r @ r.T - np.eye(3)).max()
+    if not off < _ROTATION or np.linalg.det(r) < 0:
+        raise ValueError(f'a CameraInfo whose R is no rotation: {r.tolist()}')
+    return r
+
+
+def _published(message: Any) -> tuple[tuple[int, int], Float64Array]:  # noqa: ANN401
+    """Size of the published images, and (3, 3) from pixels of the full resolution to theirs."""
+    roi = message.roi
+    width, height = roi.width or message.width, roi.height or message.height
+    if roi.x_offset + width > message.width or roi.y_offset + height > message.height:
+        raise ValueError(
+            f'a CameraInfo of {message.width} x {message.height} pixels, whose region of'
+            f' {width} x {height} begins at {roi.x_offset}, {roi.y_offset}'
+        )
+    columns, rows = max(message.binning_x, 1), max(message.binning_y, 1)
+    scale = np.diag([1 / columns, 1 / rows, 1.0])
+    shift = np.array([[1.0, 0, -roi.x_offset], [0, 1, -roi.y_offset], [0, 0, 1]])
+    size = width // columns, height // rows
+    if not all(size):
+        raise ValueError(f'a CameraInfo whose binning of {columns} x {rows} leaves no pixel')
+    return size, scale @ shift

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where cameras stand, by their CameraInfo and the static transforms: a baseline counts once.
+
+P projects points of header.frame_id after R. In the right camera of a stereo pair, P's fourth
+column holds the baseline to the left one (sensor_msgs/CameraInfo.msg). What header.frame_id is
+then differs from bag to bag, and the static tree tells:
+
+- the left camera's frame, or one in the same place: P is right as it is. Points are rectified by
+  the left camera's R, for P is given in the pair's common rectified frame.
+- the right camera's own frame, a baseline away from the left one's: the tree has the baseline too.
+- a frame that no transform joins to the left camera: the pair's frame is the left camera's.
+
+Many drivers and kitti2bag name frames that are rectified already (RViz and image_geometry apply no
+R). It shows where two cameras' frames are parallel and apart though their R differ: the tree has R.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..messages.camera_info import LEFT_OF
+from ..model.geometry import Transform
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..model.geometry import Float64Array
+    from .camera_info import CameraModel
+    from .tf_tree import FrameTree
+
+_PARALLEL_RAD = 1e-5
+_ALIKE_RAD = np.radians(10)
+_NO_BASELINE_M = 1e-3
+_BASELINE_M = 0.02
+_BASELINE_SHARE = 0.1
+_PLAUSIBLE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """Where a camera stands, and how it projects.
+
+    Attributes:
+        frame: A frame of the tree.
+        cam_T_frame: That frame to the unrectified camera.
+        p: (3, 4), projects points of the unrectified camera after R.
+    """
+
+    frame: str
+    cam_T_frame: Transform
+    p: Float64Array
+
+
+def viewpoints(
+    tree: FrameTree, cameras: Mapping[int, CameraModel]
+) -> tuple[dict[int, Viewpoint], list[str]]:
+    """The viewpoint of each camera, and what was decided where it was in doubt, a line each."""
+    rectified = [index for index in sorted(cameras) if _is_rectified(tree, index, cameras)]
+    unturned = dict(cameras) | {index: replace(cameras[index], r=np.eye(3)) for index in rectified}
+    found, notes = {}, []
+    if rectified:
+        frames = ', '.join(dict.fromkeys(cameras[index].frame for index in rectified))
+        notes.append(
+            f'{frames}: taken as rectified frames, for they are parallel while the R of their'
+            f' cameras differ'
+        )
+    for index, model in sorted(cameras.items()):
+        view, note = _viewpoint(tree, index, unturned)
+        if index in rectified:
+            back = Transform(model.r.T.copy(), np.zeros(3))
+            view = replace(view, cam_T_frame=back @ view.cam_T_frame)
+        found[index] = view
+        notes += [note] if note else []
+    return found, notes
+
+
+def angle_of(rotation: Float64Array) -> float:
+    """The angle of a rotation, radians; exact for small ones too."""
+    sine = np.linalg.norm(rotation - rotation.T) / np.sqrt(8)
+    return float(np.arctan2(sine, (np.trace(rotation) - 1) / 2))
+
+
+def _is_rectified(tree: FrameTree, index: int, cameras: Mapping[int, CameraModel]) -> bool:
+    """Whether the frame of a camera is parallel to another's, elsewhere, while their R differ."""
+    model = cameras[index]
+    for other in cameras.values():
+        place = tree.find(model.frame, other.frame)
+        if place is None or _is_same(place) or angle_of(place.rotation) > _PARALLEL_RAD:
+            continue
+        if angle_of(model.r @ other.r.T) > _PARALLEL_RAD:
+            return True
+    return False
+
+
+def _viewpoint(
+    tree: FrameTree, index: int, cameras: Mapping[int, CameraModel]
+) -> tuple[Viewpoint, str]:
+    model = cameras[index]
+    offset = model.offset
+    own = Viewpoint(model.frame, Transform.identity(), model.p)
+    if np.linalg.norm(offset) < _NO_BASELINE_M:
+        return own, ''
+    lefts = [
+        (cameras[other], tree.find(model.frame, cameras[other].frame))
+        for other in sorted(cameras, key=lambda other: (other != LEFT_OF.get(index), other))
+        if other != index and np.linalg.norm(cameras[other].offset) < _NO_BASELINE_M
+    ]
+    for left, place in lefts:
+        if place is not None and _is_same(place):
+            return _beside(model, left), ''
+    if lefts and all(place is None for _, place in lefts):
+        return _beside(model, lefts[0][0]), ''
+    places = _places(tree, model)
+    if any(_agree(place, offset) for place in places):
+        return replace(own, p=_without_offset(model)), ''
+    if any(_agree(place, -offset) for place in places):
+        return own, ''
+    joined = [(left, model.r @ place.translation) for left, place in lefts if place is not None]
+    return _doubtful(index, model, joined, own)
+
+
+def _places(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
+    """Where the frames that look the same way are, seen from a rectified camera, metres."""
+    found = (tree.find(model.frame, frame) for frame in tree.frames)
+    return [
+        model.r @ place.translation
+        for place in found
+        if place is not None and angle_of(place.rotation) < _ALIKE_RAD
+    ]
+
+
+def _is_same(place: Transform) -> bool:
+    near = bool(np.linalg.norm(place.translation) < _NO_BASELINE_M)
+    return near and angle_of(place.rotation) < _ALIKE_RAD
+
+
+def _agree(place: Float64Array, offset: Float64Array) -> bool:
+    """Whether a frame is where the left camera is by P, rather than in the same place."""
+    error = np.linalg.norm(place - offset)
+    limit = max(_BASELINE_M, _BASELINE_SHARE * float(np.linalg.norm(offset)))
+    return bool(error <= limit and error < np.linalg.norm(place))
+
+
+def _beside(model: CameraModel, left: CameraModel) -> Viewpoint:
+    """The right camera of a pair: P places it beside the left one, whose R rectifies the pair."""
+    cam_t_rect = Transform(model.r.T.copy(), np.zeros(3))
+    rect_t_left = Transform(left.r, model.offset)
+    return Viewpoint(left.frame, cam_t_rect @ rect_t_left, _without_offset(model))
+
+
+def _without_offset(model: CameraModel) -> Float64Array:
+    return np.column_stack([model.p[:, :3], np.zeros(3)])
+
+
+def _doubtful(
+    index: int,
+    model: CameraModel,
+    joined: list[tuple[CameraModel, Float64Array]],
+    own: Viewpoint,
+) -> tuple[Viewpoint, str]:
+    """Where P and the tree do not agree.
+
+    If they tell much the same baseline, P is believed, for it is measured by a stereo calibration;
+    else P is taken as it is.
+    """
+    baseline = float(np.linalg.norm(model.offset))
+    said = f'camera {index}: P has a baseline of {baseline:.3f} m'
+    if not joined:
+        return own, f'{said}, taken from {model.frame}: no other camera tells what from'
+    left, place = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
+    said += (
+        f' but {model.frame} is {np.linalg.norm(place):.3f} m from {left.frame} by the static'
+        f' transforms'
+    )
+    if np.linalg.norm(place - model.offset) <= _PLAUSIBLE * baseline:
+        return _beside(model, left), f'{said}; P is believed'
+    return own, f'{said}; P is taken from {model.frame}'

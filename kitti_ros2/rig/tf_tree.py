@@ -1,0 +1,226 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tree of coordinate frames that a bag's transforms make, as far as it stands still.
+
+As in tf2, every frame has one parent, and ROS 1's leading slash is no part of a frame's name.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from difflib import get_close_matches
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.errors import LackingError
+from ..model.geometry import Transform
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_MOST_CHILDREN = 8
+_MOST_FRAMES = 40
+_SAME_LINK = 1e-9
+# tf2 takes quaternions whose squared norm is off by 1 % at most; a matrix made of one is as good.
+_ROTATION = 1e-2
+_FARTHEST_M = 1e9  # beyond any map on earth; the squares of float32 coordinates still are finite
+
+
+class FrameTree:
+    """Frames, and the links between them; what is wrong with it is told when it matters."""
+
+    def __init__(
+        self,
+        static: Iterable[tuple[str, str, Transform]],
+        dynamic: Iterable[tuple[str, str]] = (),
+        lost: str = '',
+    ) -> None:
+        """Take links in any order.
+
+        Args:
+            static: (parent, child, parent_T_child).
+            dynamic: (parent, child) of links that move.
+            lost: What may be missing, and why.
+        """
+        self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
+        self._differing: set[str] = set()
+        self._lost = f'; {lost}' if lost else ''
+        for parent, child, transform in static:
+            above = self._parents[_plain(child)]
+            known = above.setdefault(_plain(parent), transform)
+            if known is not None and known is not transform and _differ(known, transform):
+                self._differing.add(_plain(child))
+        for parent, child in dynamic:
+            self._parents[_plain(child)][_plain(parent)] = None
+        self._children: dict[str, list[str]] = defaultdict(list)
+        for child, above in sorted(self._parents.items()):
+            for parent, link in above.items():
+                if link is not None:
+                    self._children[parent].append(child)
+        self.frames = frozenset(self._parents) | {
+            parent for above in self._parents.values() for parent in above
+        }
+
+    def transform(self, target: str, source: str) -> Transform:
+        """target_T_source through static links; a frame is itself even if the tree lacks it.
+
+        Raises:
+            LackingError: A frame is unknown, the two are in different trees, a link between them
+                moves, a frame between them has two parents or two places, they hang in a circle, or
+                a rotation is none. The message shows the tree.
+        """
+        found = self._join(_plain(target), _plain(source))
+        if isinstance(found, Transform):
+            return found
+        raise LackingError(
+            f'no static transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
+            f' {self} (add the link to the bag, name other frames in the plan, or give --calib)'
+            f'{self._lost}'
+        )
+
+    def find(self, target: str, source: str) -> Transform | None:
+        """target_T_source where transform would give it, else None."""
+        found = self._join(_plain(target), _plain(source))
+        return found if isinstance(found, Transform) else None
+
+    def _join(self, target: str, source: str) -> Transform | str:
+        """target_T_source, or why there is none."""
+        if target == source:
+            return Transform.identity()
+        for frame in (target, source):
+            if frame not in self.frames:
+                return self._unknown(frame)
+        lines = self._ancestors(target), self._ancestors(source)
+        for line in lines:
+            if _is_circle(line):
+                return f'{" <- ".join(line[line.index(line[-1]) :])} is a circle'
+        common = next((frame for frame in lines[0] if frame in lines[1]), None)
+        if common is None:
+            return self._apart(*lines)
+        common_t = []
+        for line in lines:
+            common_t_frame = self._down(line[: line.index(common) + 1])
+            if isinstance(common_t_frame, str):
+                return common_t_frame
+            common_t.append(common_t_frame)
+        return common_t[0].inverse() @ common_t[1]
+
+    def _ancestors(self, frame: str) -> list[str]:
+        """A frame, its parent and so on, up to a root, a frame with two parents, or a circle."""
+        line, passed = [frame], {frame}
+        while len(self._parents.get(line[-1], ())) == 1:
+            (parent,) = self._parents[line[-1]]
+            line.append(parent)
+            if parent in passed:
+                break
+            passed.add(parent)
+        return line
+
+    def _down(self, line: list[str]) -> Transform | str:
+        """top_T_bottom of a line of frames from bottom to top, or what is wrong on the way."""
+        top_t_bottom = Transform.identity()
+        for child, parent in pairwise(line):
+            link = self._parents[child][parent]
+            if link is None:
+                return f'{parent} -> {child} moves'
+            if child in self._differing:
+                return f'{parent} -> {child} is given twice, and differently'
+            if not _is_rigid(link):
+                return (
+                    f'{parent} -> {child} is no transform; its numbers must be finite and possible,'
+                    f' its quaternion of length 1'
+                )
+            top_t_bottom = link @ top_t_bottom
+        return top_t_bottom
+
+    def _apart(self, first: list[str], second: list[str]) -> str:
+        """Why two lines of ancestors do not meet."""
+        for line in (first, second):
+            parents = self._parents.get(line[-1])
+            if parents:
+                return f'{line[-1]} has several parents, {" and ".join(sorted(parents))}'
+        return f'they are in different trees, of {second[-1]} and of {first[-1]}'
+
+    def _unknown(self, frame: str) -> str:
+        lower = {name.lower(): name for name in self.frames}
+        close = [lower[name] for name in get_close_matches(frame.lower(), sorted(lower), 3)]
+        hint = f'; did you mean {" or ".join(close)}?' if close else ''
+        return f'there is no frame {_shown(frame)}{hint}'
+
+    def __str__(self) -> str:
+        """All frames on a line: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
+        writer = _TreeText(self._children)
+        roots = sorted(self._tops())
+        texts = [writer.text(root) for root in roots[:_MOST_CHILDREN]]
+        if len(roots) > _MOST_CHILDREN:
+            texts.append(f'{len(roots) - _MOST_CHILDREN} more trees')
+        moving = [
+            f'{parent} -> {child} (moving)'
+            for child, above in sorted(self._parents.items())
+            for parent, link in sorted(above.items())
+            if link is None
+        ]
+        texts += moving[:_MOST_CHILDREN]
+        if len(moving) > _MOST_CHILDREN:
+            texts.append(f'{len(moving) - _MOST_CHILDREN} more that move')
+        return '; '.join(texts) or 'no transforms'
+
+    def _tops(self) -> set[str]:
+        """The frames that texts of trees begin with: roots, and the first of each circle."""
+        tops = set()
+        seen: set[str] = set()
+        for frame in self._children:
+            line = [] if frame in seen else self._ancestors(frame)
+            if _is_circle(line) and not seen.intersection(line):
+                tops.add(min(line[line.index(line[-1]) :]))
+            seen.update(line)
+            if all(link is None for link in self._parents.get(frame, {}).values()):
+                tops.add(frame)
+        return tops
+
+
+class _TreeText:
+    """Writes trees of static links, each frame's children once, and not too many of all."""
+
+    def __init__(self, children: dict[str, list[str]]) -> None:
+        self._children = children
+        self.shown: set[str] = set()
+
+    def text(self, frame: str) -> str:
+        """A frame and what hangs from it."""
+        children = () if frame in self.shown else self._children.get(frame, ())
+        self.shown.add(frame)
+        texts: list[str] = []
+        for child in children:
+            if len(texts) == _MOST_CHILDREN or len(self.shown) >= _MOST_FRAMES:
+                texts.append(f'{len(children) - len(texts)} more')
+                break
+            texts.append(self.text(child))
+        return f'{frame} -> {{{", ".join(texts)}}}' if texts else frame
+
+
+def _plain(name: str) -> str:
+    return name.lstrip('/')
+
+
+def _shown(name: str) -> str:
+    return name or 'of an empty name'
+
+
+def _is_circle(line: list[str]) -> bool:
+    return len(line) > 1 and line[-1] in line[:-1]
+
+
+def _differ(first: Transform, second: Transform) -> bool:
+    with np.errstate(invalid='ignore'):
+        return bool((np.abs(first.matrix() - second.matrix()) > _SAME_LINK).any())
+
+
+def _is_rigid(link: Transform) -> bool:
+    """Whether it is a rotation and a place; a quaternion of zeros has become NaN."""
+    if not (np.abs(link.matrix()) <= _FARTHEST_M).all() or np.linalg.det(link.rotation) < 0:
+        return False
+    product = link.rotation @ link.rotation.T
+    return bool(np.abs(product - np.eye(3)).max() < _ROTATION)

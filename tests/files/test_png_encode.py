@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import struct
+import sys
+import threading
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kitti_ros2.files.png.encode import encode_png
+from kitti_ros2.files.png.header import parse_image
+
+
+def decoded(png: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def pixels_of(kind: str, shape: tuple[int, ...], dtype: type, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    top = np.iinfo(dtype).max
+    if kind == 'noise':
+        return rng.integers(0, top, shape, dtype, endpoint=True)
+    if kind == 'flat':
+        return np.full(shape, rng.integers(0, top, endpoint=True), dtype)
+    if kind == 'few values':
+        return rng.choice([0, 1, top], shape).astype(dtype)
+    ramp = np.arange(np.prod(shape)).reshape(shape) // shape[-1]
+    return (ramp + rng.integers(0, 5, shape)).astype(dtype)
+
+
+@pytest.fixture(params=['isal', 'zlib'])
+def encoder(request, monkeypatch):
+    """Each way of making the file, whatever the machine would choose."""
+    if request.param == 'isal':
+        pytest.importorskip('isal')
+    if request.param == 'zlib':
+        monkeypatch.setitem(sys.modules, 'isal', None)
+    return request.param
+
+
+class TestEveryEncoder:
+    @pytest.fixture(autouse=True)
+    def _encoder(self, encoder):
+        pass
+
+    @given(
+        st.sampled_from(['noise', 'flat', 'few values', 'smooth']),
+        st.integers(1, 60),
+        st.one_of(st.integers(1, 8), st.integers(1, 400)),
+        st.sampled_from([((), np.uint8), ((), np.uint16), ((3,), np.uint8)]),
+        st.integers(0, 1000),
+    )
+    @settings(max_examples=150, deadline=None)
+    def test_pixels_come_back(self, kind, height, width, form, seed):
+        channels, dtype = form
+        pixels = pixels_of(kind, (height, width, *channels), dtype, seed)
+        back = decoded(encode_png(pixels))
+        assert back.dtype == dtype
+        np.testing.assert_array_equal(back, pixels)
+
+    @pytest.mark.parametrize('shape', [(375, 1242, 3), (1080, 1920), (1, 5000, 3), (5000, 1)])
+    @pytest.mark.parametrize('kind', ['noise', 'smooth', 'flat'])
+    def test_large_ones_too(self, shape, kind):
+        pixels = pixels_of(kind, shape, np.uint8, 1)
+        np.testing.assert_array_equal(decoded(encode_png(pixels)), pixels)
+
+    def test_every_checksum_is_right(self):
+        """OpenCV does not look at all of them."""
+        png = encode_png(pixels_of('smooth', (40, 50, 3), np.uint8, 1))
+        offset, kinds, data = 8, [], b''
+        while offset < len(png):
+            length, kind = struct.unpack_from('>I4s', png, offset)
+            body = png[offset + 8 : offset + 8 + length]
+            (crc,) = struct.unpack_from('>I', png, offset + 8 + length)
+            assert crc == zlib.crc32(kind + body)
+            kinds.append(kind)
+            data += body if kind == b'IDAT' else b''
+            offset += 12 + length
+        assert set(kinds) - {b'fdEC'} == {b'IHDR', b'IDAT', b'IEND'}
+        assert len(zlib.decompress(data)) == 40 * (1 + 150)
+
+
+def test_the_package_reads_the_header():
+    image = parse_image(encode_png(np.zeros((5, 7, 3), np.uint8)), 'x')
+    assert (image.width, image.height, image.channels) == (7, 5, 3)
+
+
+def test_views_are_written_as_they_look():
+    pixels = pixels_of('noise', (40, 60, 3), np.uint8, 1)
+    pixels.setflags(write=False)
+    for view in (pixels[::2, 5:50], pixels[..., 1], pixels[::-1], pixels[..., ::-1]):
+        np.testing.assert_array_equal(decoded(encode_png(view)), view)
+    wide = pixels_of('noise', (20, 30), np.uint16, 1)
+    for view in (wide[::3, 1::2], wide.astype('>u2'), wide.T):
+        np.testing.assert_array_equal(decoded(encode_png(view)), view)
+
+
+def test_a_photograph_gets_hardly_larger_than_from_opencv(encoder):  # noqa: ARG001 - each
+    rng = np.random.default_rng(0)
+    smooth = cv2.GaussianBlur(rng.integers(0, 255, (375, 1242, 3), np.uint8), (0, 0), 3)
+    noise = rng.integers(0, 6, smooth.shape, np.uint8)
+    pixels = cv2.add(cv2.normalize(smooth, None, 0, 240, cv2.NORM_MINMAX), noise)
+    done, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    assert done
+    assert len(encode_png(pixels)) < 1.1 * len(data)
+
+
+@pytest.mark.parametrize(
+    ('shape', 'dtype'),
+    [
+        ((5,), np.uint8),
+        ((), np.uint8),
+        ((0, 5), np.uint8),
+        ((5, 0, 3), np.uint8),
+        ((5, 5, 4), np.uint8),
+        ((5, 5, 1), np.uint8),
+        ((5, 5, 3), np.uint16),
+        ((5, 5), np.int8),
+        ((5, 5), np.float32),
+    ],
+)
+def test_other_pixels_are_refused(shape, dtype):
+    with pytest.raises(ValueError, match='pixels of shape'):
+        encode_png(np.zeros(shape, dtype))
+
+
+def test_every_thread_writes_the_same_bytes(encoder):
+    """Pixels in which a wrong entry of isal's hash table, wherever it is, changes a match.
+
+    Each row is a run, whose inner bytes are not entered, and then two values in turn, which match
+    what was not entered if an entry of something else happens to lie at their distance.
+    """
+    del encoder
+    threads = 48
+    values = np.random.default_rng(0).integers(0, 256, (20_000, 2), np.uint8)
+    residuals = np.repeat(values[:, :1], 27, axis=1)
+    residuals[:, 20::2] = values[:, 1:]
+    pixels = np.cumsum(residuals, axis=1, dtype=np.uint8)
+    together = threading.Barrier(threads)
+    found = set()
+
+    def run():
+        together.wait()  # all threads live at once: no stack lies where another was
+        found.add(encode_png(pixels))
+        together.wait()
+
+    running = [threading.Thread(target=run) for _ in range(threads)]
+    for thread in running:
+        thread.start()
+    for thread in running:
+        thread.join()
+    assert len(found) == 1
+    np.testing.assert_array_equal(decoded(found.pop()), pixels)

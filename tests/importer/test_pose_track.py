@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses between poses, and KITTI's camera poses of them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kitti_ros2.importer.pose_track import (
+    MAX_GAP_NS,
+    PoseTrack,
+    camera_poses,
+    interpolate,
+    poses_from_odometry,
+    poses_from_path,
+    poses_from_pose_stamped,
+    poses_from_tf,
+)
+from kitti_ros2.messages.header import Point, Quaternion, Vector3, make_header, make_pose
+from kitti_ros2.messages.pose import encode_odometry, encode_path, encode_tf
+from kitti_ros2.messages.ros_types import PoseStamped, TFMessage
+from kitti_ros2.messages.transforms import make_transform
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.samples import Pose, Trajectory
+
+T0 = 1317042145951199337
+STEP = 100_000_000
+ANGLES = st.floats(-3.1, 3.1)
+METRES = st.floats(-1e3, 1e3)
+SHARES = st.floats(0, 1)
+TRANSFORMS = st.builds(
+    lambda rpy, t: Transform(rotation_from_rpy(*rpy), np.array(t)),
+    st.tuples(ANGLES, st.floats(-1.5, 1.5), ANGLES),
+    st.tuples(METRES, METRES, METRES),
+)
+TRACKS = st.lists(TRANSFORMS, min_size=1, max_size=6)
+IDENTITY = Transform.identity()
+
+
+def at(x):
+    return Transform.from_translation((x, 0, 0))
+
+
+def close(a, b, tolerance=1e-9):
+    return a is not None and np.allclose(a.matrix(), b.matrix(), rtol=0, atol=tolerance)
+
+
+def turn(a, b):
+    """The angle between two rotations, exact also where it is small."""
+    relative = a.rotation.T @ b.rotation
+    sine = np.linalg.norm(relative - relative.T) / np.sqrt(8)
+    return np.arctan2(sine, (np.trace(relative) - 1) / 2)
+
+
+@given(TRACKS)
+def test_a_track_goes_through_its_poses(transforms):
+    stamps = T0 + np.arange(len(transforms)) * STEP
+    found = PoseTrack(stamps, transforms).at(stamps)
+    assert all(close(*pair, 0) for pair in zip(found, transforms, strict=True))
+
+
+@given(TRANSFORMS, TRANSFORMS, SHARES)
+def test_between_two_poses_the_way_is_straight_and_the_turn_even(start, end, share):
+    pose = interpolate(start, end, share)
+    straight = start.translation + share * (end.translation - start.translation)
+    np.testing.assert_allclose(pose.translation, straight, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-9)
+    whole = turn(start, end)
+    assert turn(start, pose) == pytest.approx(share * whole, abs=1e-7)
+    assert turn(pose, end) == pytest.approx((1 - share) * whole, abs=1e-7)
+
+
+@given(TRANSFORMS, TRANSFORMS, SHARES)
+def test_the_way_back_is_the_same_way(start, end, share):
+    if turn(start, end) < 3.14:  # half a turn has two short ways round
+        assert close(interpolate(start, end, share), interpolate(end, start, 1 - share))
+
+
+@given(TRANSFORMS, st.floats(-3.1, 3.1), SHARES)
+def test_a_turn_about_one_axis_is_exact(start, yaw, share):
+    end = start @ Transform(rotation_from_rpy(0, 0, yaw), np.zeros(3))
+    expected = start @ Transform(rotation_from_rpy(0, 0, share * yaw), np.zeros(3))
+    assert close(interpolate(start, end, share), expected)
+
+
+@pytest.mark.parametrize('yaw', [0, 1e-300, 1e-12, 1e-8, 1e-4])
+def test_a_small_turn_is_exact_too(yaw):
+    end = Transform(rotation_from_rpy(0, 0, yaw), np.zeros(3))
+    halfway = interpolate(IDENTITY, end, 0.5)
+    assert halfway.rotation[1, 0] == pytest.approx(np.sin(yaw / 2), rel=1e-9, abs=1e-300)
+
+
+@given(TRACKS, TRANSFORMS)
+def test_interpolating_elsewhere_is_interpolating_here(transforms, world_t_map):
+    """Linear and slerp do not depend on the fixed frame."""
+    stamps = T0 + np.arange(len(transforms)) * STEP
+    between = np.arange(T0, stamps[-1] + 1, STEP // 3)
+    here = PoseTrack(stamps, transforms).at(between)
+    there = PoseTrack(stamps, [world_t_map @ each for each in transforms]).at(between)
+    for a, b in zip(here, there, strict=True):
+        if all(turn(*pair) < 3.1 for pair in pairwise(transforms)):
+            assert close(world_t_map @ a, b, 1e-6)
+
+
+def test_nothing_is_extrapolated():
+    track = PoseTrack([T0, T0 + STEP], [at(0), at(1)])
+    wanted = np.array([T0 - 1, T0, T0 + STEP // 4, T0 + STEP, T0 + STEP + 1])
+    found = track.at(wanted)
+    assert [pose and pose.translation[0] for pose in found] == [None, 0, 0.25, 1, None]
+
+
+def test_poses_are_sorted_and_of_equal_stamps_the_first_counts():
+    track = PoseTrack([T0 + STEP, T0, T0 + STEP], [at(1), at(0), at(7)])
+    assert len(track) == 2
+    assert track.stamps_ns.tolist() == [T0, T0 + STEP]
+    assert track.at(np.array([T0 + STEP // 2]))[0].translation[0] == 0.5
+
+
+def test_a_gap_is_not_bridged_but_its_ends_are_known():
+    track = PoseTrack([0, 10, 21, 31], [at(x) for x in (0, 10, 21, 31)], max_gap_ns=10)
+    found = track.at(np.array([5, 10, 11, 20, 21, 25]))
+    assert [pose and pose.translation[0] for pose in found] == [5, 10, None, None, 21, 25]
+    assert PoseTrack([0, MAX_GAP_NS + 1], [at(0), at(1)]).at(np.array([1])) == [None]
+    assert PoseTrack([0, MAX_GAP_NS], [at(0), at(1)]).at(np.array([1])) != [None]
+
+
+def test_a_track_of_no_poses_knows_none():
+    assert PoseTrack([], []).at(np.array([1, 2])) == [None, None]
+    assert camera_poses(PoseTrack([], []), np.array([1, 2]), IDENTITY) == [None, None]
+
+
+def test_a_stamp_without_a_pose_is_refused():
+    with pytest.raises(ValueError, match='1 poses with stamps of shape'):
+        PoseTrack([1, 2], [IDENTITY])
+
+
+@given(TRACKS, TRANSFORMS)
+def test_camera_poses_lead_back_to_the_body(transforms, body_t_cam0):
+    stamps = T0 + np.arange(len(transforms)) * STEP
+    found = camera_poses(PoseTrack(stamps, transforms), stamps, body_t_cam0)
+    start = transforms[0] @ body_t_cam0
+    for pose, map_t_body in zip(found, transforms, strict=True):
+        assert pose.shape == (3, 4)
+        first_cam0_t_cam0 = Transform.from_matrix(pose)
+        assert close(start @ first_cam0_t_cam0 @ body_t_cam0.inverse(), map_t_body, 1e-8)
+
+
+def test_camera_poses_have_the_axes_of_the_camera_and_begin_with_the_first_known():
+    """Driving forward, x of the body, is z of the camera; the camera's place does not matter."""
+    body_r_cam0 = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    body_t_cam0 = Transform(body_r_cam0, np.array([1.0, 0.5, 1.6]))
+    track = PoseTrack([T0, T0 + STEP], [at(2), at(4)])
+    frames = np.array([T0 - STEP, T0 + STEP // 2, T0 + STEP, T0 + 2 * STEP])
+    before, first, second, after = camera_poses(track, frames, body_t_cam0)
+    assert before is None
+    assert after is None
+    np.testing.assert_allclose(first, np.eye(4)[:3], atol=1e-12)
+    np.testing.assert_allclose(second, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]], atol=1e-12)
+
+
+def test_far_from_the_origin_no_digit_is_lost():
+    far = np.array([4.5e5, 5.4e6, 0])
+    rotation = rotation_from_rpy(0.1, 0.2, 0.3)
+    step = rotation @ np.array([0.5, 0.25, 0])
+    poses = [Transform(rotation, far), Transform(rotation, far + step)]
+    found = camera_poses(PoseTrack([0, 1], poses), np.array([0, 1]), IDENTITY)
+    moved = rotation.T @ ((far + step) - far)
+    np.testing.assert_allclose(found[1][:, 3], moved, rtol=0, atol=1e-13)
+
+
+@given(TRANSFORMS)
+def test_poses_come_back_from_messages(transform):
+    frames = ('map', 'base_link')
+    odometry = encode_odometry(Pose(transform), IDENTITY, T0, frames)
+    stamped = PoseStamped(make_header(T0, 'map'), make_pose(transform))
+    path = encode_path(Trajectory(np.array([T0, T0 + 5]), [transform, at(1)]), IDENTITY, 9, 'map')
+    tf = encode_tf(Pose(transform), IDENTITY, T0, frames)
+    for found, child in [
+        (poses_from_odometry(odometry), 'base_link'),
+        (poses_from_pose_stamped(stamped), None),
+        (poses_from_path(path)[:1], None),
+        (poses_from_tf(tf, {frames}), 'base_link'),
+    ]:
+        (one,) = found
+        assert (one.parent, one.child, one.stamp_ns) == ('map', child, T0)
+        assert close(one.parent_T_child, transform)
+    assert [one.stamp_ns for one in poses_from_path(path)] == [T0, T0 + 5]
+
+
+def test_a_path_names_the_frame_of_poses_that_do_not():
+    path = encode_path(Trajectory(np.array([T0]), [IDENTITY]), IDENTITY, 9, '')
+    path.header.frame_id = '/odom'
+    assert poses_from_path(path)[0].parent == 'odom'
+
+
+def test_of_a_tf_message_the_wanted_links_are_read_and_slashes_do_not_count():
+    broken = make_transform(at(1), T0, 'odom', 'wheel')
+    broken.transform.rotation = Quaternion(0.0, 0.0, 0.0, 0.0)
+    message = TFMessage(
+        [
+            make_transform(at(1), T0, '/map', '/odom'),
+            broken,
+            make_transform(at(2), T0 + 1, 'odom', 'base'),
+            make_transform(at(3), T0 + 2, 'base', 'odom'),
+        ]
+    )
+    found = poses_from_tf(message, [('map', 'odom'), ('odom', 'base')])
+    assert [(one.parent, one.child, one.stamp_ns - T0) for one in found] == [
+        ('map', 'odom', 0),
+        ('odom', 'base', 1),
+    ]
+    assert poses_from_tf(message, []) == []
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize(
+    ('orientation', 'x'),
+    [
+        ((0.0, 0.0, 0.0, 0.0), 1.0),
+        ((np.nan, 0.0, 0.0, 1.0), 1.0),
+        ((0.0, 0.0, 0.0, 1.0), np.inf),
+        ((1e300, 0, 0, 1e300), 1.0),
+        ((0.0, 0, 0, 1), 1e300),
+    ],
+)
+def test_what_is_no_pose_is_refused(orientation, x):
+    pose = make_pose(IDENTITY)
+    pose.orientation, pose.position = Quaternion(*orientation), Point(x, 0.0, 0.0)
+    link = make_transform(IDENTITY, T0, 'map', 'base')
+    link.transform.rotation = Quaternion(*orientation)
+    link.transform.translation = Vector3(x, 0.0, 0.0)
+    with pytest.raises(
+        ValueError, match='a pose of NaN, of an impossible place or of an orientation'
+    ):
+        poses_from_pose_stamped(PoseStamped(make_header(T0, 'map'), pose))
+    with pytest.raises(ValueError, match='a pose of NaN'):
+        poses_from_tf(TFMessage([link]), [('map', 'base')])

@@ -1,0 +1,256 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Keys in a terminal of the test's own."""
+
+import io
+import os
+import pty
+import subprocess
+import sys
+import termios
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from kitti_ros2.player import keyboard
+from kitti_ros2.player.keyboard import Key, Keyboard
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Both ends of a terminal; it is nobody's, so it counts as in the foreground."""
+    master, slave = pty.openpty()
+    monkeypatch.setattr(keyboard, '_in_foreground', lambda _: True)
+    stream = os.fdopen(slave, 'r')
+    yield master, stream
+    os.close(master)
+    stream.close()
+
+
+def wait_for(condition):
+    end = time.monotonic() + 5
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def pressed(terminal, keys, count, on_error=None):
+    """What is pressed on a terminal when bytes come in."""
+    master, stream = terminal
+    seen = []
+    actions = {key: lambda key=key: seen.append(key) for key in Key}
+    with Keyboard(actions, on_error or seen.append, stream):
+        for part in keys:
+            os.write(master, part)
+            time.sleep(0.01)
+        wait_for(lambda: len(seen) >= count)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ('keys', 'expected'),
+    [
+        ([b' '], [Key.SPACE]),
+        ([b'\x1b[C'], [Key.RIGHT]),
+        ([b'\x1bOC'], [Key.RIGHT]),
+        ([b'\x1b', b'[', b'D'], [Key.LEFT]),
+        ([b'\x1b[A\x1b[B  q'], [Key.UP, Key.DOWN, Key.SPACE, Key.SPACE, Key.QUIT]),
+        ([b'x', b'y', b'q'], [Key.QUIT]),
+        ([b'\x1b[Z', b' '], [Key.SPACE]),
+        ([b'\x1b[1;5C\x1b[3~\x1bOPq'], [Key.QUIT]),
+        ([b'\x1b[?1 q '], [Key.SPACE]),
+        ([b'\x1b\x1b[C'], [Key.RIGHT]),
+    ],
+)
+def test_keys(terminal, keys, expected):
+    assert pressed(terminal, keys, len(expected)) == expected
+
+
+def test_a_lone_escape_is_nothing(terminal):
+    master, stream = terminal
+    seen = []
+    with Keyboard({Key.SPACE: lambda: seen.append(1)}, seen.append, stream):
+        os.write(master, b'\x1b')
+        time.sleep(0.15)
+        os.write(master, b' ')
+        wait_for(lambda: seen)
+    assert seen == [1]
+
+
+def test_the_terminal_is_as_before(terminal):
+    _, stream = terminal
+    before = termios.tcgetattr(stream.fileno())
+
+    def fail_inside():
+        with Keyboard({}, lambda _: None, stream):
+            assert not termios.tcgetattr(stream.fileno())[3] & termios.ICANON
+            assert termios.tcgetattr(stream.fileno())[3] & termios.ISIG
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail_inside()
+    assert termios.tcgetattr(stream.fileno()) == before
+
+
+def test_what_was_begun_is_undone_when_no_thread_can_start(terminal, monkeypatch):
+    _, stream = terminal
+    before = termios.tcgetattr(stream.fileno())
+
+    def refuse(_):
+        raise RuntimeError
+
+    monkeypatch.setattr(threading.Thread, 'start', refuse)
+    descriptors = len(list(Path('/dev/fd').iterdir()))
+    with pytest.raises(RuntimeError), Keyboard({}, lambda _: None, stream):
+        pass
+    assert termios.tcgetattr(stream.fileno()) == before
+    assert len(list(Path('/dev/fd').iterdir())) == descriptors
+
+
+@pytest.mark.parametrize('keys', [b'', b'\x1b', b'\x1b['])
+def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
+    master, stream = terminal
+    monkeypatch.setattr(keyboard, '_LOOK_AGAIN_S', 60)
+    monkeypatch.setattr(keyboard, '_REST_OF_ESCAPE_S', 60)
+    with Keyboard({}, lambda _: None, stream) as entered:
+        os.write(master, keys)
+        time.sleep(0.02)
+        start = time.monotonic()
+    assert time.monotonic() - start < 1
+    assert not entered._thread.is_alive()
+
+
+def test_the_thread_ends_with_its_terminal(monkeypatch):
+    master, slave = pty.openpty()
+    monkeypatch.setattr(keyboard, '_in_foreground', lambda _: True)
+    with os.fdopen(slave, 'r') as stream, Keyboard({}, lambda _: None, stream) as entered:
+        os.close(master)
+        wait_for(lambda: not entered._thread.is_alive())
+
+
+def test_the_mode_comes_back_after_a_shell_changed_it(terminal, monkeypatch):
+    _, stream = terminal
+    monkeypatch.setattr(keyboard, '_LOOK_AGAIN_S', 0.02)
+    before = termios.tcgetattr(stream.fileno())
+    with Keyboard({}, lambda _: None, stream):
+        termios.tcsetattr(stream.fileno(), termios.TCSANOW, before)
+        wait_for(lambda: not termios.tcgetattr(stream.fileno())[3] & termios.ICANON)
+
+
+def test_an_action_that_fails_is_told_and_the_next_key_works(terminal):
+    master, stream = terminal
+    errors, seen = [], []
+
+    def fail():
+        raise ValueError('no')
+
+    with Keyboard({Key.SPACE: fail, Key.QUIT: lambda: seen.append(1)}, errors.append, stream):
+        os.write(master, b' q')
+        wait_for(lambda: seen)
+    assert [str(error) for error in errors] == ['no']
+
+
+def test_what_is_no_terminal_is_left_alone(tmp_path):
+    for stream in (io.StringIO(' '), open(tmp_path / 'x', 'w+')):  # noqa: SIM115, PTH123
+        with Keyboard({}, lambda _: None, stream) as entered:
+            assert entered._thread is None
+
+
+def test_in_the_background_nothing_is_read():
+    master, slave = pty.openpty()
+    with os.fdopen(slave, 'r') as stream, Keyboard({}, lambda _: None, stream) as entered:
+        assert entered._thread is None
+    os.close(master)
+
+
+def test_no_standard_input_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(sys, 'stdin', None)
+    with Keyboard({}, lambda _: None) as entered:
+        assert entered._thread is None
+
+
+# A shell, the terminal's own session leader, and its job, which ends on q or when told to.
+SHELL = """
+    import fcntl, os, signal, sys, termios, threading, time
+    from kitti_ros2.player import keyboard
+
+    keyboard._LOOK_AGAIN_S = 0.02
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+    ours = termios.tcgetattr(0)
+    from_job, to_shell = os.pipe()
+    go, to_job = os.pipe()
+    job = os.fork()
+    if job == 0:
+        signal.signal(signal.SIGTTOU, signal.SIG_DFL)
+        os.setpgid(0, 0)
+        os.read(go, 1)
+        end = threading.Event()
+        actions = {
+            keyboard.Key.SPACE: lambda: os.write(to_shell, b's'), keyboard.Key.QUIT: end.set
+        }
+        with keyboard.Keyboard(actions, print):
+            os.write(to_shell, b'r')
+            threading.Thread(target=lambda: os.read(go, 1) and end.set(), daemon=True).start()
+            end.wait()
+        os._exit(7)
+
+    def say(word):
+        print(word, file=sys.stderr, flush=True)
+
+    def cooked():
+        return bool(termios.tcgetattr(0)[3] & termios.ICANON)
+
+    os.setpgid(job, job)
+    os.tcsetpgrp(0, job)
+    os.write(to_job, b'.')
+    say(os.read(from_job, 1).decode() + str(cooked()))
+    say(os.read(from_job, 1).decode())
+    # Ctrl-Z and bg
+    os.tcsetpgrp(0, os.getpgrp())
+    termios.tcsetattr(0, termios.TCSANOW, ours)
+    say('background')
+    time.sleep(0.2)
+    line = os.read(0, 100)
+    say(f'{line!r} {cooked()} {os.waitpid(job, os.WNOHANG | os.WUNTRACED)}')
+    if sys.argv[1] == 'fg':
+        os.tcsetpgrp(0, job)
+        while cooked():
+            time.sleep(0.01)
+        say('foreground')
+    else:
+        os.write(to_job, b'.')
+    status = os.waitpid(job, os.WUNTRACED)[1]
+    say(f'{os.WIFSTOPPED(status)} {os.waitstatus_to_exitcode(status)} {cooked()}')
+"""
+
+
+@pytest.mark.parametrize('way', ['fg', 'stay'])
+def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(way):
+    master, slave = pty.openpty()
+    shell = subprocess.Popen(
+        [sys.executable, '-c', textwrap.dedent(SHELL), way],
+        stdin=slave,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    os.close(slave)
+    watchdog = threading.Timer(30, shell.kill)
+    watchdog.start()
+    with shell:
+        assert shell.stderr.readline() == 'rFalse\n'
+        os.write(master, b' ')
+        assert shell.stderr.readline() == 's\n'
+        assert shell.stderr.readline() == 'background\n'
+        os.write(master, b' q\n')
+        assert shell.stderr.readline() == "b' q\\n' True (0, 0)\n"
+        if way == 'fg':
+            assert shell.stderr.readline() == 'foreground\n'
+            os.write(master, b'q')
+        assert shell.stderr.readline() == 'False 7 True\n'
+    watchdog.cancel()
+    os.close(master)

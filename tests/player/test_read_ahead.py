@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fetching ahead: what comes, in which order, and how much of it waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from kitti_ros2.player.program import Due
+from kitti_ros2.player.read_ahead import ReadAhead
+
+TOTAL = 20
+ALL = frozenset({0, 1})
+
+
+class Counting:
+    """A program of one message a position; it knows what was fetched, and may fail or wait."""
+
+    def __init__(self, workers=1, total=TOTAL):
+        self.stamps_ns = np.arange(total)
+        self.workers = workers
+        self.fetched = []
+        self.failing = set()
+        self.gate = threading.Event()
+        self.gate.set()
+
+    def fetch(self, index, wanted):
+        self.fetched.append((index, frozenset(wanted)))
+        self.gate.wait(10)
+        if index in self.failing:
+            raise ZeroDivisionError(f'at {index}')
+        return [Due(0, index, repr(sorted(wanted)).encode())], []
+
+    @property
+    def positions(self):
+        return [index for index, _ in self.fetched]
+
+
+def stamps(fetched):
+    due, missing = fetched
+    assert missing == []
+    return [message.stamp_ns for message in due]
+
+
+def settle(program, count):
+    """Wait until so much was fetched, then a little for what should not be."""
+    until = time.monotonic() + 5
+    while len(program.fetched) < count and time.monotonic() < until:
+        time.sleep(0.001)
+    time.sleep(0.05)
+    return len(program.fetched)
+
+
+@pytest.fixture(params=[1, 4], ids=['one worker', 'four workers'])
+def program(request):
+    return Counting(request.param)
+
+
+@pytest.mark.parametrize('samples', [1, 3, 100])
+@pytest.mark.parametrize('polite', [True, False])
+def test_messages_come_in_order_and_each_is_fetched_once(program, samples, polite):
+    with ReadAhead(program, samples, polite=polite) as ahead:
+        for position in range(TOTAL):
+            assert stamps(ahead.take(position)) == [position]
+            if position + samples < TOTAL:
+                ahead.refill()
+    assert sorted(program.positions) == list(range(TOTAL))
+
+
+def test_the_beginning_follows_the_end(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        for _ in range(3):
+            for position in range(TOTAL):
+                ahead.refill()
+                assert stamps(ahead.take(position)) == [position]
+    assert len(program.fetched) <= 3 * TOTAL + 4
+
+
+def test_a_jump_forgets_what_was_ahead(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        for position in (0, 1, 7, 8, 3, 3, 19, 0, 5):
+            assert stamps(ahead.take(position)) == [position]
+            ahead.refill()
+
+
+def test_never_more_than_the_samples_are_ahead(program):
+    with ReadAhead(program, 6, polite=False) as ahead:
+        ahead.refill()
+        ahead.refill()
+        assert settle(program, 6) == 6
+        ahead.take(0)
+        assert settle(program, 6) == 6
+        ahead.refill()
+        assert settle(program, 7) == 7
+        assert sorted(program.positions) == list(range(7))
+
+
+def test_a_short_program_is_not_fetched_twice_ahead():
+    program = Counting(total=3)
+    with ReadAhead(program, 100, polite=False) as ahead:
+        ahead.refill()
+        assert settle(program, 3) == 3
+
+
+def test_low_is_less_than_half(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        assert ahead.low()
+        ahead.refill()
+        lows = []
+        for position in range(3):
+            ahead.take(position)
+            lows.append(ahead.low())
+        assert lows == [False, False, True]
+
+
+def test_a_new_outlet_wanted_is_fetched_again(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        ahead.want(frozenset({0}))
+        ahead.refill()
+        assert ahead.take(0)[0][0].data == b'[0]'
+        ahead.want(ALL)
+        for position in range(1, 6):
+            assert ahead.take(position) == ([Due(0, position, b'[0, 1]')], [])
+
+
+def test_an_outlet_less_fetches_nothing_again(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        ahead.want(ALL)
+        ahead.refill()
+        ahead.want(frozenset({1}))
+        ahead.want(frozenset({1}))
+        assert [ahead.take(position)[0][0].data for position in range(5)] == [
+            *([b'[0, 1]'] * 4),
+            b'[1]',
+        ]
+    assert sorted(program.positions) == list(range(5))
+
+
+def test_what_a_fetch_raises_comes_with_its_position(program):
+    program.failing = {3}
+    with ReadAhead(program, 6, polite=False) as ahead:
+        ahead.refill()
+        for position in range(3):
+            assert stamps(ahead.take(position)) == [position]
+        with pytest.raises(ZeroDivisionError, match='at 3'):
+            ahead.take(3)
+        assert stamps(ahead.take(4)) == [4]
+
+
+def test_what_is_not_taken_may_fail(program):
+    program.failing = {1, 2, 3}
+    with ReadAhead(program, 6, polite=False) as ahead:
+        ahead.refill()
+        assert stamps(ahead.take(0)) == [0]
+        assert stamps(ahead.take(4)) == [4]
+
+
+def leave(program, error):
+    """Enter, fill and leave; how long the leaving took after the fetches under way may end."""
+    with ReadAhead(program, TOTAL, polite=False) as ahead:
+        program.gate.clear()
+        ahead.refill()
+        threading.Timer(0.1, program.gate.set).start()
+        if error is not None:
+            raise error
+
+
+@pytest.mark.parametrize('error', [None, KeyError('x')])
+def test_leaving_waits_for_the_fetches_under_way_alone(program, error):
+    before = threading.active_count()
+    began = time.monotonic()
+    try:
+        leave(program, error)
+    except KeyError as caught:
+        assert caught is error  # noqa: PT017 - the same object
+    assert time.monotonic() - began < 5
+    assert len(program.fetched) <= program.workers
+    until = time.monotonic() + 5
+    while threading.active_count() > before and time.monotonic() < until:
+        time.sleep(0.001)
+    assert threading.active_count() <= before
+
+
+def test_one_worker_fetches_one_at_a_time_even_after_jumps():
+    busy = threading.Lock()
+    program = Counting()
+    fetch = program.fetch
+
+    def guarded(index, wanted):
+        if not busy.acquire(blocking=False):
+            raise AssertionError('two at once')
+        try:
+            time.sleep(0.001)
+            return fetch(index, wanted)
+        finally:
+            busy.release()
+
+    program.fetch = guarded
+    with ReadAhead(program, 5, polite=False) as ahead:
+        for position in (0, 9, 2, 15, 7, 8, 1):
+            assert stamps(ahead.take(position)) == [position]
+            ahead.refill()

@@ -1,0 +1,231 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A session between a program and a transport that the test makes."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player import audience
+from kitti_ros2.player.audience import Audience
+from kitti_ros2.player.program import Due, Outlet
+from kitti_ros2.player.session import LAST_WAIT_S, Session
+
+SCAN, IMU, STATIC = range(3)
+POSITIONS = 6
+
+
+class SmallProgram:
+    """One message of each topic at each position; the scans are on demand."""
+
+    name = 'small'
+    workers = 1
+    losses = ()
+    outlets = (
+        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10, on_demand=True),
+        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10, on_demand=False),
+        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1, on_demand=False),
+    )
+
+    def __init__(self):
+        self.stamps_ns = np.arange(1, POSITIONS + 1) * 1_000_000
+        self.frames = np.arange(7, 7 + POSITIONS)
+
+    def fetch(self, index, wanted):
+        stamp_ns = int(self.stamps_ns[index])
+        return [
+            Due(outlet, stamp_ns, b'data' if outlet in wanted or outlet != SCAN else b'')
+            for outlet in (IMU, STATIC, SCAN)
+        ], []
+
+    def latched_before(self, _index):
+        return []
+
+    def close(self):
+        pass
+
+
+class FakeTransport:
+    """Has the subscribers that the test says; keeps what happened, in order."""
+
+    def __init__(self, *audiences):
+        self.complaints = {}
+        self.audiences = [Audience(*each) for each in audiences]
+        self.happened = []
+        self.subscribed = {IMU}
+        self.has_room = lambda: True
+        self.finished = []
+        self.late = ()
+        self.looked = threading.Event()
+
+    def audience(self):
+        now = self.audiences.pop(0) if len(self.audiences) > 1 else self.audiences[0]
+        self.happened.append(now)
+        self.looked.set()
+        return now
+
+    def look(self):
+        return frozenset(self.subscribed & {SCAN})
+
+    def wanted(self, _now_ns):
+        return self.look()
+
+    def has_subscriber(self, outlet):
+        return outlet in self.subscribed
+
+    def publish(self, outlet, _data, _stamp_ns):
+        self.happened.append(outlet)
+
+    def make_room(self, _outlet, _seconds):
+        return self.has_room()
+
+    def tell_time(self, _stamp_ns):
+        pass
+
+    def jump(self, _stamp_ns):
+        pass
+
+    def finish(self, seconds):
+        self.finished.append(seconds)
+        return self.late
+
+    def close(self):
+        self.happened.append('closed')
+
+
+class Run:
+    """A session that has begun."""
+
+    def __init__(self, transport, **settings):
+        self.said = []
+        self.ended = threading.Event()
+        self.session = Session(
+            SmallProgram(),
+            make_play_settings({'clock': 0, **settings}),
+            lambda _: transport,
+            self.said.append,
+            lambda: None,
+            self.said.append,
+        )
+        self.session.start(lambda error: (self.said.append(error), self.ended.set()))
+
+    def to_the_end(self):
+        assert self.ended.wait(20)
+        assert self.said.pop() is None
+        self.session.stop()
+        return self.session
+
+
+@pytest.fixture(autouse=True)
+def settled_at_once(monkeypatch):
+    monkeypatch.setattr(audience, 'SETTLED_NS', 0)
+
+
+def test_lossless_publishes_nothing_before_a_subscriber_is_there():
+    transport = FakeTransport((0, 0), (0, 0), (1, 2))
+    run = Run(transport, lossless=True)
+    run.to_the_end()
+    assert transport.happened[:4] == [(0, 0), (0, 0), (1, 2), IMU]
+    assert run.said == [
+        'waiting for a subscriber; --wait-for 0 begins at once',
+        'subscribers: 1, with 2 subscriptions',
+    ]
+
+
+def test_so_many_subscribers_are_waited_for():
+    transport = FakeTransport((0, 0), (1, 30), (2, 31))
+    run = Run(transport, wait_for=2)
+    run.to_the_end()
+    assert transport.happened[:3] == [(0, 0), (1, 30), (2, 31)]
+    assert run.said[-1] == 'subscribers: 2, with 31 subscriptions'
+
+
+@pytest.mark.parametrize('settings', [{}, {'lossless': True, 'wait_for': 0}])
+def test_without_a_wait_it_begins_at_once(settings):
+    transport = FakeTransport((0, 0))
+    run = Run(transport, **settings)
+    run.to_the_end()
+    assert (0, 0) not in transport.happened
+    assert run.said == []
+
+
+def test_the_wait_ends_by_a_stop():
+    transport = FakeTransport((0, 0))
+    run = Run(transport, lossless=True)
+    assert transport.looked.wait(20)
+    assert run.session.playback.state().waiting
+    run.session.stop()
+    assert run.ended.is_set()
+    assert set(transport.happened) == {(0, 0), 'closed'}
+
+
+def test_messages_that_nobody_receives_are_counted_made_or_not():
+    transport = FakeTransport((0, 0))
+    transport.subscribed = set()
+    session = Run(transport).to_the_end()
+    # Not the latched ones: they wait for whoever comes.
+    assert session.reception.describe().startswith(f'{2 * POSITIONS} of {2 * POSITIONS} messages')
+    assert SCAN not in transport.happened
+
+
+def test_messages_before_the_first_subscriber_are_counted():
+    transport = FakeTransport((0, 0))
+    transport.subscribed = set()
+    publish = transport.publish
+
+    def publish_and_subscribe(outlet, data, stamp_ns):
+        publish(outlet, data, stamp_ns)
+        if transport.happened.count(IMU) == 2:
+            transport.subscribed = {IMU}
+
+    transport.publish = publish_and_subscribe
+    text = Run(transport).to_the_end().reception.describe()
+    assert text.startswith(f'{2 + POSITIONS} of {2 * POSITIONS} messages had no subscriber')
+    assert '; 2 of these on topics that had one at another time' in text
+
+
+def test_nothing_is_said_where_all_is_received():
+    transport = FakeTransport((0, 0))
+    transport.subscribed = {IMU, SCAN}
+    assert Run(transport).to_the_end().reception.describe() == ''
+    assert transport.happened.count(SCAN) == POSITIONS
+
+
+def test_the_last_messages_have_a_bounded_time_to_arrive():
+    transport = FakeTransport((0, 0))
+    run = Run(transport)
+    run.to_the_end()
+    assert transport.finished == [LAST_WAIT_S]
+    assert LAST_WAIT_S < 2
+    assert run.said == []
+
+
+@pytest.mark.parametrize('lossless', [False, True])
+def test_topics_whose_last_messages_did_not_arrive_are_named(lossless):
+    transport = FakeTransport((0, 0))
+    transport.late = ('/scan', '/imu')
+    run = Run(transport, lossless=lossless, wait_for=0)
+    session = run.to_the_end()
+    assert session.late == ('/scan', '/imu')
+    assert [text.split(':')[0] for text in run.said] == ['/scan, /imu'] * lossless
+
+
+def test_a_stop_while_there_is_no_room_publishes_no_more_and_waits_less():
+    transport = FakeTransport((0, 0))
+    asked = threading.Event()
+
+    def has_no_room():
+        asked.set()
+        return False
+
+    transport.has_room = has_no_room
+    run = Run(transport, lossless=True, wait_for=0)
+    assert asked.wait(20)
+    run.session.stop()
+    assert run.ended.is_set()
+    assert transport.happened == ['closed']
+    (seconds,) = transport.finished
+    assert seconds < LAST_WAIT_S
+    assert run.session.late == ()

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a report in a real browser: on a desk and on a phone, light and dark, by keyboard."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import cv2
+import foreign
+import numpy as np
+import pytest
+from chromium import Chromium, find_chromium
+
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.report import gather, make_page
+
+from builders import SHARED  # isort: skip
+
+DESK, PHONE = 1280, 390
+REAL_BAGS = ('nav2_turtlebot.mcap', 'tilt_laser.bag', 'example-lz4.bag', 'rosbag2_split_mcap')
+
+CUT_OFF = """[...document.querySelectorAll('svg')].flatMap(svg => {
+    const view = svg.viewBox.baseVal, near = .01
+    return [...svg.querySelectorAll('rect, line, path, circle, text')].filter(each => {
+        const box = each.getBBox()
+        return box.x < view.x - near || box.x + box.width > view.x + view.width + near
+            || box.y < view.y - near || box.y + box.height > view.y + view.height + near
+    }).map(each => `${svg.getAttribute('class')}: ${each.outerHTML}`)
+})"""
+"""What of a plot lies beyond the edge of its viewBox, and is not drawn."""
+
+TOO_WIDE = """[...document.querySelectorAll('.scroll')]
+    .filter(box => box.scrollWidth > box.clientWidth).map(box => box.getAttribute('aria-label'))"""
+
+LINES = """[...document.querySelectorAll('#streams tbody th')].map(cell => {
+    const range = document.createRange()
+    range.selectNodeContents(cell)
+    return [cell.textContent, new Set([...range.getClientRects()].map(line => line.top)).size]
+})"""
+TAB = 9
+
+
+@pytest.fixture(scope='module')
+def browser():
+    program = find_chromium()
+    if program is None:
+        pytest.skip('no Chromium: install chromium, or name one in CHROMIUM')
+    with (
+        # A profile may still be written while its browser ends.
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+        Chromium(program, Path(profile)) as chromium,
+    ):
+        yield chromium
+
+
+@pytest.fixture(scope='module')
+def pages(recordings, tmp_path_factory):
+    folder = tmp_path_factory.mktemp('pages')
+    made = {}
+    for layout, path in recordings.items():
+        made[layout] = folder / f'{layout.value}.html'
+        made[layout].write_text(make_page(gather(path, ReadOptions())), encoding='utf-8')
+    return made
+
+
+@pytest.fixture(params=list(Layout), ids=[layout.value for layout in Layout])
+def page(request, pages):
+    return pages[request.param]
+
+
+@pytest.fixture(scope='module')
+def others(tmp_path_factory):
+    """Pages of bags that are not ours, the real ones among them where they are."""
+    folder = tmp_path_factory.mktemp('others')
+    bags = [foreign.write_foreign(folder / 'foreign.mcap', foreign.make_truth())]
+    real = SHARED / 'kitti' / 'bags'
+    bags += [real / name for name in REAL_BAGS if (real / name).exists()]
+    made = []
+    for bag in bags:
+        made.append(folder / f'{bag.stem}.html')
+        made[-1].write_text(make_page(gather(bag, ReadOptions())), encoding='utf-8')
+    return made
+
+
+@pytest.fixture(scope='module')
+def axe() -> str:
+    path = os.environ.get('AXE_CORE', '')
+    if not path:
+        pytest.skip('no axe-core: name its axe.min.js (npm install axe-core) in AXE_CORE')
+    return Path(path).read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_it_fits_and_all_of_it_is_shown(browser, page, width, dark):
+    browser.complaints.clear()
+    browser.open(page, width, dark=dark)
+    assert browser.evaluate('document.scrollingElement.scrollWidth') <= width
+    browser.evaluate("document.querySelectorAll('img').forEach(i => i.loading = 'eager')")
+    shown = browser.evaluate(
+        'Promise.all([...document.images].map(i => i.decode().then(() => i.naturalWidth)))'
+    )
+    assert shown
+    assert min(shown) > 0
+    assert browser.complaints == []
+
+
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+def test_it_is_light_or_dark_as_the_reader_likes(browser, pages, dark):
+    browser.open(pages[Layout.RAW], DESK, dark=dark)
+    pixels = cv2.imdecode(np.frombuffer(browser.picture(), np.uint8), cv2.IMREAD_COLOR)
+    corner = pixels[:20, :20].mean()
+    assert corner < 60 if dark else corner > 200
+
+
+def test_text_is_large_enough_on_a_phone(browser, page):
+    browser.open(page, PHONE)
+    smallest = browser.evaluate(
+        'Math.min(...[...document.querySelectorAll("svg.plot text")].map(t =>'
+        ' parseFloat(getComputedStyle(t).fontSize) * t.getScreenCTM().a))'
+    )
+    assert smallest >= 8
+
+
+def test_it_is_read_by_keyboard(browser, page):
+    """The first stop skips to the content; every box that scrolls is one, and has a name."""
+    browser.open(page, PHONE)
+    browser.press('Tab', TAB)
+    assert browser.evaluate('document.activeElement.className') == 'skip'
+    reach = browser.evaluate(
+        '[...document.querySelectorAll("*")].filter(e => e.scrollWidth > e.clientWidth + 1'
+        ' && ["auto", "scroll"].includes(getComputedStyle(e).overflowX))'
+        '.map(e => e.tabIndex === 0 && !!e.getAttribute("aria-label"))'
+    )
+    assert reach
+    assert all(reach)
+
+
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_axe_finds_no_fault(browser, axe, page, width, dark):
+    browser.open(page, width, dark=dark)
+    browser.evaluate(f'{axe}; 0')
+    found = browser.evaluate(
+        'axe.run().then(r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`))'
+    )
+    assert found == []
+
+
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_nothing_of_a_plot_is_cut_off(browser, page, width):
+    browser.open(page, width)
+    assert browser.evaluate(CUT_OFF) == []
+
+
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_pages_of_other_bags_fit_and_their_plots_are_whole(browser, others, width):
+    for each in others:
+        browser.open(each, width)
+        assert browser.evaluate('document.scrollingElement.scrollWidth') <= width, each
+        assert browser.evaluate(CUT_OFF) == [], each
+
+
+def test_tables_have_room_on_a_desk(browser, pages, others):
+    for each in (*pages.values(), *others):
+        browser.open(each, DESK)
+        assert browser.evaluate(TOO_WIDE) == [], each
+
+
+def test_topics_have_room_beside_their_columns(browser, others):
+    """A name shorter than the column that holds it is on one line, and none is on more than two."""
+    for each in others:
+        browser.open(each, DESK)
+        lines = dict(browser.evaluate(LINES))
+        assert lines
+        assert max(lines.values()) <= 2, each
+        assert all(count == 1 for name, count in lines.items() if len(name) < 18), each

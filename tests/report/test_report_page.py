@@ -1,0 +1,334 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a report: well-formed, self-contained, and true to what it is of."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from html.parser import HTMLParser
+
+import cv2
+import foreign
+import numpy as np
+import pytest
+from html_page import Page
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.header import make_header, make_vector3
+from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
+from kitti_ros2.model.streams import Clock, Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.report import gather, make_page
+from kitti_ros2.report.contents import Severity
+from kitti_ros2.report.markup import element, join
+from kitti_ros2.report.rig import mounts_of
+from kitti_ros2.report.route import route_plot
+from kitti_ros2.report.svg import round_length, ticks
+
+from builders import SMALL, png_bytes  # isort: skip
+
+ANY = ReadOptions()
+TWIST = 'geometry_msgs/msg/TwistStamped'
+
+
+def page_of(path) -> Page:
+    return Page(make_page(gather(path, ANY)))
+
+
+def test_every_layout_becomes_a_sound_page(recording_path):
+    report = gather(recording_path, ANY)
+    page = Page(make_page(report))
+    assert page.faults == []
+    assert page.words('h1') == [report.overview.name]
+    assert report.sound
+    assert [each for each in report.findings if each.severity is Severity.WARNING] == []
+    assert page.words('h2')[:3] == ['Findings', 'Frames', 'Streams']
+    for stream in report.streams:
+        assert stream.name in page.words('th')
+    assert report.frames == len(report.scenes) == SMALL.frames
+    assert len(report.projections) == len(open_recording(recording_path).cameras)
+    for scene in report.scenes:
+        for picture in (scene.camera, scene.points, scene.above):
+            pixels = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
+            assert pixels.shape == (picture.height, picture.width, 3)
+            assert f'frame {scene.number}' in picture.alt
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
+def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
+    folder = recordings[Layout.RAW]
+    path = tmp_path / {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}[storage]
+    convert(open_recording(folder), path, MessageOptions(), SelectionOptions(), BagOptions(storage))
+    there, here = gather(path, ANY), gather(folder, ANY)
+    assert Page(make_page(there)).faults == []
+    assert there.sound
+    assert there.frames == here.frames
+    assert len(there.scenes) == len(here.scenes)
+    kinds = {each.kind: each.count for each in here.classes.classes}
+    assert {each.kind: each.count for each in there.classes.classes} == kinds
+    timings = {each.name: each.timing for each in there.streams}
+    scans = next(each for each in here.streams if each.name == 'scan')
+    assert timings['/kitti/velo/points'].stamps_ns.tolist() == scans.timing.stamps_ns.tolist()
+
+
+def test_a_bag_of_others(tmp_path):
+    path = tmp_path / 'other.mcap'
+    foreign.write_foreign(path, foreign.make_truth())
+    report = gather(path, ANY)
+    assert Page(make_page(report)).faults == []
+    assert report.sound
+    assert report.frames == foreign.FRAMES
+    assert report.route is not None
+    assert report.clock is Clock.UTC
+
+
+def test_clocks(recordings):
+    clocks = {layout: gather(path, ANY).clock for layout, path in recordings.items()}
+    assert clocks == {
+        Layout.RAW: Clock.UTC,
+        Layout.ODOMETRY: Clock.RELATIVE,
+        Layout.OBJECT: Clock.NOMINAL,
+        Layout.TRACKING: Clock.NOMINAL,
+    }
+
+
+def test_frames_that_are_missing_are_losses_and_gaps(make_drive):
+    drive = make_drive(20, 'velodyne_points:5-7', 'image_02:11-11')
+    report = gather(drive, ANY)
+    losses = {each.where: each.text for each in report.findings if each.is_loss}
+    assert set(losses) == {'scan', 'image_2'}
+    assert 'frames 5-7' in losses['scan']
+    gaps = {each.name: [gap.lacking for gap in each.timing.gaps] for each in report.streams}
+    assert gaps['scan'] == [3]
+    assert gaps['image_2'] == [1]
+    assert gaps['image_3'] == []
+    page = Page(make_page(report))
+    assert page.faults == []
+    assert 'Lost or damaged.' in page.words('strong')
+    assert 'Warning.' in page.words('strong')
+
+
+def test_damaged_files_are_named(drive):
+    images, scans = drive / 'image_02' / 'data', drive / 'velodyne_points' / 'data'
+    whole = (images / '0000000001.png').read_bytes()
+    (images / '0000000001.png').write_bytes(whole[: len(whole) // 2])
+    shutil.copy(drive / 'image_00' / 'data' / '0000000002.png', images)
+    (scans / '0000000003.bin').write_bytes(b'short')
+    (scans / '0000000004.bin').write_bytes(b'')
+    said = [each.text for each in gather(drive, ANY).findings if each.is_loss]
+    assert any('0000000001.png: the PNG is cut after' in text for text in said)
+    assert any('0000000003.bin: 5 bytes, cut inside a point' in text for text in said)
+    assert any('and 1 more scan' in text for text in said)
+
+
+def test_images_of_another_size_are_named(drive):
+    (drive / 'image_02' / 'data' / '0000000002.png').write_bytes(png_bytes(300, 90))
+    said = [each.text for each in gather(drive, ANY).findings if each.is_loss]
+    assert any('the image is 300x90; the others are 310x94' in text for text in said)
+
+
+def test_stamps_out_of_order_and_shifted_frames_are_named(drive):
+    stamps = drive / 'image_02' / 'timestamps.txt'
+    lines = stamps.read_text().splitlines()
+    stamps.write_text('\n'.join([lines[1], lines[0], *lines[2:]]) + '\n')
+    late = drive / 'image_03' / 'timestamps.txt'
+    lines = late.read_text().splitlines()
+    late.write_text('\n'.join([*lines[1:], '2011-09-26 14:00:00.000000000']) + '\n')
+    warned = [
+        f'{each.where}: {each.text}'
+        for each in gather(drive, ANY).findings
+        if each.severity is Severity.WARNING
+    ]
+    assert 'image_2: 1 sample stamped earlier than the one before' in warned
+    assert any(
+        text.startswith('image_3: 5 of 5 are nearer to the scan of another frame')
+        for text in warned
+    )
+
+
+def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
+    for path in drive.parent.glob('calib_*.txt'):
+        path.unlink()
+    report = gather(drive, ANY)
+    assert any(
+        each.severity is Severity.WARNING and each.where.startswith('calibration')
+        for each in report.findings
+    )
+    assert [scene.points for scene in report.scenes] == [None] * SMALL.frames
+    assert all(scene.above for scene in report.scenes)
+    assert report.projections == ()
+    assert Page(make_page(report)).faults == []
+
+
+HOSTILE = '<script>alert(1)</script>"\'&<img/src=x onerror=alert(1)>'
+
+
+def test_hostile_class_names_are_words(recordings, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    label = next(root.rglob('label_2/000000.txt'))
+    kind = HOSTILE.replace(' ', '/')
+    label.write_text(f'{kind} 0 0 0 10 10 20 20 1.5 1.6 4 2 1.5 20 0\n')
+    page = page_of(root)
+    assert page.faults == []
+    assert kind in page.words('th')
+
+
+def test_hostile_folder_names_are_words(recordings, tmp_path):
+    date = tmp_path / '<b onload=x>&amp;"' / '2011_09_26'
+    shutil.copytree(recordings[Layout.RAW].parent, date)
+    drive = next(path for path in date.iterdir() if path.is_dir())
+    shutil.rmtree(drive / 'image_01')
+    page = page_of(drive)
+    assert page.faults == []
+    assert any('<b onload=x>&amp;"' in words for _, words in page.text)
+
+
+class Echo(HTMLParser):
+    def __init__(self, source):
+        super().__init__()
+        self.seen = []
+        self.feed(source)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.seen.append(data)
+
+
+PRINTABLE = st.text().filter(str.isprintable)
+
+
+@given(PRINTABLE, PRINTABLE)
+def test_what_goes_in_as_text_comes_out_as_text(words, value):
+    seen = Echo(element('p', words, title=value)).seen
+    assert seen[0] == ('p', {'title': value})
+    assert ''.join(seen[1:]) == words
+
+
+def test_markup_is_kept_and_nothing_else():
+    assert join(['<', element('br'), None, 3]) == '&lt;<br>3'
+    assert element('a', x=None, y=False, z=True, aria_label='&') == '<a z aria-label="&amp;"></a>'
+    assert '\0' not in element('p', 'a\0b\ud800')
+    element('p', 'a\0b\ud800').encode()
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(2, 8))
+def test_ticks_are_few_and_inside(low, span, most):
+    found = ticks(low, low + span, most)
+    assert len(found) <= most + 1
+    slack = 1e-6 * max(abs(low), span)
+    assert all(low - slack <= value <= low + span + slack for value in found)
+
+
+@given(st.floats(1e-3, 1e7))
+def test_round_lengths(length):
+    assert length / 2.51 <= round_length(length) <= length * 1.002
+
+
+@given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)), min_size=2, max_size=30))
+def test_a_route_is_drawn_to_scale(places):
+    """A metre is as long across as up, and everything is inside."""
+    positions = np.array(places)
+    drawn = route_plot('r', positions, 'words')
+    _, _, width, height = map(float, re.search(r'viewBox="([^"]+)"', drawn)[1].split())
+    path = re.search(r'd="M([^"]+)" class="route"', drawn)[1]
+    pixels = np.array([[float(n) for n in pair.split()] for pair in path.split('L')])
+    assert (pixels >= 0).all()
+    assert (pixels <= [width, height]).all()
+    metres, units = positions[-1] - positions[0], pixels[-1] - pixels[0]
+    scale = np.linalg.norm(units) / max(np.linalg.norm(metres), 1e-9)
+    if np.linalg.norm(metres) > 1:
+        np.testing.assert_allclose(units, metres * [scale, -scale], atol=0.03)
+
+
+def test_the_rig_is_put_together_along_its_links(recordings):
+    links = gather(recordings[Layout.RAW], ANY).overview.links
+    mounts = {mount.name: mount for mount in mounts_of(links)}
+    assert next(iter(mounts)) == 'base_link'
+    assert {link.child for link in links} == set(mounts) - {'base_link'}
+    camera = mounts['camera_gray_left_optical_frame'].root_T_frame
+    forward = camera.rotation[:, 2]
+    np.testing.assert_allclose(forward, [1, 0, 0], atol=0.05)
+    assert mounts_of(()) == []
+
+
+def write_bag(path, topics):
+    """A bag of TwistStamped and String: topic to (log time, stamp) pairs; no stamp, a String."""
+    with open_bag(path, BagOptions(), TYPESTORE) as bag:
+        for topic, pairs in topics.items():
+            kind = 'std_msgs/msg/String' if pairs[0][1] is None else TWIST
+            channel = bag.add_channel(Channel(topic, kind))
+            for log_ns, stamp_ns in pairs:
+                message = String('x') if stamp_ns is None else twist(stamp_ns)
+                bag.write(channel, log_ns, serialize(message))
+
+
+def twist(stamp_ns):
+    zero = make_vector3((0, 0, 0))
+    return TwistStamped(make_header(stamp_ns, 'base_link'), Twist(zero, zero))
+
+
+def test_delays_other_clocks_and_useless_stamps(tmp_path):
+    log = [foreign.START_NS + 100_000_000 * n for n in range(20)]
+    write_bag(
+        tmp_path / 'b.mcap',
+        {
+            '/late': [(ns, ns - 7_000_000) for ns in log],
+            '/simulated': [(ns, ns - foreign.START_NS + 1) for ns in log],
+            '/zero': [(ns, 0) for ns in log],
+            '/words': [(ns, None) for ns in log],
+        },
+    )
+    report = gather(tmp_path / 'b.mcap', ANY)
+    streams = {each.name: each for each in report.streams}
+    assert streams['/late'].delay_ns == 7_000_000
+    assert streams['/late'].clock_offset_ns == 0
+    assert streams['/simulated'].clock_offset_ns == foreign.START_NS - 1
+    assert streams['/zero'].delay_ns is None
+    assert streams['/words'].delay_ns is None
+    warned = {each.where: each.text for each in report.findings}
+    assert 'header stamps are 0' in warned['/zero']
+    assert report.frames is None
+    assert any('no frames to show' in each.text for each in report.findings)
+    page = Page(make_page(report))
+    assert page.faults == []
+    assert any('stamps of another clock' in words for words in page.words('span'))
+    assert any('recording to the last, 1.9 s' in words for words in page.words('p'))
+
+
+def test_hostile_topics_are_words(tmp_path):
+    topic = f'/{HOSTILE}'
+    write_bag(tmp_path / 'b.mcap', {topic: [(foreign.START_NS + n, None) for n in range(5)]})
+    page = page_of(tmp_path / 'b.mcap')
+    assert page.faults == []
+    assert topic in page.words('th')
+
+
+def test_a_bag_without_messages_is_a_page(tmp_path):
+    write_bag(tmp_path / 'b.mcap', {})
+    page = page_of(tmp_path / 'b.mcap')
+    assert page.faults == []
+    assert 'There is nothing in it.' in page.words('p')
+
+
+def test_bad_labels_are_losses_told_once(recordings, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    for number in (1, 3):
+        (next(root.rglob('label_2')) / f'{number:06d}.txt').write_text('Car nonsense\n')
+    losses = [each for each in gather(root, ANY).findings if each.is_loss]
+    assert [each.where for each in losses] == ['labels']
+    assert '000001.txt:1: 2 columns' in losses[0].text
+    assert losses[0].text.endswith('and more, frames 1, 3')

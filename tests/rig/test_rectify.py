@@ -1,0 +1,211 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rectified images against projections written out here, which share nothing with OpenCV's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kitti_ros2.model.geometry import rotation_from_rpy
+from kitti_ros2.rig.rectify import Rectifier, needs_rectifying
+
+SIZE = (640, 400)
+K = np.array([[350.0, 0, 322.3], [0, 347.0, 197.6], [0, 0, 1]])
+R = rotation_from_rpy(0.02, -0.03, 0.015)
+P = np.array([[300.0, 0, 310.0, -160.0], [0, 300.0, 205.0, 3.0], [0, 0, 1, 0.002]])
+"""Its fourth column, a stereo offset, moves no pixel."""
+
+CAMERAS = [
+    ('plumb_bob', [-0.28, 0.09, 0.0011, -0.0008]),
+    ('plumb_bob', [-0.28, 0.09, 0.0011, -0.0008, -0.012]),
+    ('rational_polynomial', [0.6, 0.05, 0.0006, -0.0004, 0.003, 0.95, 0.2, 0.01]),
+    ('equidistant', [-0.02, 0.006, -0.004, 0.0008]),
+    ('fisheye', [0.03, -0.01, 0.004, -0.0006]),
+    ('kannala_brandt', [0.03, -0.01, 0.004, -0.0006]),
+]
+
+
+def see(points: np.ndarray, model: str, d: list[float]) -> np.ndarray:
+    """(N, 2) pixels of the image as it comes, of (N, 3) points of the camera's frame."""
+    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+    r = np.hypot(x, y)
+    if model in {'equidistant', 'fisheye', 'kannala_brandt'}:
+        theta = np.arctan(r)
+        bent = theta * (1 + sum(k * theta ** (2 * i + 2) for i, k in enumerate(d)))
+        x, y = x * bent / r, y * bent / r
+    else:
+        k1, k2, p1, p2, k3, k4, k5, k6 = [*d, 0, 0, 0, 0][:8]
+        radial = (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
+        x, y = (
+            x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2),
+            y * radial + p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y,
+        )
+    return np.column_stack([x, y, np.ones_like(x)]) @ K[:2].T
+
+
+def project(points: np.ndarray) -> np.ndarray:
+    """(N, 2) pixels of the rectified image, of (N, 3) points of the camera's frame."""
+    seen = points @ R.T @ P[:, :3].T
+    return seen[:, :2] / seen[:, 2:]
+
+
+def look(pixels: np.ndarray, model: str, d: list[float]) -> np.ndarray:
+    """(N, 3) points of the camera's frame, of (N, 2) pixels as they come: see, undone by Newton."""
+    points = np.column_stack([(pixels - K[:2, 2]) / [K[0, 0], K[1, 1]], np.ones(len(pixels))])
+    step = 1e-6
+    for _ in range(6):
+        here = see(points, model, d)
+        by_x = (see(points + np.array([step, 0, 0]), model, d) - here) / step
+        by_y = (see(points + np.array([0, step, 0]), model, d) - here) / step
+        jacobian = np.stack([by_x, by_y], axis=2)
+        points[:, :2] += np.linalg.solve(jacobian, (pixels - here)[..., None])[..., 0]
+    np.testing.assert_allclose(see(points, model, d), pixels, atol=1e-6)
+    return points
+
+
+def dots(points: np.ndarray, model: str, d: list[float], dtype: type) -> np.ndarray:
+    """(H, W) the image as it comes, black but for each point's dot, round when rectified."""
+    picture = np.zeros(SIZE[::-1])
+    v, u = np.mgrid[-9:10, -9:10]
+    for corner, middle in zip(
+        np.rint(see(points, model, d)).astype(int), project(points), strict=True
+    ):
+        near = corner + np.column_stack([u.ravel(), v.ravel()])
+        off = project(look(near.astype(float), model, d)) - middle
+        picture[near[:, 1], near[:, 0]] += np.exp(-(off**2).sum(axis=1) / (2 * 2.0**2))
+    return np.rint(picture * np.iinfo(dtype).max * 0.99).astype(dtype)
+
+
+def middles(picture: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(N, 2) centres of mass about each of (N, 2) places."""
+    v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    found = []
+    for x, y in np.rint(near).astype(int):
+        part = np.s_[y - 9 : y + 10, x - 9 : x + 10]
+        weight = picture[part].astype(float)
+        found.append([(weight * u[part]).sum(), (weight * v[part]).sum()] / weight.sum())
+    return np.array(found)
+
+
+def rays() -> np.ndarray:
+    """(N, 3) points of the camera's frame all over its view, 40 px and more apart."""
+    y, x = np.mgrid[-0.5:0.5:6j, -0.8:0.8:8j]
+    return np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) * 7.0
+
+
+class TestRectifier:
+    @pytest.mark.parametrize(('model', 'd'), CAMERAS)
+    @pytest.mark.parametrize('new_size', [None, (620, 420)])
+    @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
+    def test_points_land_where_p_and_r_project_them(self, model, d, new_size, dtype):
+        points = rays()
+        came = see(points, model, d)
+        assert came.min() > 12
+        assert (came < np.array(SIZE) - 12).all()
+        expected = project(points)
+        assert np.abs(came - expected).max() > 20
+        rectifier = Rectifier(K, d, R, P, model, SIZE, new_size)
+        rectified = rectifier.apply(dots(points, model, d, dtype))
+        assert rectified.dtype == dtype
+        assert rectified.shape == (new_size or SIZE)[::-1]
+        np.testing.assert_allclose(middles(rectified, expected), expected, atol=0.05)
+
+    def test_colours_are_rectified_alike(self):
+        model, d = CAMERAS[1]
+        grey = dots(rays(), model, d, np.uint8)
+        colours = np.dstack([grey, grey[::-1], 255 - grey])
+        rectifier = Rectifier(K.ravel(), np.array(d), R.ravel(), P.ravel(), model, SIZE)
+        rectified = rectifier.apply(colours)
+        assert rectified.shape == colours.shape
+        for channel in range(3):
+            single = rectifier.apply(np.ascontiguousarray(colours[..., channel]))
+            np.testing.assert_array_equal(rectified[..., channel], single)
+
+    def test_rows_may_be_padded(self):
+        model, d = CAMERAS[1]
+        padded = np.random.default_rng(0).integers(0, 256, (400, 700, 3), np.uint8)
+        rectifier = Rectifier(K, d, R, P, model, SIZE)
+        view = padded[:, :640]
+        np.testing.assert_array_equal(rectifier.apply(view), rectifier.apply(view.copy()))
+
+    def test_it_is_black_where_the_camera_did_not_look(self):
+        wide = P.copy()
+        wide[0, 0] = wide[1, 1] = 100
+        rectifier = Rectifier(K, np.zeros(5), np.eye(3), wide, 'plumb_bob', SIZE)
+        rectified = rectifier.apply(np.full((400, 640), 77, np.uint8))
+        assert rectified[205, 310] == 77
+        assert rectified[0, 0] == rectified[-1, -1] == 0
+
+    @given(st.integers(0, 100), st.sampled_from([np.uint8, np.uint16]))
+    @settings(deadline=None, max_examples=20)
+    def test_a_rectified_image_stays_as_it_is(self, seed, dtype):
+        rng = np.random.default_rng(seed)
+        pixels = rng.integers(0, np.iinfo(dtype).max, (20, 30), dtype)
+        p = np.column_stack([K, [5.0, 1.0, 0.0]])
+        rectifier = Rectifier(K, np.zeros(5), np.eye(3), p, 'plumb_bob', (30, 20))
+        np.testing.assert_array_equal(rectifier.apply(pixels), pixels)
+
+    def test_an_image_of_another_size_is_refused(self):
+        rectifier = Rectifier(K, np.zeros(5), R, P, 'plumb_bob', SIZE)
+        with pytest.raises(ValueError, match='400 x 640 pixels; its camera_info is of 640 x 400'):
+            rectifier.apply(np.zeros((640, 400), np.uint8))
+
+    @pytest.mark.parametrize('model', ['', 'plumb bob', 'omni', 'EQUIDISTANT'])
+    def test_an_unknown_model_is_named(self, model):
+        with pytest.raises(ValueError, match=f"unknown distortion model '{model}'.*plumb_bob"):
+            Rectifier(K, np.zeros(5), R, P, model, SIZE)
+
+    @pytest.mark.parametrize(
+        ('model', 'count', 'said'),
+        [
+            ('plumb_bob', 8, 'D has 8 numbers; plumb_bob has 4 or 5'),
+            ('plumb_bob', 0, 'D has 0 numbers; plumb_bob has 4 or 5'),
+            ('rational_polynomial', 5, 'D has 5 numbers; rational_polynomial has 8'),
+            ('equidistant', 5, 'D has 5 numbers; equidistant has 4'),
+            ('fisheye', 0, 'D has 0 numbers; fisheye has 4'),
+        ],
+    )
+    def test_a_wrong_count_is_told(self, model, count, said):
+        with pytest.raises(ValueError, match=said):
+            Rectifier(K, np.full(count, 0.01), R, P, model, SIZE)
+
+    @pytest.mark.parametrize('name', ['K', 'R', 'P'])
+    @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
+    def test_a_camera_without_calibration_is_refused(self, name, value):
+        numbers = {'K': K, 'R': R, 'P': P}
+        numbers[name] = np.full_like(numbers[name], value)
+        k, r, p = numbers.values()
+        with pytest.raises(ValueError, match=f'{name} is .* not calibrated'):
+            Rectifier(k, np.zeros(5), r, p, 'plumb_bob', SIZE)
+
+    @pytest.mark.parametrize(
+        'size', [(0, 400), (640, 40000), (30000, 30000), (2**32 - 1, 2**32 - 1)]
+    )
+    def test_an_impossible_size_is_refused(self, size):
+        with pytest.raises(ValueError, match=f'an image of {size[0]} x {size[1]} pixels'):
+            Rectifier(K, np.zeros(5), R, P, 'plumb_bob', size)
+        with pytest.raises(ValueError, match=f'an image of {size[0]} x {size[1]} pixels'):
+            Rectifier(K, np.zeros(5), R, P, 'plumb_bob', SIZE, size)
+
+
+class TestNeedsRectifying:
+    @pytest.mark.parametrize('d', [[], [0.0] * 4, [0.0] * 5, np.zeros(8)])
+    def test_a_rectified_camera_does_not(self, d):
+        p = np.column_stack([K, [-380.0, 0, 0]])
+        assert not needs_rectifying(K, d, np.eye(3), p)
+        assert not needs_rectifying(K.ravel(), d, np.eye(3).ravel(), p.ravel())
+
+    @pytest.mark.parametrize(
+        ('d', 'r', 'p'),
+        [
+            ([0, 0, 0, 0, 1e-6], np.eye(3), np.column_stack([K, np.zeros(3)])),
+            ([], rotation_from_rpy(0, 0, 1e-6), np.column_stack([K, np.zeros(3)])),
+            ([], np.eye(3), P),
+            ([], np.eye(3), np.zeros((3, 4))),
+        ],
+    )
+    def test_any_other_does(self, d, r, p):
+        assert needs_rectifying(K, d, r, p)
