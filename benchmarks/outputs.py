@@ -24,8 +24,12 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from yardsticks import COMMAND  # isort: skip
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 LAYOUTS = ('raw', 'object', 'odometry', 'tracking')
 COMMANDS = ('to-bag', 'to-kitti', 'recover', 'info', 'view', 'report', 'demo', 'play')
@@ -42,6 +46,7 @@ WAYS = {
     'kitti2bag': ('.bag', '--preset', 'kitti2bag', '--base-to-imu', '-0.05,0.32,0.93'),
     'devkit': ('.mcap', '--map', 'devkit', '--no-tf', '--start', '1', '--streams', 'oxts,scan'),
 }
+CROSSED = ('sqlite3', 'ring')  # ways whose bags become data sets of every layout
 MODES = ('camera', 'boxes', 'lidar', 'bev', 'panel')
 
 
@@ -62,7 +67,7 @@ class Outputs:
             capture_output=True,
             check=False,
         )
-        said = hashlib.sha256(done.stdout + b'\0' + done.stderr).hexdigest()
+        said = hashlib.sha256(self._here(done.stdout + b'\0' + done.stderr)).hexdigest()
         self.lines.append(f'{said}  {done.returncode} {" ".join(words)}')
         self.add(out)
 
@@ -71,8 +76,12 @@ class Outputs:
         path = self.folder / out
         found = sorted(path.rglob('*')) if path.is_dir() and out else [path]
         for each in (each for each in found if each.is_file()):
-            digest = hashlib.sha256(each.read_bytes()).hexdigest()
+            digest = hashlib.sha256(self._here(each.read_bytes())).hexdigest()
             self.lines.append(f'{digest}  {each.relative_to(self.folder)}')
+
+    def _here(self, data: bytes) -> bytes:
+        """The same without the path of the folder, which is another in each run."""
+        return data.replace(bytes(self.folder), b'.')
 
 
 def of_recording(folder: Path, source: str) -> list[str]:
@@ -81,9 +90,9 @@ def of_recording(folder: Path, source: str) -> list[str]:
     name = source.strip('/').replace('/', '_')
     for way, (suffix, *options) in WAYS.items():
         bag = f'{name}_{way}{suffix}'
-        outputs.run('to-bag', source, bag, *options, out=bag)
+        outputs.run('to-bag', source, bag, '-q', *options, out=bag)
         if (folder / bag).exists():
-            _of_bag(outputs, bag)
+            _of_bag(outputs, bag, LAYOUTS if way in CROSSED else ())
     _views(outputs, source, name)
     outputs.run('info', source, '--json')
     return outputs.lines
@@ -93,7 +102,7 @@ def of_bag(folder: Path, bag: str) -> list[str]:
     """Everything that becomes of a bag of others."""
     outputs = Outputs(folder)
     outputs.run('to-kitti', bag, '--plan')
-    _of_bag(outputs, bag)
+    _of_bag(outputs, bag, LAYOUTS)
     _views(outputs, bag, bag)
     return outputs.lines
 
@@ -108,22 +117,22 @@ def of_help() -> list[str]:
         return outputs.lines
 
 
-def _of_bag(outputs: Outputs, bag: str) -> None:
+def _of_bag(outputs: Outputs, bag: str, layouts: Sequence[str]) -> None:
     outputs.run('info', bag)
-    outputs.run('to-kitti', bag, f'{bag}_back', out=f'{bag}_back')
-    for layout in LAYOUTS:
+    outputs.run('to-kitti', bag, f'{bag}_back', '-q', out=f'{bag}_back')
+    for layout in layouts:
         out = f'{bag}_{layout}'
-        outputs.run('to-kitti', bag, out, '--layout', layout, out=out)
+        outputs.run('to-kitti', bag, out, '-q', '--layout', layout, out=out)
         shutil.rmtree(outputs.folder / out, ignore_errors=True)
-    outputs.run('view', bag, '-o', f'{bag}.png', out=f'{bag}.png')
+    outputs.run('view', bag, '-q', '-o', f'{bag}.png', out=f'{bag}.png')
 
 
 def _views(outputs: Outputs, source: str, name: str) -> None:
     for mode in MODES:
         picture = f'{name}_{mode}.png'
-        outputs.run('view', source, '--mode', mode, '-o', picture, out=picture)
+        outputs.run('view', source, '-q', '--mode', mode, '-o', picture, out=picture)
     outputs.run('info', source)
-    outputs.run('report', source, '-o', f'{name}.html', out=f'{name}.html')
+    outputs.run('report', source, '-q', '-o', f'{name}.html', out=f'{name}.html')
 
 
 def synthetic(folder: Path) -> list[str]:
