@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
+from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
-from ..options.bag import COMPRESSIONS, BagOptions
+from ..options.bag import BagOptions
 from .locate import locate_bag
 from .message_source import BagMessages
 from .ros1_copy import Ros1Copy
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from .writer import BagWriter
 
 _DEPTH = 10  # of an offered QoS that keeps nothing for late subscribers
-
-# Stamps that a storage cannot tell, from which on; a damaged record may have any.
-_LATEST_NS = {'mcap': 2**63, 'sqlite3': 2**63, 'ros1': 2**32 * 10**9}
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def recover(
     Args:
         path: The bag, of any kind.
         out: The sound bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
-        storage: mcap, sqlite3 or ros1; by default as out's ending says, or as the bag has it.
+        storage: One of model.containers; by default that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
         progress: Called with the messages done and the messages that there may be.
 
@@ -79,10 +77,9 @@ def recover(
     """
     bag = locate_bag(path)
     _refuse_itself(path, out)
-    chosen = storage or (None if out.suffix in {'.mcap', '.bag'} else bag.storage)
-    storage = guess_storage(out, chosen)
-    verbatim = bag.storage != 'ros1' or storage == 'ros1'
-    with BagMessages([bag], as_stored=verbatim) as messages:
+    storage = guess_storage(out, storage, default=bag.storage)
+    as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
+    with BagMessages([bag], as_stored=as_stored) as messages:
         options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
         with _open_copy(bag, out, options, messages) as writer:
             copy = _Copy(writer, messages, storage)
@@ -170,7 +167,8 @@ def _add(writer: BagWriter | Ros1Copy, channel: SourceChannel) -> int:
 
 
 def _check_stamp(stamp_ns: int, storage: str) -> None:
-    if not 0 <= stamp_ns < _LATEST_NS[storage]:
+    # A damaged record may have any stamp.
+    if not 0 <= stamp_ns < CONTAINERS[storage].stamp_limit_ns:
         raise ValueError(f'{storage} has no such time')
 
 
@@ -184,7 +182,7 @@ def _open_copy(
 
 def _compression(messages: BagMessages, storage: str) -> str:
     """The bag's own compression, where the new storage knows it."""
-    known = sorted(messages.compressions & COMPRESSIONS[storage].keys() - {'none'})
+    known = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
     return known[0] if known else 'none'
 
 

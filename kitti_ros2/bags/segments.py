@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-import sqlite3
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ..files.staging import Staging, keep_all, keep_all_but_bags, output_error
+from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .metadata import bag_information, information_text, metadata_yaml
+from .storages import STORAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,14 +22,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from .contract import Channel, Parts, SegmentWriter
-
-# The ending of each storage's files, and the module and class that write them: each is imported
-# when it is written, for the libraries behind them take a tenth of a second together.
-STORAGES: dict[str, tuple[str, str, str]] = {
-    'mcap': ('.mcap', '.mcap_writer', 'McapSegment'),
-    'sqlite3': ('.db3', '.sqlite_writer', 'SqliteSegment'),
-    'ros1': ('.bag', '.ros1_writer', 'Ros1Segment'),
-}
 
 # Until a file is complete its name says so, even inside the hidden directory it is built in.
 _UNFINISHED = '.unfinished'
@@ -48,8 +40,9 @@ class SegmentedWriter:
 
     def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
         self._context = context
-        self._ending, module, name = STORAGES[context.options.storage]
-        self._open: type[SegmentWriter] = getattr(import_module(module, __package__), name)
+        self._container = CONTAINERS[context.options.storage]
+        self._storage = STORAGES[context.options.storage]
+        self._errors: tuple[type[Exception], ...] = (OSError, *self._storage.write_errors)
         self._single_file = single_file
         self._split_size = context.options.split_size
         self._split_duration_ns = context.options.split_duration_ns
@@ -94,7 +87,7 @@ class SegmentedWriter:
             if self._split:
                 self._make_room(stamp_ns, sum(map(len, parts)))
             self._opened().write(channel_id, stamp_ns, parts)
-        except (OSError, sqlite3.Error) as error:
+        except self._errors as error:
             # A caller that goes on after this must not end with a bag that lacks a message.
             self._failure = self._error(error)
             self.abort()
@@ -128,7 +121,7 @@ class SegmentedWriter:
         segment, self._segment = self._segment, None
         try:
             if segment is not None:
-                with suppress(OSError, sqlite3.Error):
+                with suppress(*self._errors):
                     segment.abort()
         finally:
             self._staging.discard()
@@ -155,14 +148,15 @@ class SegmentedWriter:
         return self._segment
 
     def _name(self, index: int) -> str:
-        return self.path.name if self._single_file else f'{self.path.name}_{index}{self._ending}'
+        name, suffix = self.path.name, self._container.suffix
+        return name if self._single_file else f'{name}_{index}{suffix}'
 
     def _built(self, index: int) -> Path:
         content = self._staging.content
         return content if self._single_file else content / (self._name(index) + _UNFINISHED)
 
     def _next_segment(self) -> None:
-        segment = self._open(self._built(len(self._tallies)), self._context)
+        segment = self._storage.write(self._built(len(self._tallies)), self._context)
         self._segment = segment
         self._tallies.append(Tally([0] * len(self._channels)))
         self._size = 0
@@ -205,11 +199,11 @@ class SegmentedWriter:
         for index in range(len(self._tallies)):
             built = self._built(index)
             built.rename(built.with_name(self._name(index)))
-        if self._context.options.storage != 'ros1':
+        if self._container.in_rosbag2:
             text = metadata_yaml(self._information())
             (self._staging.content / 'metadata.yaml').write_text(text, encoding='utf-8')
 
-    def _error(self, error: OSError | sqlite3.Error) -> OutputError:
+    def _error(self, error: Exception) -> OutputError:
         if isinstance(error, OSError):
             return output_error(self.path, error)
         return OutputError(
@@ -220,5 +214,5 @@ class SegmentedWriter:
     def _reported(self) -> Iterator[None]:
         try:
             yield
-        except (OSError, sqlite3.Error) as error:
+        except self._errors as error:
             raise self._error(error) from error
