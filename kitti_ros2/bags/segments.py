@@ -27,8 +27,13 @@ if TYPE_CHECKING:
 _UNFINISHED = '.unfinished'
 
 
-class SegmentedWriter:
-    """The BagWriter of every storage.
+class BagWriter:
+    """A bag open for writing; as a context manager it closes on success and aborts on failure.
+
+    Args:
+        path: Where the bag will be once closed.
+        context: What the writer of each file is given.
+        single_file: Whether path is the only file, not a directory of files.
 
     Attributes:
         path: Where the bag will be once closed.
@@ -67,7 +72,12 @@ class SegmentedWriter:
             raise
 
     def add_channel(self, channel: Channel) -> int:
-        """Declare a topic and return its channel id."""
+        """Declare a topic and return its channel id.
+
+        Raises:
+            UsageError: The topic is declared already.
+            OutputError: The disk refuses.
+        """
         if channel.topic in self._topics:
             raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
         segment = self._opened()
@@ -80,7 +90,16 @@ class SegmentedWriter:
         return channel_id
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
-        """Append one message, to a new file where the present one is full."""
+        """Append one message, to a new file if the present one is full.
+
+        Args:
+            channel_id: From add_channel.
+            stamp_ns: Log and publish time, nanoseconds since 1970, not negative.
+            parts: The message as CDR, little endian, unless the channel has a source.
+
+        Raises:
+            OutputError: The disk refuses; the bag is given up, and every later call raises this.
+        """
         if stamp_ns < 0:
             raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
         try:
@@ -98,7 +117,12 @@ class SegmentedWriter:
         tally.end_ns = max(tally.end_ns, stamp_ns)
 
     def close(self) -> None:
-        """Complete the bag and put it where it belongs."""
+        """Complete the bag and move it to its path; nothing happens the second time.
+
+        Raises:
+            OutputError: The disk refuses; nothing is left behind.
+            OutputExistsError: Something else took the output's name meanwhile.
+        """
         if self._failure is not None:
             raise self._failure
         if self._done:
@@ -114,7 +138,7 @@ class SegmentedWriter:
             raise
 
     def abort(self) -> None:
-        """Give the bag up and remove what there is of it."""
+        """Give the bag up and remove what there is of it; never raises OSError."""
         if self._done:
             return
         self._done = True
@@ -181,7 +205,8 @@ class SegmentedWriter:
 
     def _close_segment(self) -> None:
         segment = self._opened()
-        segment.close(information_text(self._information()))
+        in_rosbag2 = self._container.in_rosbag2
+        segment.close(information_text(self._information()) if in_rosbag2 else '')
         self._segment = None
 
     def _information(self) -> dict[str, object]:

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 
 from ..model.containers import CONTAINERS, container_of
 from ..model.errors import UsageError
-from .contract import BagWriter, Channel, Parts, SegmentContext
-from .segments import SegmentedWriter
+from .contract import Channel, Parts, SegmentContext
+from .segments import BagWriter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -106,4 +106,4 @@ def open_bag(
     }
     context = SegmentContext(options, typestore, source)
     target = output_path(path, options)
-    return SegmentedWriter(target, context, single_file=container_of(target.suffix) is not None)
+    return BagWriter(target, context, single_file=container_of(target.suffix) is not None)
