@@ -13,6 +13,7 @@ import yaml
 
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, UsageError
+from ..model.yaml_text import load_yaml
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def _storage(path: Path) -> str:
 def _rosbag2(path: Path) -> BagFiles:
     source = path / _METADATA
     try:
-        information = yaml.safe_load(source.read_bytes())['rosbag2_bagfile_information']
+        information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
         storage = str(information['storage_identifier'])
         # Early versions wrote the directory's name before the file's.
         names = [PurePath(name).name for name in information['relative_file_paths']]
