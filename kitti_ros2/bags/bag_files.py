@@ -12,22 +12,12 @@ from typing import TYPE_CHECKING
 from ..model.errors import BadBagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
-from .mcap_file import McapFile
-from .ros1_file import Ros1File
-from .sqlite_file import SqliteFile
+from .storages import STORAGES
 from .summary import BagIndex
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from .locate import BagFiles
     from .pieces import BagFile
-
-_STORAGES: dict[str, Callable[[Path, Path, Findings], BagFile]] = {
-    'mcap': McapFile,
-    'sqlite3': SqliteFile,
-    'ros1': Ros1File,
-}
 
 
 def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
@@ -50,7 +40,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         try:
             plain = _unpacked(path, stack)
             name = path if plain == path else Path(f'{path} (unpacked)')
-            file = _STORAGES[bag.storage](plain, name, findings)
+            file = STORAGES[bag.storage].read(plain, name, findings)
         except BadBagError as error:
             failure = failure or error
             findings.lose(str(error))

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 _ZSTD_LEVEL = 3
 _LZ4_LEVEL = 0
 
+POOL_AHEAD = 2  # few, for each chunk that waits takes megabytes
+
 
 def compressor(name: str, level: int | None) -> Callable[[bytes], bytes]:
     """The function that compresses a block.

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
-    from types import TracebackType
 
     from rosbags.typesys.store import Typestore
-    from typing_extensions import Self
 
     from ..options.bag import BagOptions
+    from .pieces import SourceChannel
 
 Parts: TypeAlias = Sequence[bytes | memoryview]
 """One CDR message (encapsulation header included) as buffers to be laid end to end, so that a bulk
@@ -34,6 +32,7 @@ class Channel:
         latched: Whether late subscribers get the last messages: QoS transient local.
         depth: History depth of the offered QoS (keep last).
         reliable: Whether the offered QoS is reliable.
+        source: The channel of another bag whose messages are copied as they are stored there.
     """
 
     topic: str
@@ -41,6 +40,7 @@ class Channel:
     latched: bool = False
     depth: int = 10
     reliable: bool = True
+    source: SourceChannel | None = None
 
 
 @dataclass
@@ -67,59 +67,6 @@ class Tally:
         return (self.start_ns, self.end_ns - self.start_ns) if self.total else (0, 0)
 
 
-class BagWriter(Protocol):
-    """A bag open for writing; as a context manager it closes on success and aborts on failure."""
-
-    @property
-    def path(self) -> Path:
-        """Where the bag will be once closed."""
-        ...
-
-    def add_channel(self, channel: Channel) -> int:
-        """Declare a topic and return its channel id.
-
-        Raises:
-            UsageError: The topic is declared already.
-            OutputError: The disk refuses.
-        """
-        ...
-
-    def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
-        """Append one message.
-
-        Args:
-            channel_id: From add_channel.
-            stamp_ns: Log and publish time, nanoseconds since 1970, not negative.
-            parts: The message as CDR, little endian.
-
-        Raises:
-            OutputError: The disk refuses; the bag is given up, and every later call says so.
-        """
-        ...
-
-    def close(self) -> None:
-        """Complete the bag and put it where it belongs; nothing happens the second time.
-
-        Raises:
-            OutputError: The disk refuses; nothing is left behind.
-            OutputExistsError: Something else took the output's name meanwhile.
-        """
-        ...
-
-    def abort(self) -> None:
-        """Give the bag up and remove what there is of it; never raises."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
-
-
 @dataclass(frozen=True)
 class SegmentContext:
     """What the writer of one file is given.
@@ -137,8 +84,6 @@ class SegmentContext:
 
 class SegmentWriter(Protocol):
     """The writer of one file of one storage, free to raise OSError and its library's errors."""
-
-    def __init__(self, path: Path, context: SegmentContext) -> None: ...
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
         """Declare a channel under an id that the bag chose (0, 1, 2, ...)."""

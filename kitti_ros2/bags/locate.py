@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, UsageError
+from ..model.yaml_text import load_yaml
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
@@ -20,16 +22,9 @@ if TYPE_CHECKING:
 
     from ..model.streams import Layout
 
-# The first bytes of each kind of file.
-_MAGIC = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG V': 'ros1'}
 _METADATA = 'metadata.yaml'
-_PATTERNS = {
-    'mcap': ('*.mcap', '*.mcap.zstd'),
-    'sqlite3': ('*.db3', '*.db3.zstd'),
-    'ros1': ('*.bag', '*.bag.active'),
-}
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
-_LONGEST_MAGIC = max(map(len, _MAGIC))
+_LONGEST_MAGIC = max(len(each.magic) for each in CONTAINERS.values())
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,7 @@ class BagFiles:
 
     Attributes:
         path: What the user named.
-        storage: mcap, sqlite3 or ros1.
+        storage: The container of its files, one of model.containers.
         files: The files with messages, in order.
         directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
         compression_mode: rosbag2's own compression around the storage: '', file or message.
@@ -59,9 +54,8 @@ class BagFiles:
     @property
     def container(self) -> str:
         """What a user would call it."""
-        return (
-            f'rosbag2 {self.storage}' if self.directory and self.storage != 'ros1' else self.storage
-        )
+        in_rosbag2 = self.directory and CONTAINERS[self.storage].in_rosbag2
+        return f'rosbag2 {self.storage}' if in_rosbag2 else self.storage
 
 
 def looks_like_bag(path: Path) -> bool:
@@ -99,9 +93,9 @@ def locate_bag(path: Path) -> BagFiles:
         return BagFiles(path, _storage(path), (path,))
     if (path / _METADATA).is_file():
         return _rosbag2(path)
-    files = _files(path)
-    if files['ros1']:
-        return BagFiles(path, 'ros1', files['ros1'], directory=True)
+    for storage, files in _files(path).items():
+        if files and not CONTAINERS[storage].in_rosbag2:
+            return BagFiles(path, storage, files, directory=True)
     return _without_metadata(path, f'{path}: has no {_METADATA}')
 
 
@@ -110,11 +104,11 @@ def _files(path: Path) -> dict[str, tuple[Path, ...]]:
     return {
         storage: tuple(
             sorted(
-                (file for pattern in patterns for file in path.glob(pattern)),
+                (file for pattern in container.globs for file in path.glob(pattern)),
                 key=lambda file: (len(file.name), file.name),
             )
         )
-        for storage, patterns in _PATTERNS.items()
+        for storage, container in CONTAINERS.items()
     }
 
 
@@ -125,7 +119,7 @@ def _without_metadata(path: Path, found: str) -> BagFiles:
         BadBagError: It left no files.
     """
     for storage, files in _files(path).items():
-        if files and storage != 'ros1':
+        if files and CONTAINERS[storage].in_rosbag2:
             loss = f'{found}; its files are read as they are; {reindex_advice(path, files)}'
             return BagFiles(path, storage, files, directory=True, losses=(loss,))
     raise BadBagError(path, f'is a directory without {_METADATA}')
@@ -158,8 +152,8 @@ def _storage(path: Path) -> str:
             head = next(decompress_file(file), b'')
     if not head:
         raise BadBagError(path, 'is empty')
-    for magic, storage in _MAGIC.items():
-        if head.startswith(magic):
+    for storage, container in CONTAINERS.items():
+        if head.startswith(container.magic):
             return storage
     raise BadBagError(path, 'is a file of another kind')
 
@@ -167,7 +161,7 @@ def _storage(path: Path) -> str:
 def _rosbag2(path: Path) -> BagFiles:
     source = path / _METADATA
     try:
-        information = yaml.safe_load(source.read_bytes())['rosbag2_bagfile_information']
+        information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
         storage = str(information['storage_identifier'])
         # Early versions wrote the directory's name before the file's.
         names = [PurePath(name).name for name in information['relative_file_paths']]
@@ -180,7 +174,7 @@ def _rosbag2(path: Path) -> BagFiles:
         if any(_files(path).values()):
             return _without_metadata(path, f'{source}: is no metadata of rosbag2 ({reason})')
         raise BadBagError(source, f'is no metadata of rosbag2 ({reason})') from error
-    if storage not in {'mcap', 'sqlite3'}:
+    if storage not in CONTAINERS or not CONTAINERS[storage].in_rosbag2:
         raise BadBagError(path, f'has a storage {storage!r} that is not known here')
     files = tuple(path / name for name in names)
     lacking = [file.name for file in files if not file.is_file()]

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Protocol
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
-from .compressors import compressor
-from .ordered_pool import OrderedPool
+from ..files.workers import OrderedPool, worker_count
+from .compressors import POOL_AHEAD, compressor
 
 try:
     from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
@@ -217,7 +217,7 @@ class CompressedChunks:
         self._file = file
         self._name = options.compression
         self._compress = compressor(options.compression, options.compression_level)
-        self._pool: OrderedPool[bytes] = OrderedPool()
+        self._pool: OrderedPool[tuple[_Contents, bytes]] = OrderedPool(worker_count(), POOL_AHEAD)
         self._entries: list[ChunkIndex] = []
         self._contents = _Contents()
         self._buffers: list[bytes | memoryview] = []
@@ -233,13 +233,13 @@ class CompressedChunks:
     def add_records(self, records: bytes) -> None:
         """Append records outside of any chunk, after the messages added so far."""
         self._end_chunk()
-        self._pool.drain()
+        self._drain()
         self._file.write([records])
 
     def finish(self) -> list[ChunkIndex]:
         """Write what is left; the index records of all chunks."""
         self._end_chunk()
-        self._pool.drain()
+        self._drain()
         self._pool.close()
         return self._entries
 
@@ -251,8 +251,12 @@ class CompressedChunks:
         contents, self._contents = self._contents, _Contents()
         buffers, self._buffers = self._buffers, []
         if contents.size:
-            work = partial(_pack, contents, buffers, self._compress)
-            self._pool.put(work, partial(self._write, contents))
+            for packed in self._pool.put(partial(_pack, contents, buffers, self._compress)):
+                self._write(*packed)
+
+    def _drain(self) -> None:
+        for packed in self._pool.drain():
+            self._write(*packed)
 
     def _write(self, contents: _Contents, data: bytes) -> None:
         start = self._file.position
@@ -264,9 +268,9 @@ class CompressedChunks:
 
 def _pack(
     contents: _Contents, buffers: list[bytes | memoryview], compress: Callable[[bytes], bytes]
-) -> bytes:
+) -> tuple[_Contents, bytes]:
     data = b''.join(buffers)
     if len(data) != contents.size:
         raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
     contents.crc = crc32(data)
-    return compress(data)
+    return contents, compress(data)

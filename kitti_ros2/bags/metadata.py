@@ -12,6 +12,8 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
+from ..model.containers import CONTAINERS
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
@@ -68,7 +70,8 @@ def bag_information(
         source: Where the data came from; becomes custom_data.
     """
     start_ns, duration_ns = _span(list(files.values()))
-    message_mode = options.storage == 'sqlite3' and options.compression != 'none'
+    by_message = CONTAINERS[options.storage].compresses_messages
+    message_mode = by_message and options.compression != 'none'
     return {
         'version': VERSION,
         'storage_identifier': options.storage,

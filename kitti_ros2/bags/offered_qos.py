@@ -9,6 +9,8 @@ from functools import lru_cache
 
 import yaml
 
+from ..model.yaml_text import load_yaml
+
 UNKNOWN_DEPTH = 100  # where a bag does not tell: enough for every text file of a recording
 
 _MOST = 2**31 - 1
@@ -24,7 +26,7 @@ def latched_depth(profiles: str) -> int:
     if not _HINT.search(profiles):
         return 0  # reading YAML takes its time
     try:
-        for profile in yaml.safe_load(profiles):
+        for profile in load_yaml(profiles):
             durability = profile.get('durability')
             if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
                 depth = int(profile.get('depth') or UNKNOWN_DEPTH)

@@ -9,26 +9,22 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
+from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
-from ..options.bag import COMPRESSIONS, BagOptions
+from ..options.bag import BagOptions
 from .locate import locate_bag
 from .message_source import BagMessages
-from .ros1_copy import Ros1Copy
 from .writer import Channel, guess_storage, open_bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from .locate import BagFiles
     from .message_source import BagMessage
     from .pieces import SourceChannel
     from .writer import BagWriter
 
 _DEPTH = 10  # of an offered QoS that keeps nothing for late subscribers
-
-# Stamps that a storage cannot tell, from which on; a damaged record may have any.
-_LATEST_NS = {'mcap': 2**63, 'sqlite3': 2**63, 'ros1': 2**32 * 10**9}
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def recover(
     Args:
         path: The bag, of any kind.
         out: The sound bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
-        storage: mcap, sqlite3 or ros1; by default as out's ending says, or as the bag has it.
+        storage: One of model.containers; by default that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
         progress: Called with the messages done and the messages that there may be.
 
@@ -79,12 +75,11 @@ def recover(
     """
     bag = locate_bag(path)
     _refuse_itself(path, out)
-    chosen = storage or (None if out.suffix in {'.mcap', '.bag'} else bag.storage)
-    storage = guess_storage(out, chosen)
-    verbatim = bag.storage != 'ros1' or storage == 'ros1'
-    with BagMessages([bag], as_stored=verbatim) as messages:
+    storage = guess_storage(out, storage, default=bag.storage)
+    as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
+    with BagMessages([bag], as_stored=as_stored) as messages:
         options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
-        with _open_copy(bag, out, options, messages) as writer:
+        with open_bag(out, options, messages.typestore) as writer:
             copy = _Copy(writer, messages, storage)
             expected = messages.expected
             for done, message in enumerate(messages, 1):
@@ -115,7 +110,7 @@ class _Copy:
         losses: What cannot be written, and how many messages that costs.
     """
 
-    def __init__(self, writer: BagWriter | Ros1Copy, messages: BagMessages, storage: str) -> None:
+    def __init__(self, writer: BagWriter, messages: BagMessages, storage: str) -> None:
         self._writer = writer
         self._storage = storage
         self._ids: dict[str, int] = {}
@@ -126,7 +121,7 @@ class _Copy:
         self.losses: Counter[str] = Counter()
         for topic, channel in sorted(messages.sources.items()):
             try:
-                self._ids[topic] = _add(writer, channel)
+                self._ids[topic] = writer.add_channel(_copied(channel))
             except KittiRos2Error:
                 raise
             except Exception as error:  # noqa: BLE001 - types of any kind
@@ -160,31 +155,22 @@ class _Copy:
         self.size_bytes += len(message.data)
 
 
-def _add(writer: BagWriter | Ros1Copy, channel: SourceChannel) -> int:
-    if isinstance(writer, Ros1Copy):
-        return writer.add_channel(channel)
-    depth = channel.latched_depth
-    return writer.add_channel(
-        Channel(channel.topic, channel.msgtype, latched=depth > 0, depth=depth or _DEPTH)
+def _copied(source: SourceChannel) -> Channel:
+    depth = source.latched_depth
+    return Channel(
+        source.topic, source.msgtype, latched=depth > 0, depth=depth or _DEPTH, source=source
     )
 
 
 def _check_stamp(stamp_ns: int, storage: str) -> None:
-    if not 0 <= stamp_ns < _LATEST_NS[storage]:
+    # A damaged record may have any stamp.
+    if not 0 <= stamp_ns < CONTAINERS[storage].stamp_limit_ns:
         raise ValueError(f'{storage} has no such time')
-
-
-def _open_copy(
-    bag: BagFiles, out: Path, options: BagOptions, messages: BagMessages
-) -> BagWriter | Ros1Copy:
-    if bag.storage == options.storage == 'ros1':
-        return Ros1Copy(out, options)
-    return open_bag(out, options, messages.typestore)
 
 
 def _compression(messages: BagMessages, storage: str) -> str:
     """The bag's own compression, where the new storage knows it."""
-    known = sorted(messages.compressions & COMPRESSIONS[storage].keys() - {'none'})
+    known = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
     return known[0] if known else 'none'
 
 

@@ -11,19 +11,23 @@ from typing import TYPE_CHECKING
 from rosbags.rosbag1 import Writer
 
 from .compressors import ros1_lz4
+from .ros1_records import MAGIC
+from .ros1_scan import Ros1Channel
 from .ros1_types import Ros1Types
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from typing import TypeAlias
 
     from rosbags.interfaces import Connection
 
     from .contract import Channel, Parts, SegmentContext
 
+    _Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
+
 # What roscpp writes for a publisher; readers that show it expect a node's name.
 _CALLER = '/kitti_ros2'
-_MAGIC = b'#ROSBAG V2.0\n'
 _NUMBER = struct.Struct('<I')
 _HEADER_BYTES = 4096  # of the bag header and its padding, without the length of either
 
@@ -69,7 +73,7 @@ class Ros1Writer(Writer):
 
 def _lengthen_header(path: Path) -> None:
     with path.open('r+b') as file:
-        file.seek(len(_MAGIC))
+        file.seek(len(MAGIC))
         (header_bytes,) = _NUMBER.unpack(file.read(_NUMBER.size))
         file.seek(header_bytes, os.SEEK_CUR)
         padding_bytes = _HEADER_BYTES - header_bytes
@@ -82,25 +86,32 @@ class Ros1Segment:
     def __init__(self, path: Path, context: SegmentContext) -> None:
         self._types = Ros1Types(context.typestore)
         self._writer = Ros1Writer(path, context.options.compression)
-        self._channels: list[tuple[Connection, Callable[[bytes | memoryview], memoryview]]] = []
+        self._channels: list[tuple[Connection, _Convert]] = []
         self._writer.open()
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
-        """Write the connection's record."""
+        """Write the connection's record: that of another ROS 1 bag as it is there."""
         del channel_id  # connections are numbered in order as well
-        definition, md5sum = self._types.definition(channel.msgtype)
+        caller: str | None = _CALLER
+        convert: _Convert
+        if isinstance(channel.source, Ros1Channel):
+            definition, md5sum = channel.source.definition, channel.source.md5sum
+            caller, convert = channel.source.callerid, _unchanged
+        else:
+            definition, md5sum = self._types.definition(channel.msgtype)
+            convert = self._types.converter(channel.msgtype)
         connection = self._writer.add_connection(
             channel.topic,
             channel.msgtype,
             msgdef=definition,
             md5sum=md5sum,
-            callerid=_CALLER,
+            callerid=caller,
             latching=int(channel.latched),
         )
-        self._channels.append((connection, self._types.converter(channel.msgtype)))
+        self._channels.append((connection, convert))
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
-        """Convert one message and append it."""
+        """Append one message, converted unless it is copied from another ROS 1 bag."""
         connection, convert = self._channels[channel_id]
         data = parts[0] if len(parts) == 1 else b''.join(parts)
         self._writer.write(connection, stamp_ns, convert(data))
@@ -113,3 +124,7 @@ class Ros1Segment:
     def abort(self) -> None:
         """Let go of the file."""
         self._writer.abort()
+
+
+def _unchanged(data: bytes | memoryview) -> bytes | memoryview:
+    return data

@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-import sqlite3
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ..files.staging import Staging, keep_all, keep_all_but_bags, output_error
+from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .metadata import bag_information, information_text, metadata_yaml
+from .storages import STORAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,20 +23,17 @@ if TYPE_CHECKING:
 
     from .contract import Channel, Parts, SegmentWriter
 
-# The ending of each storage's files, and the module and class that write them: each is imported
-# when it is written, for the libraries behind them take a tenth of a second together.
-STORAGES: dict[str, tuple[str, str, str]] = {
-    'mcap': ('.mcap', '.mcap_writer', 'McapSegment'),
-    'sqlite3': ('.db3', '.sqlite_writer', 'SqliteSegment'),
-    'ros1': ('.bag', '.ros1_writer', 'Ros1Segment'),
-}
-
 # Until a file is complete its name says so, even inside the hidden directory it is built in.
 _UNFINISHED = '.unfinished'
 
 
-class SegmentedWriter:
-    """The BagWriter of every storage.
+class BagWriter:
+    """A bag open for writing; as a context manager it closes on success and aborts on failure.
+
+    Args:
+        path: Where the bag will be once closed.
+        context: What the writer of each file is given.
+        single_file: Whether path is the only file, not a directory of files.
 
     Attributes:
         path: Where the bag will be once closed.
@@ -48,8 +45,9 @@ class SegmentedWriter:
 
     def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
         self._context = context
-        self._ending, module, name = STORAGES[context.options.storage]
-        self._open: type[SegmentWriter] = getattr(import_module(module, __package__), name)
+        self._container = CONTAINERS[context.options.storage]
+        self._storage = STORAGES[context.options.storage]
+        self._errors: tuple[type[Exception], ...] = (OSError, *self._storage.write_errors)
         self._single_file = single_file
         self._split_size = context.options.split_size
         self._split_duration_ns = context.options.split_duration_ns
@@ -74,7 +72,12 @@ class SegmentedWriter:
             raise
 
     def add_channel(self, channel: Channel) -> int:
-        """Declare a topic and return its channel id."""
+        """Declare a topic and return its channel id.
+
+        Raises:
+            UsageError: The topic is declared already.
+            OutputError: The disk refuses.
+        """
         if channel.topic in self._topics:
             raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
         segment = self._opened()
@@ -87,14 +90,23 @@ class SegmentedWriter:
         return channel_id
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
-        """Append one message, to a new file where the present one is full."""
+        """Append one message, to a new file if the present one is full.
+
+        Args:
+            channel_id: From add_channel.
+            stamp_ns: Log and publish time, nanoseconds since 1970, not negative.
+            parts: The message as CDR, little endian, unless the channel has a source.
+
+        Raises:
+            OutputError: The disk refuses; the bag is given up, and every later call raises this.
+        """
         if stamp_ns < 0:
             raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
         try:
             if self._split:
                 self._make_room(stamp_ns, sum(map(len, parts)))
             self._opened().write(channel_id, stamp_ns, parts)
-        except (OSError, sqlite3.Error) as error:
+        except self._errors as error:
             # A caller that goes on after this must not end with a bag that lacks a message.
             self._failure = self._error(error)
             self.abort()
@@ -105,7 +117,12 @@ class SegmentedWriter:
         tally.end_ns = max(tally.end_ns, stamp_ns)
 
     def close(self) -> None:
-        """Complete the bag and put it where it belongs."""
+        """Complete the bag and move it to its path; nothing happens the second time.
+
+        Raises:
+            OutputError: The disk refuses; nothing is left behind.
+            OutputExistsError: Something else took the output's name meanwhile.
+        """
         if self._failure is not None:
             raise self._failure
         if self._done:
@@ -121,14 +138,14 @@ class SegmentedWriter:
             raise
 
     def abort(self) -> None:
-        """Give the bag up and remove what there is of it."""
+        """Give the bag up and remove what there is of it; never raises OSError."""
         if self._done:
             return
         self._done = True
         segment, self._segment = self._segment, None
         try:
             if segment is not None:
-                with suppress(OSError, sqlite3.Error):
+                with suppress(*self._errors):
                     segment.abort()
         finally:
             self._staging.discard()
@@ -155,14 +172,15 @@ class SegmentedWriter:
         return self._segment
 
     def _name(self, index: int) -> str:
-        return self.path.name if self._single_file else f'{self.path.name}_{index}{self._ending}'
+        name, suffix = self.path.name, self._container.suffix
+        return name if self._single_file else f'{name}_{index}{suffix}'
 
     def _built(self, index: int) -> Path:
         content = self._staging.content
         return content if self._single_file else content / (self._name(index) + _UNFINISHED)
 
     def _next_segment(self) -> None:
-        segment = self._open(self._built(len(self._tallies)), self._context)
+        segment = self._storage.write(self._built(len(self._tallies)), self._context)
         self._segment = segment
         self._tallies.append(Tally([0] * len(self._channels)))
         self._size = 0
@@ -187,7 +205,8 @@ class SegmentedWriter:
 
     def _close_segment(self) -> None:
         segment = self._opened()
-        segment.close(information_text(self._information()))
+        in_rosbag2 = self._container.in_rosbag2
+        segment.close(information_text(self._information()) if in_rosbag2 else '')
         self._segment = None
 
     def _information(self) -> dict[str, object]:
@@ -205,11 +224,11 @@ class SegmentedWriter:
         for index in range(len(self._tallies)):
             built = self._built(index)
             built.rename(built.with_name(self._name(index)))
-        if self._context.options.storage != 'ros1':
+        if self._container.in_rosbag2:
             text = metadata_yaml(self._information())
             (self._staging.content / 'metadata.yaml').write_text(text, encoding='utf-8')
 
-    def _error(self, error: OSError | sqlite3.Error) -> OutputError:
+    def _error(self, error: Exception) -> OutputError:
         if isinstance(error, OSError):
             return output_error(self.path, error)
         return OutputError(
@@ -220,5 +239,5 @@ class SegmentedWriter:
     def _reported(self) -> Iterator[None]:
         try:
             yield
-        except (OSError, sqlite3.Error) as error:
+        except self._errors as error:
             raise self._error(error) from error

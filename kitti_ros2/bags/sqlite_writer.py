@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import sqlite3
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from .compressors import compressor
+from ..files.workers import OrderedPool, worker_count
+from .compressors import POOL_AHEAD, compressor
 from .metadata import ROS_DISTRO, VERSION, qos_text
-from .ordered_pool import OrderedPool
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,6 +50,8 @@ CREATE TABLE messages(
     data BLOB NOT NULL);
 """
 
+_Row: TypeAlias = 'tuple[int, int, bytes | memoryview]'
+
 
 class SqliteSegment:
     """The writer of one .db3 file; compression is rosbag2's message mode."""
@@ -58,9 +60,9 @@ class SqliteSegment:
         self._typestore = context.typestore
         self._types: set[str] = set()
         options = context.options
-        self._pool: OrderedPool[bytes] | None = None
+        self._pool: OrderedPool[_Row] | None = None
         if options.compression != 'none':
-            self._pool = OrderedPool()
+            self._pool = OrderedPool(worker_count(), POOL_AHEAD)
             self._compress = compressor(options.compression, options.compression_level)
         self._connection = sqlite3.connect(path, isolation_level=None)
         self._connection.executescript(_PRAGMAS + _TABLES)
@@ -87,16 +89,18 @@ class SqliteSegment:
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
         """Append one row."""
         data = parts[0] if len(parts) == 1 else b''.join(parts)
-        insert = partial(self._insert, channel_id + 1, stamp_ns)
+        row = channel_id + 1, stamp_ns, data
         if self._pool is None:
-            insert(data)
+            self._insert(row)
         else:
-            self._pool.put(partial(self._compress, bytes(data)), insert)
+            for compressed in self._pool.put(partial(self._compressed, row)):
+                self._insert(compressed)
 
     def close(self, information: str) -> None:
         """Write the bag's metadata and the index, and commit."""
         if self._pool is not None:
-            self._pool.drain()
+            for row in self._pool.drain():
+                self._insert(row)
             self._pool.close()
         self._connection.execute(
             'INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)', (VERSION, information)
@@ -111,8 +115,11 @@ class SqliteSegment:
             self._pool.close()
         self._connection.close()
 
-    def _insert(self, topic_id: int, stamp_ns: int, data: bytes | memoryview) -> None:
+    def _compressed(self, row: _Row) -> _Row:
+        topic_id, stamp_ns, data = row
+        return topic_id, stamp_ns, self._compress(bytes(data))
+
+    def _insert(self, row: _Row) -> None:
         self._connection.execute(
-            'INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)',
-            (topic_id, stamp_ns, data),
+            'INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)', row
         )

@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..model.containers import CONTAINERS, container_of
 from ..model.errors import UsageError
-from ..options.bag import COMPRESSIONS
-from .contract import BagWriter, Channel, Parts, SegmentContext
-from .segments import SegmentedWriter
+from .contract import Channel, Parts, SegmentContext
+from .segments import BagWriter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,25 +34,24 @@ if TYPE_CHECKING:
 
 __all__ = ['BagWriter', 'Channel', 'Parts', 'guess_storage', 'open_bag', 'output_path']
 
-_ENDINGS = {'.mcap': 'mcap', '.bag': 'ros1'}
 
-
-def guess_storage(path: Path, asked: str | None = None) -> str:
-    """The storage for an output path: the one asked for, else the ending's, else mcap.
+def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -> str:
+    """Return the storage for an output path: the requested one, else the suffix's, else a default.
 
     Raises:
         UsageError: The ending and the storage contradict each other, or one of them is unknown.
     """
-    if asked is not None and asked not in COMPRESSIONS:
-        raise UsageError(f'there is no storage {asked!r}; choose one of {", ".join(COMPRESSIONS)}')
-    if path.suffix == '.db3':
-        raise UsageError(
-            f'{path}: a sqlite3 bag is a directory that holds the .db3 file;'
-            f' give {path.stem} and --storage sqlite3'
-        )
-    named = _ENDINGS.get(path.suffix)
+    if asked is not None and asked not in CONTAINERS:
+        raise UsageError(f'there is no storage {asked!r}; choose one of {", ".join(CONTAINERS)}')
+    for name, container in CONTAINERS.items():
+        if path.suffix == container.suffix and not container.in_file:
+            raise UsageError(
+                f'{path}: a {name} bag is a directory that holds the {path.suffix} file;'
+                f' give {path.stem} and --storage {name}'
+            )
+    named = container_of(path.suffix)
     if named is None:
-        return asked or 'mcap'
+        return asked or default
     if asked not in {None, named}:
         raise UsageError(
             f'{path}: the ending {path.suffix} means storage {named}, not {asked};'
@@ -68,13 +67,15 @@ def output_path(path: Path, options: BagOptions) -> Path:
         UsageError: The path's ending contradicts the options.
     """
     storage = guess_storage(path, options.storage)
-    if path.suffix in _ENDINGS and options.split:
+    in_file = container_of(path.suffix) is not None
+    if in_file and options.split:
         raise UsageError(
             f'{path}: a bag that is split becomes several files in a directory;'
             f' give {path.stem} and --storage {storage}'
         )
-    if storage == 'ros1' and not options.split and path.suffix != '.bag' and path.name:
-        return path.with_name(f'{path.name}.bag')
+    container = CONTAINERS[storage]
+    if not (in_file or container.in_rosbag2 or options.split) and path.name:
+        return path.with_name(f'{path.name}{container.suffix}')
     return path
 
 
@@ -105,4 +106,4 @@ def open_bag(
     }
     context = SegmentContext(options, typestore, source)
     target = output_path(path, options)
-    return SegmentedWriter(target, context, single_file=target.suffix in _ENDINGS)
+    return BagWriter(target, context, single_file=container_of(target.suffix) is not None)

@@ -28,7 +28,7 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
     Args:
         bag: What is cut off or damaged.
         out: The sound bag.
-        storage: mcap, sqlite3 or ros1, None for the bag's own.
+        storage: The container, None for that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
         quiet: Say only what was lost.
 

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..bags.writer import Channel, open_bag
-from ..files.workers import ordered_map
+from ..files.workers import ordered_map, worker_count
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import Loss
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
     from .encode import Failure, Message
 
-_MOST_WORKERS = 8  # each holds images of several megabytes
 _BATCH = 8  # samples, about a frame
 
 
@@ -95,7 +93,7 @@ def convert(
         channels = _Channels(writer, encoder.table)
         workers, batch = 1, _BATCH
         if messages.images is not Images.COMPRESSED:  # decoding is long enough to share it out
-            workers, batch = min(_MOST_WORKERS, len(os.sched_getaffinity(0))), 1
+            workers, batch = worker_count(), 1
         outcomes = ordered_map(encoder.encode, schedule, workers, batch)
         for done, outcome in enumerate(outcomes, 1):
             tally.take(*outcome, channels)

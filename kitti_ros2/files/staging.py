@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, OutputExistsError, UsageError
 
 if TYPE_CHECKING:
@@ -26,10 +27,13 @@ if TYPE_CHECKING:
 _REPLACED = 'replaced'
 _NAMED = 'named'
 _NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
-_MAGIC_BYTES = 8
-_MAGIC = (b'\x89MCAP0\r\n', b'#ROSBAG ')
-_BAG_FILES = ('.mcap', '.bag')
-_DIRECTORY_FILES = (*_BAG_FILES, '.db3', '.db3-shm', '.db3-wal', '.zstd')
+_IN_FILE = [each for each in CONTAINERS.values() if each.in_file]
+_MAGICS = tuple(each.magic for each in _IN_FILE)
+_DIRECTORY_FILES = (
+    *(suffix for each in CONTAINERS.values() for suffix in (each.suffix, *each.side_suffixes)),
+    '.zstd',
+)
+_WITHOUT_METADATA = tuple(each.suffix for each in CONTAINERS.values() if not each.in_rosbag2)
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 # File systems without locks; there a second run at the same time goes unnoticed.
@@ -285,8 +289,9 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
 def _looks_like_bag(path: Path) -> bool:
     if path.is_file():
         with path.open('rb') as file:
-            head = file.read(_MAGIC_BYTES)
-        return path.suffix in _BAG_FILES and (not head or head in _MAGIC)
+            head = file.read(max(map(len, _MAGICS)))
+        known = path.suffix in {each.suffix for each in _IN_FILE}
+        return known and (not head or head.startswith(_MAGICS))
     if not path.is_dir():
         return False
     names = set()
@@ -298,7 +303,7 @@ def _looks_like_bag(path: Path) -> bool:
     if names - files - {'metadata.yaml'}:
         return False
     # A split ROS 1 bag has no metadata.yaml; an empty directory has nothing to lose.
-    return 'metadata.yaml' in names or all(name.endswith('.bag') for name in names)
+    return 'metadata.yaml' in names or all(name.endswith(_WITHOUT_METADATA) for name in names)
 
 
 def _make_parents(folder: Path) -> list[Path]:

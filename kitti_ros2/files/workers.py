@@ -1,22 +1,78 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A map on several threads whose results come in order, and which runs only a little ahead."""
+"""Threads whose results come in the order of the tasks, with a bounded number of them pending."""
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from concurrent.futures import Future
+    from types import TracebackType
+
+    from typing_extensions import Self
 
 T = TypeVar('T')
 R = TypeVar('R')
 
-_AHEAD_PER_WORKER = 3
+_MOST_WORKERS = 8  # each may hold images or chunks of several megabytes
+_AHEAD_PER_WORKER = 2
+
+
+def worker_count(most: int | None = _MOST_WORKERS) -> int:
+    """Return the number of threads to use: one per available CPU, at most `most` unless None."""
+    available = len(os.sched_getaffinity(0))
+    return available if most is None else min(most, available)
+
+
+class OrderedPool(Generic[R]):
+    """A pool of threads for tasks that release the interpreter's lock.
+
+    Results and exceptions of tasks reach the caller's thread, inside put and drain.
+
+    Args:
+        workers: Number of threads.
+        ahead: Number of tasks that may be pending besides one of each worker.
+    """
+
+    def __init__(self, workers: int, ahead: int) -> None:
+        self._threads = ThreadPoolExecutor(workers)
+        self._most_pending = workers + ahead
+        self._pending: deque[Future[R]] = deque()
+
+    def put(self, task: Callable[[], R]) -> list[R]:
+        """Submit a task; return the oldest pending result if the pool was full, else nothing."""
+        full = len(self._pending) >= self._most_pending
+        results = [self._pending.popleft().result()] if full else []
+        self._pending.append(self._threads.submit(task))
+        return results
+
+    def drain(self) -> Iterator[R]:
+        """Yield the results that are left, waiting for each."""
+        while self._pending:
+            yield self._pending.popleft().result()
+
+    def close(self) -> None:
+        """Cancel pending tasks and wait for the threads to end."""
+        self._pending.clear()
+        self._threads.shutdown(cancel_futures=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
 
 def ordered_map(
@@ -27,20 +83,18 @@ def ordered_map(
     Args:
         function: Called in the pool.
         items: Its arguments.
-        workers: How many threads.
-        batch: How many items a thread takes at a time. Handing over a batch costs about 0.1 ms, as
-            much as a short call does.
+        workers: Number of threads.
+        batch: Number of items that a thread takes at a time. Handing over a batch costs about
+            0.1 ms, as much as a short call does.
     """
 
     def work(some: list[T]) -> list[R]:
         return [function(item) for item in some]
 
     rest = iter(items)
-    with ThreadPoolExecutor(workers) as pool:
-        ahead: deque[Future[list[R]]] = deque()
+    with OrderedPool[list[R]](workers, workers * _AHEAD_PER_WORKER) as pool:
         while some := list(islice(rest, batch)):
-            ahead.append(pool.submit(work, some))
-            if len(ahead) > workers * _AHEAD_PER_WORKER:
-                yield from ahead.popleft().result()
-        while ahead:
-            yield from ahead.popleft().result()
+            for results in pool.put(partial(work, some)):
+                yield from results
+        for results in pool.drain():
+            yield from results

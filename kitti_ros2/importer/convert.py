@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +13,7 @@ import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
-from ..files.workers import ordered_map
+from ..files.workers import ordered_map, worker_count
 from ..kitti.write_object import ObjectWriter
 from ..kitti.write_odometry import OdometryWriter
 from ..kitti.write_raw import RawWriter
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from .pose_track import PoseTrack
     from .survey import Survey
 
-_MOST_WORKERS = 8
 _LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
 
 
@@ -95,8 +93,8 @@ def build(
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
         with open_messages(paths, builder.topics) as messages:
-            workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
-            for count, done in enumerate(ordered_map(_do, builder.jobs(messages), workers), 1):
+            outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
+            for count, done in enumerate(outcomes, 1):
                 builder.take(done)
                 progress(count, builder.size_bytes)
             damaged = damage({**messages.losses, **survey.losses}, paths[0].name)

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .containers import ANY_BAG
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
@@ -97,7 +99,7 @@ class BadBagError(KittiRos2Error):
         self,
         path: Path,
         found: str,
-        expected: str = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag',
+        expected: str = ANY_BAG,
     ) -> None:
         super().__init__(f'{path}: {found}; expected {expected}')
 

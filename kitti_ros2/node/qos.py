@@ -18,6 +18,7 @@ from rclpy.qos import (
 )
 
 from ..model.errors import UsageError
+from ..model.yaml_text import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,7 +57,7 @@ def load_overrides(path: Path) -> dict[str, QosOverride]:
         UsageError: The file is not there, no YAML, or says what cannot be.
     """
     try:
-        content = yaml.safe_load(path.read_text('utf-8'))
+        content = load_yaml(path.read_text('utf-8'))
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; it should hold QoS overrides') from None
     except (yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or no such date

@@ -6,14 +6,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
-
-# Which compressions a storage knows, and the levels of each (None: it has no level to choose).
-COMPRESSIONS: dict[str, dict[str, range | None]] = {
-    'mcap': {'none': None, 'lz4': range(17), 'zstd': range(1, 23)},
-    'sqlite3': {'none': None, 'zstd': range(1, 23)},
-    'ros1': {'none': None, 'lz4': None, 'bz2': None},
-}
 
 
 @dataclass(frozen=True)
@@ -21,9 +15,9 @@ class BagOptions:
     """How a bag is written.
 
     Attributes:
-        storage: mcap, sqlite3 or ros1.
-        compression: none, lz4 (mcap, ros1), zstd (mcap, sqlite3) or bz2 (ros1).
-        compression_level: lz4 0..16, zstd 1..22; None is the compressor's own default.
+        storage: The container, one of model.containers.
+        compression: One of the container's.
+        compression_level: One of the compression's; None is the compressor's own default.
         split_size: Bytes of messages, before compression, after which a new file begins.
         split_duration_ns: Nanoseconds of recording after which a new file begins.
         overwrite: Whether an existing bag at the output may be replaced.
@@ -40,11 +34,11 @@ class BagOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        if self.storage not in COMPRESSIONS:
+        if self.storage not in CONTAINERS:
             raise UsageError(
-                f'there is no storage {self.storage!r}; choose one of {", ".join(COMPRESSIONS)}'
+                f'there is no storage {self.storage!r}; choose one of {", ".join(CONTAINERS)}'
             )
-        known = COMPRESSIONS[self.storage]
+        known = CONTAINERS[self.storage].compressions
         if self.compression not in known:
             raise UsageError(
                 f'storage {self.storage} takes compression {" or ".join(known)},'

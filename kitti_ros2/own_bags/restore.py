@@ -8,7 +8,6 @@ get the same numbers.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +20,7 @@ from ..bags.decoding import Decoder
 from ..bags.reader import bag_stamps, open_messages
 from ..exporter.schedule import frames_of
 from ..files.png.header import parse_image
-from ..files.workers import ordered_map
+from ..files.workers import ordered_map, worker_count
 from ..importer.output import staged
 from ..importer.report import ImportReport, LossTally, damage, merged
 from ..kitti import names
@@ -49,8 +48,6 @@ if TYPE_CHECKING:
 
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
 """Streams that some layouts have as lines of one file."""
-
-_MOST_WORKERS = 8
 
 
 @dataclass(frozen=True)
@@ -126,8 +123,7 @@ def _write(
     progress: Callable[[int, int], None],
 ) -> ImportReport:
     writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
-    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
-    for done, written in enumerate(ordered_map(writer.write, writer.files(), workers), 1):
+    for done, written in enumerate(ordered_map(writer.write, writer.files(), worker_count()), 1):
         writer.take(written)
         progress(done, writer.size_bytes)
     return writer.report(stage)

@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..files.workers import ordered_map
+from ..files.workers import ordered_map, worker_count
 from ..model.errors import LackingError, UsageError
 from ..model.stamps import NS_PER_S
 from ..options.read import NOMINAL_PERIOD_NS
@@ -76,8 +75,7 @@ def draw_frames(
             reason = str(error).removeprefix(name_of(frame)).lstrip(': ')
             return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)
 
-    workers = len(os.sched_getaffinity(0))
-    return ordered_map(draw, numbers, workers)
+    return ordered_map(draw, numbers, worker_count(most=None))
 
 
 def parse_frames(text: str, source: FrameSource) -> list[int]:

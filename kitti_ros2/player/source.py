@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.locate import is_bag
+from ..files.workers import worker_count
 from ..kitti.layouts import open_recording
 from ..messages.diagnostics import DIAGNOSTICS
 from ..model.errors import UsageError
@@ -51,7 +51,7 @@ def open_program(
     if is_bag(path, settings.read.layout):
         images = BagImages(path, settings.messages) if isinstance(settings, PlaySettings) else None
         return BagProgram(path, settings.selection, reserved, images)
-    workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
+    workers = worker_count(_MOST_WORKERS)
     recording = open_recording(path, settings.read)
     if settings.messages.annotated and Stream.LABELS not in recording.streams:
         raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .. import __version__
+from ..model.containers import CONTAINERS
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import format_bytes, format_count, format_duration
@@ -37,11 +38,11 @@ _KINDS = {
     'object': 'KITTI object detection set',
     'odometry': 'KITTI odometry sequence',
     'tracking': 'KITTI tracking sequence',
-    'mcap': 'MCAP bag',
-    'ros1': 'ROS 1 bag',
-    'sqlite3': 'SQLite bag of rosbag2',
-    'rosbag2 mcap': 'rosbag2 bag, MCAP',
-    'rosbag2 sqlite3': 'rosbag2 bag, SQLite',
+    **{
+        name: f'{each.title} bag' if each.in_file else f'{each.title} bag of rosbag2'
+        for name, each in CONTAINERS.items()
+    },
+    **{f'rosbag2 {name}': f'rosbag2 bag, {each.title}' for name, each in CONTAINERS.items()},
 }
 
 

@@ -1,12 +1,16 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ordered map: the same results as map, whatever the workers and batches; never far ahead."""
+"""The ordered pool and map: the same results as map, whatever the workers; never far ahead."""
+
+import os
+import threading
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.files.workers import ordered_map
+from kitti_ros2.files.workers import OrderedPool, ordered_map, worker_count
 
 
 @given(st.lists(st.integers(), max_size=60), st.integers(1, 4), st.integers(1, 9))
@@ -28,3 +32,31 @@ def test_an_error_comes_in_its_place():
     assert next(results) == 1
     with pytest.raises(ZeroDivisionError):
         list(results)
+
+
+def test_a_pool_takes_results_in_order_and_only_when_it_is_full():
+    with OrderedPool(2, ahead=1) as pool:
+        results = [pool.put(partial(str, number)) for number in range(5)]
+        assert results == [[], [], [], ['0'], ['1']]
+        assert list(pool.drain()) == ['2', '3', '4']
+
+
+def test_a_closed_pool_cancels_what_has_not_begun():
+    begun, go = [], threading.Event()
+
+    def task(number):
+        begun.append(number)
+        go.wait(10)
+
+    pool = OrderedPool(1, ahead=5)
+    for number in range(5):
+        pool.put(partial(task, number))
+    threading.Timer(0.2, go.set).start()
+    pool.close()
+    assert begun == [0]
+    assert list(pool.drain()) == []
+
+
+def test_workers_are_as_many_as_the_processors_up_to_a_bound(monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(12)))
+    assert (worker_count(), worker_count(4), worker_count(None)) == (8, 4, 12)

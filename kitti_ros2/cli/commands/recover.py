@@ -7,6 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from ...model.containers import CONTAINER_NAMES
 from .shared import QuietOption
 
 
@@ -14,7 +15,7 @@ def recover(
     bag: Annotated[Path, typer.Argument(help='A bag that was cut off or damaged.')],
     out: Annotated[Path, typer.Argument(help='The sound bag, as OUT of to-bag.')],
     storage: Annotated[
-        Optional[str], typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT, or BAG's own]")
+        Optional[str], typer.Option(help=f"{CONTAINER_NAMES} [default: by OUT, or BAG's own]")
     ] = None,
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='Replace an existing bag.')

@@ -7,14 +7,13 @@ from typing import Annotated, Optional
 
 import typer
 
+from ...model.containers import CONTAINER_NAMES, FILE_NAMES
 from .shared import LayoutOption, QuietOption, SequenceOption
 
 
 def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     src: Annotated[Path, typer.Argument(help='A KITTI folder: a drive, a data set, a sequence.')],
-    out: Annotated[
-        Path, typer.Argument(help='The bag: NAME.mcap, NAME.bag, or a rosbag2 directory.')
-    ],
+    out: Annotated[Path, typer.Argument(help=f'The bag: {FILE_NAMES}, or a rosbag2 directory.')],
     layout: LayoutOption = None,
     sequence: SequenceOption = None,
     images: Annotated[
@@ -25,7 +24,7 @@ def to_bag(  # noqa: PLR0913, PLR0917 - each is an option of the command
     ] = None,
     storage: Annotated[
         Optional[str],
-        typer.Option(help="mcap, sqlite3 or ros1 [default: by OUT's ending, or mcap]"),
+        typer.Option(help=f"{CONTAINER_NAMES} [default: by OUT's ending, or mcap]"),
     ] = None,
     compression: Annotated[
         Optional[str], typer.Option(help='none, lz4, zstd or (ros1) bz2 [default: none]')
