@@ -41,7 +41,7 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
     """The plan that makes most of bags.
 
     Raises:
-        LackingError: They hold nothing that the layout could begin with.
+        MissingDataError: They hold nothing that the layout could begin with.
         UsageError: The options name no layout.
     """
     if options.layout is None:
@@ -111,7 +111,7 @@ def convert_by_plan(
     Raises:
         BadBagError: A bag cannot be read.
         UsageError: The plan names what is not there.
-        LackingError: The calibration cannot be had.
+        MissingDataError: The calibration cannot be had.
         OutputExistsError: The folder holds something.
         OutputError: It cannot be written.
     """

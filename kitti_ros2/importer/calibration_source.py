@@ -13,7 +13,7 @@ from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
-from ..model.errors import BadFileError, LackingError, UsageError
+from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.streams import Layout
 from .calibration import make_calibration
 from .plan import NONE, SOURCE, TF, parse_drive
@@ -68,7 +68,7 @@ def make_calibrations(
 
     Raises:
         UsageError: The plan names none that is there.
-        LackingError: The static transforms, or the files of the bag, lack what is needed.
+        MissingDataError: The static transforms, or the files of the bag, lack what is needed.
         BadFileError: A calibration file cannot be read, or lacks what is needed.
     """
     if plan.calibration == NONE:
@@ -120,7 +120,7 @@ def _from_source(plan: Plan, survey: Survey) -> Calibrations:
     for value in values:
         lacking = _lacking(value, plan)
         if lacking:
-            raise LackingError(f'{lacking}; set calibration of the plan, or give --calib')
+            raise MissingDataError(f'{lacking}; set calibration of the plan, or give --calib')
     if len(values) == 1 or plan.layout is Layout.OBJECT:
         return Calibrations(stamps, values)
     note = (
@@ -152,4 +152,4 @@ def _lacking(calibration: Calibration, plan: Plan) -> str:
     """The first part that a plan's streams need and a calibration lacks."""
     needed = [f'P{index}' for index in plan.cameras]
     needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
-    return next((calibration.lacks[part] for part in needed if part in calibration.lacks), '')
+    return next((calibration.missing[part] for part in needed if part in calibration.missing), '')

@@ -84,7 +84,7 @@ def build(
         progress: Called with the samples and the bytes written so far.
 
     Raises:
-        BadBagError, UsageError, LackingError: As planned.convert_by_plan.
+        BadBagError, UsageError, MissingDataError: As planned.convert_by_plan.
         OSError: A file cannot be written.
     """
     losses = LossTally()

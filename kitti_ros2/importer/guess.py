@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.clouds import guess_intensity_scale
-from ..model.errors import LackingError, UsageError
+from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import CAMERA_NAMES, Layout, Stream
@@ -62,13 +62,13 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     """The plan that makes most of a bag.
 
     Raises:
-        LackingError: It has nothing that the layout could begin with.
+        MissingDataError: It has nothing that the layout could begin with.
     """
     guesser = _Guesser(survey, layout)
     scan, cameras = guesser.scan(), guesser.cameras()
     pose = guesser.pose() if layout is Layout.ODOMETRY else None
     if scan is None and not cameras and pose is None:
-        raise LackingError(f'{path}: {_nothing(survey, layout)}')
+        raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
     reference, topic = _reference(scan, cameras, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S

@@ -41,17 +41,17 @@ class _Parts:
     """Reads parts of calibration tables; what is bad or absent is noted, not fatal."""
 
     def __init__(self) -> None:
-        self.lacks: dict[str, str] = {}
+        self.missing: dict[str, str] = {}
 
     def read(self, part: str, parse: Callable[[], T | None], absent: str) -> T | None:
-        """What parse returns; on a bad file or None the reason goes to lacks."""
+        """What parse returns; on a bad file or None the reason goes to missing."""
         try:
             value = parse()
         except BadFileError as error:
-            self.lacks[part] = str(error)
+            self.missing[part] = str(error)
             return None
         if value is None:
-            self.lacks[part] = absent
+            self.missing[part] = absent
         return value
 
 
@@ -88,7 +88,7 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
         cam0_T_velo=cam0_t_velo,
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         nominal=tuple(part for part, value in nominal.items() if value is None),
-        lacks={part: reason for part, reason in parts.lacks.items() if reason},
+        missing={part: reason for part, reason in parts.missing.items() if reason},
         files=(TextFile(name, text),),
     )
 
@@ -102,7 +102,7 @@ def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
 def parse_raw_calibration(
     texts: Mapping[str, str], folder: Path, *, rectified: bool
 ) -> Calibration:
-    """The calibration of a raw date folder; what is absent or bad is named in lacks.
+    """The calibration of a raw date folder; what is absent or bad is named in missing.
 
     Args:
         texts: File name to content, for the files that are there.
@@ -114,7 +114,7 @@ def parse_raw_calibration(
     def table(name: str) -> CalibTable:
         absent = f'{folder / name}: no such file; it comes with the calibration of the date'
         if name not in texts:
-            parts.lacks[name] = absent
+            parts.missing[name] = absent
             return CalibTable(folder / name, {})
         parsed = parts.read(name, partial(CalibTable.parse, texts[name], folder / name), absent)
         return parsed or CalibTable(folder / name, {})
@@ -122,13 +122,13 @@ def parse_raw_calibration(
     def extrinsics(name: str) -> Transform | None:
         entries = table(name)
         read = partial(entries.transform_parts, 'R', 'T')
-        return parts.read(name, read, parts.lacks.get(name, f'{folder / name}: no R and T'))
+        return parts.read(name, read, parts.missing.get(name, f'{folder / name}: no R and T'))
 
     cam_to_cam = table(names.CALIB_CAM_TO_CAM)
     cameras = {}
     for index in range(len(names.RAW_IMAGES)):
         read = partial(_parse_raw_camera, cam_to_cam, index, rectified=rectified)
-        absent = parts.lacks.get(
+        absent = parts.missing.get(
             names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no P_rect_{index:02d}'
         )
         camera = parts.read(f'P{index}', read, absent)
@@ -141,13 +141,13 @@ def parse_raw_calibration(
         r0_rect=parts.read(
             'R0_rect',
             rotation,
-            parts.lacks.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
+            parts.missing.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
         ),
         cam0_T_velo=extrinsics(names.CALIB_VELO_TO_CAM),
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         rectified=rectified,
         nominal=() if velo_t_imu else ('velo_T_imu',),
-        lacks=parts.lacks,
+        missing=parts.missing,
         files=tuple(TextFile(name, text) for name, text in texts.items()),
     )
 

@@ -75,13 +75,13 @@ def frame_labels(
     """
     chosen = range(len(lines)) if rows is None else rows
     boxes = [lines.values[row] if row < len(lines) else None for row in chosen]
-    lacks = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
+    missing = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
     for row, box in zip(chosen, boxes, strict=True):
         if box is not None and is_absurd(box):
             found = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
             error = BadFileError(path, found, 'positive sizes', line=row + 1)
-            lacks[str(row)] = f'{error}; it gets no marker and no 3D detection'
-    return FrameLabels(boxes=boxes, source=source, lacks=lacks)
+            missing[str(row)] = f'{error}; it gets no marker and no 3D detection'
+    return FrameLabels(boxes=boxes, source=source, missing=missing)
 
 
 def parse_box(line: str) -> Box:

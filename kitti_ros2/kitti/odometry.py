@@ -155,7 +155,7 @@ class OdometryRecording(KittiRecording):
             reason = f'{path}: no such file; the scan is written with label 0'
         except BadFileError as error:
             reason = f'{error}; the scan is written with label 0'
-        return replace(scan, labels=np.zeros(len(scan.points), np.uint32), lacks={name: reason})
+        return replace(scan, labels=np.zeros(len(scan.points), np.uint32), missing={name: reason})
 
     def _pose(self, number: int) -> Pose:
         matrix = self._poses.values[number]

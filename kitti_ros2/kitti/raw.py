@@ -117,21 +117,21 @@ class RawRecording(KittiRecording):
             (folder for folder in (self.root, self.drive) if self._has_calibration(folder)),
             self.root,
         )
-        texts, lacks = {}, {}
+        texts, missing = {}, {}
         for name in _CALIB:
             try:
                 texts[name] = STORE.read_text(folder / name)
             except FileNotFoundError:
                 continue
             except BadFileError as error:
-                lacks[name] = str(error)
+                missing[name] = str(error)
             except OSError as error:
-                lacks[name] = describe_error(error)
-                self._lose_late(Stream.CALIBRATION, lacks[name])
+                missing[name] = describe_error(error)
+                self._lose_late(Stream.CALIBRATION, missing[name])
         found = parse_raw_calibration(texts, folder, rectified=self.rectified)
         place = folder.relative_to(self.root)
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
-        return replace(found, files=files, lacks={**found.lacks, **lacks})
+        return replace(found, files=files, missing={**found.missing, **missing})
 
     @staticmethod
     def _has_calibration(folder: Path) -> bool:

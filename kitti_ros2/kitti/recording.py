@@ -115,14 +115,14 @@ class KittiRecording:
             'files': folders,
         }
         files: list[TextFile] = []
-        lacks: dict[str, str] = {}
+        missing: dict[str, str] = {}
         for path in self.text_paths():
             name = path.relative_to(self.root).as_posix()
             try:
                 files.append(TextFile(name, STORE.read_text(path)))
             except (BadFileError, OSError) as error:
-                lacks[name] = str(error)
-        return Description(values, files, lacks)
+                missing[name] = str(error)
+        return Description(values, files, missing)
 
     @cached_property
     def start(self) -> Start | None:
@@ -185,7 +185,7 @@ class KittiRecording:
             except (KittiRos2Error, OSError) as error:
                 self._lose_late(Stream.LABELS, describe_error(error))
             except ValueError as error:
-                reason = next(iter(calibration.lacks.values()), str(error))
+                reason = next(iter(calibration.missing.values()), str(error))
                 self._lose_late(Stream.LABELS, f'{reason}; it is needed for the 3D boxes of labels')
         return Trails(frames, self._world_t_velo)
 
@@ -379,7 +379,7 @@ class KittiRecording:
             None,
             NOMINAL_VELO_T_IMU,
             nominal=('velo_T_imu',),
-            lacks={'file': reason},
+            missing={'file': reason},
             files=files,
         )
 

@@ -181,16 +181,16 @@ def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
 
 
 def labels_of_tracklets(cuboids: Sequence[Cuboid], path: Path | str) -> FrameLabels:
-    """The labels of a frame from its boxes; one without a positive size is named in lacks."""
-    lacks = {
+    """The labels of a frame from its boxes; one without a positive size is named in missing."""
+    missing = {
         cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
         f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
         f' marker and no 3D detection'
         for cuboid in cuboids
         if min(cuboid.size_lwh) <= 0
     }
-    sound = [cuboid for cuboid in cuboids if cuboid.identity not in lacks]
-    return FrameLabels(cuboids=sound, lacks=lacks)
+    sound = [cuboid for cuboid in cuboids if cuboid.identity not in missing]
+    return FrameLabels(cuboids=sound, missing=missing)
 
 
 def format_tracklets(tracklets: Iterable[Tracklet]) -> str:

@@ -102,8 +102,8 @@ class BadBagError(KittiRos2Error):
         super().__init__(f'{path}: {found}; expected {expected}')
 
 
-class LackingError(KittiRos2Error):
-    """Something a message needs, or a bag should hold, that is not to be had."""
+class MissingDataError(KittiRos2Error):
+    """Required data is missing."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)

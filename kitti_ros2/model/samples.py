@@ -64,7 +64,7 @@ class Scan:
             reflectance 0..1.
         start_ns, end_ns: First and last firing of the sweep, where the layout has them.
         labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, if asked for.
-        lacks: What was asked for and cannot be had: name to the reason, a line.
+        missing: What was asked for and cannot be had: name to the reason, a line.
         turn: When each direction was scanned; None where the points are of one moment, as in scans
             that KITTI has compensated for motion.
     """
@@ -73,7 +73,7 @@ class Scan:
     start_ns: int | None = None
     end_ns: int | None = None
     labels: npt.NDArray[np.uint32] | None = None
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
     turn: Turn | None = None
 
 
@@ -180,12 +180,12 @@ class Description:
     Attributes:
         values: What a reader of the bag needs to lay the recording out again; plain JSON values.
         files: Text files of the whole recording, verbatim.
-        lacks: Those that cannot be read: name to the reason, a line.
+        missing: Those that cannot be read: name to the reason, a line.
     """
 
     values: Mapping[str, object]
     files: Sequence[TextFile] = ()
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ class Calibration:
         velo_T_imu: imu_link to velo_link (KITTI's Tr_imu_to_velo).
         rectified: Whether the images are rectified (False for raw extract).
         nominal: Attributes that are stated defaults because the layout does not tell them.
-        lacks: What is not there and should be: part (P2, Tr_velo_to_cam) to the reason, a line.
+        missing: What is not there and should be: part (P2, Tr_velo_to_cam) to the reason, a line.
         files: The files it came from, verbatim.
     """
 
@@ -232,7 +232,7 @@ class Calibration:
     velo_T_imu: Transform
     rectified: bool = True
     nominal: tuple[str, ...] = ()
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
     files: tuple[TextFile, ...] = ()
 
     @property
@@ -254,10 +254,10 @@ class FrameLabels:
         boxes: As a label file has them, in the file's order; None where a line is bad.
         cuboids: As tracklets have them, in velo_link; a frame has these or boxes.
         source: The frame's lines verbatim, under their file's name; None for tracklets.
-        lacks: Bad lines: where to the reason, a line.
+        missing: Bad lines: where to the reason, a line.
     """
 
     boxes: Sequence[Box | None] = ()
     cuboids: Sequence[Cuboid] = ()
     source: TextFile | None = None
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)

@@ -251,7 +251,7 @@ def _number(path: PurePosixPath) -> int:
 
 
 def _no_calibration(reason: str) -> Calibration:
-    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason})
+    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, missing={'file': reason})
 
 
 def _decoded(decode: Decoder, message: BagMessage) -> Any:  # noqa: ANN401 - of the bag's types

@@ -195,22 +195,22 @@ def _look_through(
 ) -> _Frames:
     """Labels and poses of every frame, pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
-    lacks = _Lacks()
+    missing = _Lacks()
     tally = ClassTally()
     stamps: list[int] = []
     positions: list[Float64Array] = []
     for number in source.numbers.tolist():
         frame = source.frame(number, _TEXT)
-        lacks.add(frame)
+        missing.add(frame)
         tally.add(frame.objects)
         if frame.pose is not None:
             stamps.append(frame.stamp_ns)
             positions.append(frame.pose.world_T_imu.translation)
         steps.step()
-    scenes = draw_scenes(source, pictured, SCENES, lacks.add, steps.step)
-    projections = draw_projections(source, pictured, lacks.add)
+    scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
+    projections = draw_projections(source, pictured, missing.add)
     steps.step()
-    findings += lacks.findings()
+    findings += missing.findings()
     classes = tally.statistics()
     return _Frames(
         len(source.numbers),
@@ -229,7 +229,7 @@ class _Lacks:
 
     def add(self, frame: Frame) -> None:
         """Take what a frame lacks."""
-        for what, reason in frame.lacks.items():
+        for what, reason in frame.missing.items():
             # Each row of labels has a name of its own; the stream is what they have in common.
             part = what if what.startswith('calibration') else what.split()[0]
             self._frames[part].setdefault(frame.number, reason)
