@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which layout a folder has, and the recording in it."""
+"""The reader and the writer of each layout; detects the layout of a folder and opens it.
+
+What else differs between layouts is in LayoutTraits.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,17 @@ from .odometry import OdometryRecording
 from .raw import RawRecording
 from .store import STORE
 from .tracking import TrackingRecording
+from .write_object import ObjectWriter
+from .write_odometry import OdometryWriter
+from .write_raw import RawWriter
+from .write_tracking import TrackingWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from .recording import KittiRecording
+    from .writer import LayoutWriter
 
 
 @dataclass(frozen=True)
@@ -82,12 +90,52 @@ def find_tracking(path: Path) -> list[Candidate]:
     return candidates
 
 
-LAYOUTS: dict[Layout, Callable[[Path], list[Candidate]]] = {
-    Layout.RAW: find_raw,
-    Layout.OBJECT: find_object,
-    Layout.ODOMETRY: find_odometry,
-    Layout.TRACKING: find_tracking,
+@dataclass(frozen=True)
+class WriteOptions:
+    """How object sets are written: see ObjectWriter."""
+
+    label_decimals: int = 2
+    train_fraction: float = 0.5
+
+
+@dataclass(frozen=True)
+class LayoutFiles:
+    """The reader and the writer of a layout.
+
+    Attributes:
+        find: Lists the recordings at a path.
+        write: Makes a writer below a root folder for a recording of a name.
+    """
+
+    find: Callable[[Path], list[Candidate]]
+    write: Callable[[Path, str, WriteOptions], LayoutWriter]
+
+
+LAYOUTS = {
+    Layout.RAW: LayoutFiles(
+        find_raw, lambda root, name, _: RawWriter(root, *names.parse_drive(name))
+    ),
+    Layout.OBJECT: LayoutFiles(
+        find_object, lambda root, name, options: ObjectWriter(root, name, **vars(options))
+    ),
+    Layout.ODOMETRY: LayoutFiles(
+        find_odometry, lambda root, name, _: OdometryWriter(root, names.parse_sequence(name))
+    ),
+    Layout.TRACKING: LayoutFiles(
+        find_tracking, lambda root, name, _: TrackingWriter(root, names.parse_sequence(name))
+    ),
 }
+
+
+def make_writer(
+    layout: Layout, root: Path, name: str, options: WriteOptions | None = None
+) -> LayoutWriter:
+    """Make the writer of a layout, for a recording of a name.
+
+    Raises:
+        UsageError: The layout has no such name.
+    """
+    return LAYOUTS[layout].write(root, name, options or WriteOptions())
 
 
 def guess_layout(path: Path) -> Layout:
@@ -100,7 +148,7 @@ def guess_layout(path: Path) -> Layout:
     if not STORE.is_dir(path):
         found = 'is a file' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value for layout in LAYOUTS])
-    fits = [layout for layout, find in LAYOUTS.items() if find(path)]
+    fits = [layout for layout, files in LAYOUTS.items() if files.find(path)]
     if not fits:
         entries = STORE.names(path)
         found = f'holds {", ".join(entries[:4])}' if entries else 'the folder is empty'
@@ -123,12 +171,12 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     options = options or ReadOptions()
     path = path.resolve() if '..' in path.parts else path.absolute()
     layout = options.layout or guess_layout(path)
-    if options.semantic and layout is not Layout.ODOMETRY:
+    if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    candidates = LAYOUTS[layout](path) if STORE.is_dir(path) else []
+    candidates = LAYOUTS[layout].find(path) if STORE.is_dir(path) else []
     if not candidates:
         found = f'no {layout.value} recording' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value])
@@ -139,7 +187,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])
         raise NotKittiError(path, found, [layout.value])
     others = [candidate.name for candidate in candidates if candidate is not chosen]
-    if layout is Layout.OBJECT and others and options.sequence is None:
+    if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
             f'{path}: {", ".join(others)} left out; --sequence {others[0]} takes it'
         )
@@ -156,7 +204,7 @@ def _choose(
             shown = ', '.join(known[:12]) + (', ...' if len(known) > 12 else '')
             raise UsageError(f'{path}: no single sequence {asked!r}; it holds {shown}')
         return matching[0]
-    if len(candidates) > 1 and layout is not Layout.OBJECT:
+    if len(candidates) > 1 and not layout.traits.frame_set:
         raise AmbiguousSequenceError(path, f'--sequence {known[0]}', known)
     return candidates[0]
 

@@ -51,11 +51,7 @@ class ObjectRecording(KittiRecording):
             listing = STORE.list_numbered(split / folder, (suffix,), names.FRAME_DIGITS)
             listing = self._without_unfinished(stream, listing)
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream not in {
-                Stream.IMAGE_0,
-                Stream.IMAGE_1,
-                Stream.IMAGE_4,
-            }:
+            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
         self._find_gaps(folders)
         self._add_turns()

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from .store import Listing
     from .text_file import Lines
 
-_CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
-
 
 class RawRecording(KittiRecording):
     """One raw drive."""
@@ -48,7 +46,7 @@ class RawRecording(KittiRecording):
     def __init__(self, drive: Path, options: ReadOptions) -> None:
         super().__init__(drive.parent, drive.name, options)
         self.drive = drive
-        self.rectified = not drive.name.endswith('_extract')
+        self.rectified = not self.layout.traits.is_extract(drive.name)
         self.common_numbers = self.rectified
         self.image_topic = 'image_rect' if self.rectified else 'image_raw'
         folders = {
@@ -118,7 +116,7 @@ class RawRecording(KittiRecording):
             self.root,
         )
         texts, missing = {}, {}
-        for name in _CALIB:
+        for name in names.RAW_CALIB:
             try:
                 texts[name] = STORE.read_text(folder / name)
             except FileNotFoundError:
@@ -135,7 +133,7 @@ class RawRecording(KittiRecording):
 
     @staticmethod
     def _has_calibration(folder: Path) -> bool:
-        return any(STORE.is_file(folder / name) for name in _CALIB)
+        return any(STORE.is_file(folder / name) for name in names.RAW_CALIB)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the whole drive
         """The calibration of the drive's date."""

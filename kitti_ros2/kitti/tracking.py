@@ -50,7 +50,7 @@ class TrackingRecording(KittiRecording):
         for stream, (folder, suffix) in folders.items():
             listing = STORE.list_numbered(split / folder / sequence, (suffix,), names.FRAME_DIGITS)
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream not in {Stream.IMAGE_0, Stream.IMAGE_1}:
+            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
                 self.notes.append(f'{listing.folder}: absent or empty, {stream.value} is left out')
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)

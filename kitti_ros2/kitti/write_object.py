@@ -9,7 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.streams import Layout, Stream
+from ..model.streams import Layout
 from . import names
 from .calib_file import format_object
 from .label_file import EMPTY_OBJECT_LINE, format_object_labels
@@ -38,18 +38,6 @@ class ObjectWriter(LayoutWriter):
     """
 
     layout: ClassVar[Layout] = Layout.OBJECT
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.IMAGE_4,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,

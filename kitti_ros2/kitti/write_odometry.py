@@ -35,17 +35,6 @@ class OdometryWriter(LayoutWriter):
     """
 
     layout: ClassVar[Layout] = Layout.ODOMETRY
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.POSE,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-        }
-    )
 
     def __init__(self, root: Path, sequence: int = 0, store: LocalStore = STORE) -> None:
         name = f'{sequence:02d}'

@@ -87,18 +87,6 @@ class RawWriter(LayoutWriter):
     """
 
     layout: ClassVar[Layout] = Layout.RAW
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.OXTS,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,

@@ -40,18 +40,6 @@ class TrackingWriter(LayoutWriter):
     """
 
     layout: ClassVar[Layout] = Layout.TRACKING
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.OXTS,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,

@@ -34,11 +34,14 @@ class LayoutWriter:
 
     Attributes:
         layout: Which of the four layouts.
-        accepts: The streams it has a place for; a sample of another stream is a UsageError.
     """
 
     layout: ClassVar[Layout]
-    accepts: ClassVar[frozenset[Stream]]
+
+    @property
+    def accepts(self) -> frozenset[Stream]:
+        """The streams that the layout has a place for; a sample of another is a UsageError."""
+        return self.layout.traits.streams
 
     def __enter__(self) -> Self:
         return self
@@ -79,6 +82,9 @@ class LayoutWriter:
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """The labelled objects of a frame, or its label lines verbatim."""
         raise self._no_place(Stream.LABELS)
+
+    def leave_out(self, number: int) -> None:
+        """Keep an incomplete frame out of lists of frames; other layouts have none."""
 
     def close(self) -> None:
         """Write what KITTI keeps in one file for the whole recording."""
