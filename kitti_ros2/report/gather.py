@@ -16,7 +16,7 @@ from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
 from ..model.losses import format_numbers
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from ..own_bags.recorded_layout import missing_from
 from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
@@ -151,7 +151,7 @@ def _of_transforms(
     overview: Overview, survey: Survey, own: BagRecording | None
 ) -> Iterator[Finding]:
     """Static transforms that change or are none; those of object sets are of several days."""
-    if own is None or own.layout is not Layout.OBJECT:
+    if own is None or not own.layout.traits.calibration_per_frame:
         for parent, child in survey.changing:
             text = f'the static transform {parent} -> {child} is told anew and differently'
             yield Finding(Severity.WARNING, '/tf_static', text)
