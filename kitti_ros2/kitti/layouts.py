@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recording that a folder holds: its name for --sequence, and how to open it."""
+    """A recording found in a folder: its name for --sequence, and a function that opens it."""
 
     name: str
     open: Callable[[ReadOptions], KittiRecording]
 
 
 def find_raw(path: Path) -> list[Candidate]:
-    """The drives at a path: a drive itself, those of a date, or those of all dates."""
+    """Find the drives at a path: a drive itself, those of a date, or those of all dates."""
     drives = [path] if _is_drive(path) else _subfolders(path, _is_drive)
     if not drives:
         for date in _subfolders(path, lambda folder: bool(names.RAW_DATE.fullmatch(folder.name))):
@@ -53,7 +53,7 @@ def find_raw(path: Path) -> list[Candidate]:
 
 
 def find_object(path: Path) -> list[Candidate]:
-    """The splits of an object set at a path: the root's, or the split itself."""
+    """Find the splits of an object set at a path: the root's, or the split itself."""
     splits = [path] if _is_object_split(path) else []
     splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
     return [
@@ -63,7 +63,7 @@ def find_object(path: Path) -> list[Candidate]:
 
 
 def find_odometry(path: Path) -> list[Candidate]:
-    """The sequences of an odometry set at a path: the data set's, or the sequence itself."""
+    """Find the sequences of an odometry set at a path: all, or the sequence itself."""
     sequences = [path] if _is_sequence(path) else []
     for root in (path, path / names.SEQUENCES, path / 'dataset' / names.SEQUENCES):
         if not sequences and root.name == names.SEQUENCES:
@@ -75,7 +75,7 @@ def find_odometry(path: Path) -> list[Candidate]:
 
 
 def find_tracking(path: Path) -> list[Candidate]:
-    """The sequences of a tracking set at a path: the root's, or one split's."""
+    """Find the sequences of a tracking set at a path: the root's, or one split's."""
     candidates = []
     for split in (path, *(path / name for name in names.SPLITS)):
         for sequence in _tracking_sequences(split):
@@ -139,10 +139,10 @@ def make_writer(
 
 
 def guess_layout(path: Path) -> Layout:
-    """The one layout a folder fits.
+    """Detect the layout of a folder.
 
     Raises:
-        NotKittiError: There is no such folder, or it fits none.
+        NotKittiError: There is no such folder, or it fits no layout.
         AmbiguousLayoutError: It fits several.
     """
     if not STORE.is_dir(path):
@@ -159,14 +159,14 @@ def guess_layout(path: Path) -> Layout:
 
 
 def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
-    """The recording at a path; lists folders, and reads only time stamps and sequence-wide files.
+    """Open the recording at a path; lists folders, reads time stamps and sequence-wide files only.
 
     Raises:
-        NotKittiError: There is none.
-        AmbiguousLayoutError: The folder fits several layouts and the options name none.
-        AmbiguousSequenceError: It holds several and the options name none.
-        UsageError: The options name one that is not there, or ask for labels of points of another
-            layout than odometry.
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        AmbiguousSequenceError: It contains several recordings and the options choose none.
+        UsageError: The chosen recording does not exist, or the options request labels of points
+            and the layout has none.
     """
     options = options or ReadOptions()
     path = path.resolve() if '..' in path.parts else path.absolute()
@@ -230,7 +230,7 @@ def _is_drive(path: Path) -> bool:
 
 
 def _has_frames(path: Path) -> bool:
-    """Whether images or scans named by six digits lie in a folder's sub-folders."""
+    """Whether the sub-folders contain images or scans named by six digits."""
     folders = [(names.SCANS, names.BIN), *((name, names.PNG) for name in names.OBJECT_IMAGES)]
     return any(
         len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
@@ -268,7 +268,7 @@ def _is_sequence(path: Path) -> bool:
 
 
 def _tracking_sequences(split: Path) -> list[str]:
-    """Names of the sequences of a split: four-digit folders of data, four-digit text files."""
+    """List the sequences of a split: four-digit folders of data, four-digit text files."""
     found: set[str] = set()
     for folder in (names.SCANS, *names.TRACKING_IMAGES):
         found |= {

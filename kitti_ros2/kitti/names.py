@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's folder and file names, each in one place.
+"""KITTI's folder and file names.
 
 Sources: the readme.txt of the raw, object, odometry and tracking devkits.
 """
@@ -57,15 +57,15 @@ LABEL = '.label'
 
 
 def file_name(number: int, digits: int, suffix: str) -> str:
-    """The name of a numbered file, such as 0000000012.png."""
+    """Return the name of a numbered file, such as 0000000012.png."""
     return f'{number:0{digits}d}{suffix}'
 
 
 def parse_drive(name: str) -> tuple[str, int, str]:
-    """Date, number and kind of a raw drive's name.
+    """Parse the name of a raw drive into date, number and kind (sync or extract).
 
     Raises:
-        UsageError: It is none.
+        UsageError: The name is not that of a drive.
     """
     match = RAW_DRIVE.fullmatch(name)
     if match is None:
@@ -74,10 +74,10 @@ def parse_drive(name: str) -> tuple[str, int, str]:
 
 
 def parse_sequence(name: str) -> int:
-    """The number of a sequence's name.
+    """Parse the name of a sequence into its number.
 
     Raises:
-        UsageError: It is none.
+        UsageError: The name is no number of a sequence.
     """
     if not (name.isascii() and name.isdecimal()) or len(name) > SEQUENCE_DIGITS:
         raise UsageError(f'{name} is no sequence; expected a number like 00 or 0000')

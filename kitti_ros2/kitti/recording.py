@@ -66,15 +66,15 @@ class KittiRecording(RecordingIndex):
         return {index: CAMERA_NAMES.get(index, str(index)) for index in present}
 
     def text_paths(self) -> list[Path]:
-        """The text files of the whole recording that are there."""
+        """List the existing text files of the whole recording."""
         return []
 
     def calibration(self, number: int) -> Calibration:
-        """The calibration that holds for a frame; what it lacks is named in it."""
+        """Return the calibration of a frame; absent parts are listed in its missing."""
         raise NotImplementedError
 
     def describe(self) -> Description:
-        """The recording as a whole."""
+        """Describe the recording as a whole."""
         folders = {
             stream.value: {
                 'folder': listing.folder.relative_to(self.root).as_posix(),
@@ -104,7 +104,7 @@ class KittiRecording(RecordingIndex):
 
     @cached_property
     def start(self) -> Start | None:
-        """The first readable pose of the whole recording; see samples.Recording."""
+        """The first readable pose of the whole recording; see model.recording."""
         index = self.streams.get(Stream.POSE)
         failure = ''
         for number in () if index is None else index.numbers.tolist():
@@ -119,7 +119,7 @@ class KittiRecording(RecordingIndex):
         return None
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
-        """The poses of these numbers; those that cannot be read are left out and lost."""
+        """Return the poses of these numbers; unreadable ones are left out and become losses."""
         stamps: list[int] = []
         poses: list[Transform] = []
         index = self.streams.get(Stream.POSE)
@@ -136,7 +136,7 @@ class KittiRecording(RecordingIndex):
         return Trajectory(np.array(stamps, dtype=np.int64), poses)
 
     def read(self, stream: Stream, number: int) -> Sample:
-        """The sample of a stream with a file number; see samples.Recording."""
+        """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
             return self._image(stream, number)
         readers: dict[Stream, Callable[[int], Sample]] = {
@@ -149,7 +149,7 @@ class KittiRecording(RecordingIndex):
         return readers[stream](number)
 
     def trails(self, number: int) -> dict[int, Float64Array]:
-        """Where each of a frame's tracks was up to it; see samples.Recording."""
+        """Return the path of each of a frame's tracks up to it; see model.recording."""
         known = Stream.LABELS in self.streams and Stream.POSE in self.streams
         return self._trails.up_to(number) if known else {}
 
@@ -168,7 +168,7 @@ class KittiRecording(RecordingIndex):
         return Trails(frames, self._world_t_velo)
 
     def _world_t_velo(self, number: int) -> Transform | None:
-        """The scanner's pose at a frame; None without a pose of this number, or a readable one."""
+        """Return the scanner's pose at a frame, None without a readable pose of this number."""
         if number not in self._posed:
             return None
         try:
@@ -199,7 +199,7 @@ class KittiRecording(RecordingIndex):
     def _world(self) -> MercatorWorld:
         """The fixed frame of the poses, at the first readable oxts packet.
 
-        Where that is not the first one, all poses differ, and that is lost.
+        If that is not the first packet, all poses differ, which is reported as a loss.
         """
         failure = ''
         for number in self.streams[Stream.OXTS].numbers.tolist():
@@ -237,7 +237,7 @@ class KittiRecording(RecordingIndex):
         return image
 
     def _find_expected_size(self, stream: Stream) -> tuple[int, int] | None:
-        """The size every image of a camera has: the calibration's, else the first good image's."""
+        """Return the size of a camera's images: the calibration's, else the first valid image's."""
         camera = self.calibration(0).cameras.get(stream.camera or 0)
         if camera is not None and camera.size is not None:
             return camera.size
@@ -251,7 +251,7 @@ class KittiRecording(RecordingIndex):
         return None
 
     def _load_calibration(self, path: Path) -> Calibration:
-        """A single-file calibration; one that cannot be read is empty and names the reason."""
+        """Read a calibration of a single file; an unreadable one is empty, with the reason."""
         files: tuple[TextFile, ...] = ()
         try:
             text = STORE.read_text(path)

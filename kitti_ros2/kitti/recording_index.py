@@ -39,18 +39,18 @@ class RecordingIndex:
 
     @property
     def late_losses(self) -> list[Loss]:
-        """What passes over many samples could not read so far; see samples.Recording."""
+        """Losses of passes over many samples so far; see model.recording."""
         return list(self._late_losses.values())
 
     def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
+        """Return the file that a sample is read from."""
         listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
         return self.root if listing is None else listing.path(number)
 
     def _add(
         self, stream: Stream, numbers: Int64Array, stamps_ns: Int64Array, listing: Listing | None
     ) -> None:
-        """Take a stream into the index, unless it is empty."""
+        """Add a stream to the index, unless it is empty."""
         if listing is not None:
             self._listings[stream] = listing
             if listing.strays:
@@ -64,7 +64,7 @@ class RecordingIndex:
     def _add_stamped(
         self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
     ) -> None:
-        """Take a stream whose stamps stand in a file, line n for file number n."""
+        """Add a stream with the stamps of a file, line n for file number n."""
         have = set(listing.numbers.tolist())
         absent = [number for number in range(len(stamps)) if number not in have]
         self._lose(
@@ -90,7 +90,7 @@ class RecordingIndex:
         self._add(stream, np.array(good, dtype=np.int64), values, listing)
 
     def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
-        """Take a stream without time: by file number, from the epoch, a period of the options."""
+        """Add a stream without time stamps: epoch plus file number times period, of the options."""
         epoch_ns, period_ns = self.options.epoch_ns, self.options.period_ns
         beyond = numbers > (LAST_NS - epoch_ns) // period_ns
         self._lose(
@@ -101,7 +101,7 @@ class RecordingIndex:
 
     @property
     def _nominal_time(self) -> str:
-        """How frames without time stamps are stamped, for notes."""
+        """The stamping of frames without time stamps, for notes."""
         return f'stamps are nominal, {self.options.period_ns / NS_PER_S:g} s a frame from the epoch'
 
     def _add_turns(
@@ -109,7 +109,7 @@ class RecordingIndex:
         starts_ns: Mapping[int, int] | None = None,
         ends_ns: Mapping[int, int] | None = None,
     ) -> None:
-        """Find when each scan was made, and stamp the scans as the options say."""
+        """Compute the turn of each scan, and stamp the scans by the options."""
         index = self.streams.get(Stream.SCAN)
         if index is None:
             return
@@ -121,21 +121,21 @@ class RecordingIndex:
         self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
 
     def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
-        """Name and count frames of a stream that cannot be had; {} in reason is their numbers."""
+        """Report missing frames of a stream; {} in the reason stands for their numbers."""
         if numbers:
             self.losses.append(Loss(stream.value, len(numbers), reason, tuple(numbers)))
 
     def _lose_late(self, stream: Stream, reason: str) -> None:
-        """Name once what a pass over many samples could not read."""
+        """Report once a failure of a pass over many samples."""
         reason = reason.replace('{', '(').replace('}', ')')
         self._late_losses[stream, reason] = Loss(stream.value, 1, reason)
 
     def _lose_lines(self, stream: Stream, reason: str, count: int = 1) -> None:
-        """Name and count what cannot be had and has no frame number."""
+        """Report missing samples without frame numbers."""
         self.losses.append(Loss(stream.value, count, reason.replace('{', '(').replace('}', ')')))
 
     def _find_gaps(self, streams: Iterable[Stream]) -> None:
-        """Name the frames that one of these streams lacks and another has."""
+        """Report the frames that one of these streams has and another has not."""
         present = [stream for stream in streams if stream in self.streams]
         known: set[int] = set()
         for stream in present:
@@ -151,5 +151,5 @@ class RecordingIndex:
 
 
 def _some(names: Sequence[str]) -> str:
-    """A few names of many."""
+    """Format the first few of many names."""
     return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')
