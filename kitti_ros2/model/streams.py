@@ -13,7 +13,7 @@ from enum import Enum
 
 CAMERA_COUNT = 5
 CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
-"""KITTI's cameras by index, as their topics and frames call them."""
+"""KITTI's cameras by index, as in topics and frames."""
 
 
 class Stream(str, Enum):
@@ -52,8 +52,8 @@ FRAME_STREAMS = (
 )
 """The streams whose samples make frames.
 
-Where a file number is the same moment in all streams, every number that one of them has is a frame.
-Elsewhere (a raw extract) the samples of the first stream that has any are the frames.
+If a file number is the same moment in all streams, every number of any of them is a frame.
+Otherwise (a raw extract) the samples of the first stream that has any are the frames.
 """
 
 
@@ -71,14 +71,14 @@ class Clock(str, Enum):
 
 @dataclass(frozen=True)
 class LayoutTraits:
-    """Everything in which the layouts differ, apart from their files: see kitti.layouts.
+    """The differences between layouts, apart from their files (see kitti.layouts).
 
     Attributes:
         title: What a recording of the layout is called in reports.
         default_name: The name of a new recording; {date} (YYYY_MM_DD) and {kind} (sync or extract)
             are filled in.
         streams: The streams that have a place in the layout.
-        cameras: The cameras of the main download; an absent folder of another is no remark.
+        cameras: The cameras of the main download; other folders of images may be absent.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
         stamps_per_stream: Whether each stream has its own stamps, so that any of them may have
             gaps; else a frame has one stamp.
@@ -117,7 +117,7 @@ class LayoutTraits:
 
 
 class Layout(str, Enum):
-    """The four shapes KITTI comes in."""
+    """KITTI's layouts: the ways in which its files are arranged in folders."""
 
     RAW = 'raw'
     OBJECT = 'object'
@@ -126,7 +126,7 @@ class Layout(str, Enum):
 
     @property
     def traits(self) -> LayoutTraits:
-        """How the layout differs from the others."""
+        """The differences from other layouts."""
         return _TRAITS[self]
 
 
