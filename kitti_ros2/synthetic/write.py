@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the synthetic recording to disk, in any of the four layouts."""
+"""Writing of the synthetic recording to disk, in any layout."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ def write_synthetic(
 ) -> Path:
     """Write a synthetic recording.
 
-    Everything is written beside root and moved there when it is complete, so an interrupted run
-    leaves no half recording under its name.
+    Everything is written beside root and moved there when complete, so an interrupted run leaves
+    no incomplete recording under its name.
 
     Args:
-        root: A folder that is not there yet, or is empty.
-        layout: Which of the four layouts.
-        options: What to make.
+        root: A folder that does not exist, or is empty.
+        layout: The layout to write.
+        options: Options of the recording.
         progress: Called with the number of frames done after each frame.
 
     Returns:
         The folder to convert: the drive (raw), else root.
 
     Raises:
-        OutputExistsError: root is taken.
-        OSError: The disk refuses.
+        OutputExistsError: root exists and is not empty.
+        OSError: A file cannot be written.
     """
     root = root.resolve()
     if root.exists() and not (root.is_dir() and not any(root.iterdir())):
@@ -90,7 +90,7 @@ def _write(
 
 
 def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> None:
-    """All samples of a frame that the layout has a place for, but the images."""
+    """Write the samples of a frame that the layout has, without the images."""
     stamps = drive.stamps(frame)
     if frame == 0 or writer.layout.traits.calibration_per_frame:
         writer.write_calibration(frame, drive.calibration)
