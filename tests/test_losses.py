@@ -152,8 +152,8 @@ def test_extract_needs_the_unrectified_camera(drive):
     path.write_text('\n'.join(lines) + '\n')
     calibration = open_recording(extract).calibration(0)
     assert set(calibration.cameras) == {0, 1}
-    assert 'no K of camera 02' in calibration.lacks['P2']
-    assert 'no R, T of camera 03' in calibration.lacks['P3']
+    assert 'no K of camera 02' in calibration.missing['P2']
+    assert 'no R, T of camera 03' in calibration.missing['P3']
 
 
 def test_poses_are_found_from_within_the_set(copy, tmp_path, monkeypatch):
@@ -177,7 +177,7 @@ def test_a_calibration_that_does_not_parse_travels_all_the_same(copy):
     path.write_text('@@@\n' + path.read_text())
     calibration = open_recording(root).calibration(1)
     assert calibration.files[0].text == path.read_text()
-    assert '000001.txt:1: ' in calibration.lacks['file']
+    assert '000001.txt:1: ' in calibration.missing['file']
 
 
 def test_topics_that_match_nothing_are_refused(recordings, tmp_path):
@@ -277,9 +277,9 @@ def test_places_that_are_none_on_earth(drive, tmp_path, column, value):
 
 def test_an_absent_calibration_file_is_named_as_such(drive):
     (drive.parent / 'calib_velo_to_cam.txt').unlink()
-    lacks = open_recording(drive).calibration(0).lacks
-    assert 'calib_velo_to_cam.txt: no such file' in lacks['calib_velo_to_cam.txt']
-    assert len(lacks) == 1
+    missing = open_recording(drive).calibration(0).missing
+    assert 'calib_velo_to_cam.txt: no such file' in missing['calib_velo_to_cam.txt']
+    assert len(missing) == 1
 
 
 def test_calibration_alone_can_be_asked_for(recording_path, tmp_path):

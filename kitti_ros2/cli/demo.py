@@ -50,8 +50,7 @@ def run_demo(
         raise AssertionError('make_settings parses a layout that is given')
     with count_progress('making the street', frames, show=not quiet) as progress:
         source = write_synthetic(recording, kind, options, progress=progress)
-    sequence = {'odometry': '00', 'tracking': '0000'}.get(layout)
-    code = run_to_bag(source, bag, {'layout': layout, 'sequence': sequence}, None, quiet=quiet)
+    code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
     if not quiet:
         print_overview(overlook(bag))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))

@@ -9,7 +9,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..files.staging import keep_all, refuse_inside, staged_file
-from ..model.errors import LackingError, UsageError
+from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.streams import Stream
 from ..options.table import make_view_settings
@@ -49,7 +49,7 @@ class _Tally:
     ) -> Iterator[tuple[int, Pixels]]:
         """The pictures with their frames' numbers; what lacks is counted."""
         for done, each in enumerate(series, 1):
-            for name, reason in each.lacks.items():
+            for name, reason in each.missing.items():
                 self._lacks.setdefault((name.split()[0], reason), []).append(each.number)
             self.kinds |= each.kinds
             if each.picture is not None:
@@ -61,11 +61,11 @@ class _Tally:
         """Refuse to write nothing.
 
         Raises:
-            LackingError: Says why nothing was drawn.
+            MissingDataError: Says why nothing was drawn.
         """
         if not self.drawn:
             losses = self.losses() or (Loss('picture', 0, 'no frames'),)
-            raise LackingError(f'nothing to draw: {losses[-1].text()}')
+            raise MissingDataError(f'nothing to draw: {losses[-1].text()}')
 
     def losses(self) -> tuple[Loss, ...]:
         """What was lacking; what has one reason is one of them."""
@@ -108,7 +108,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
 
     Raises:
         UsageError: The words cannot be meant.
-        LackingError: No picture could be drawn.
+        MissingDataError: No picture could be drawn.
     """
     keep_imports()
     keep_freed_memory()
@@ -210,7 +210,7 @@ def _write(
     """Write the pictures; returns how, for people.
 
     Raises:
-        LackingError: There are none.
+        MissingDataError: There are none.
     """
     refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:

@@ -15,7 +15,7 @@ from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
 from ..messages.source import promise
 from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
-from ..model.errors import KittiRos2Error, LackingError
+from ..model.errors import KittiRos2Error, MissingDataError
 from ..model.losses import format_numbers
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.stamps import NS_PER_S
@@ -296,7 +296,7 @@ def _lacking(sample: Sample) -> list[Failure]:
     if not isinstance(sample, (Calibration, Description, FrameLabels, Scan)):
         return []
     return [
-        Failure((_KINDS[type(sample)].value,), LackingError(reason))
-        for part, reason in sample.lacks.items()
+        Failure((_KINDS[type(sample)].value,), MissingDataError(reason))
+        for part, reason in sample.missing.items()
         if not _CAMERA_PART.fullmatch(part)
     ]

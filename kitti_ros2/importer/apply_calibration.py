@@ -55,7 +55,7 @@ class Rigging:
 
         Raises:
             UsageError: The plan names what is not there.
-            LackingError: Frames that are needed are not joined by static transforms.
+            MissingDataError: Frames that are needed are not joined by static transforms.
             BadFileError: A calibration file cannot be read.
         """
         self._plan = plan
@@ -235,7 +235,7 @@ class Rigging:
         either it stands in the body's origin and looks ahead.
 
         Raises:
-            LackingError: The static transforms do not tell.
+            MissingDataError: The static transforms do not tell.
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._models and self._plan.calibration == TF:

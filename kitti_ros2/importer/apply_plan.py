@@ -41,7 +41,7 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
     """The plan that makes most of bags.
 
     Raises:
-        LackingError: They hold nothing that the layout could begin with.
+        MissingDataError: They hold nothing that the layout could begin with.
         UsageError: The options name no layout.
     """
     if options.layout is None:
@@ -58,10 +58,10 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
 def _label_remarks(plan: Plan) -> tuple[str, ...]:
     """What those who load or evaluate the labels stumble over."""
     if plan.labels is None:
-        if plan.layout is Layout.OBJECT and plan.name == SPLITS[0]:
+        if plan.layout.traits.frame_set and plan.name == SPLITS[0]:
             return ('loaders read label_2 of training frames; without labels say --name testing',)
         return ()
-    if plan.layout not in (Layout.OBJECT, Layout.TRACKING) or plan.labels.topic == LABEL_LINES:
+    if plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES:
         return ()
     remark = (
         f'{plan.labels.topic}: tells no occlusion, so labels say 3, unknown, which evaluations'
@@ -85,7 +85,7 @@ def adapt(plan: Plan, options: ImportOptions) -> Plan:
         plan = replace(plan, name=options.name)
     if options.calib is not None:
         plan = replace(plan, calibration=str(options.calib))
-    if options.append and plan.layout is not Layout.OBJECT:
+    if options.append and not plan.layout.traits.frame_set:
         raise UsageError('--append continues an object set; other layouts have sequences')
     return plan
 
@@ -111,7 +111,7 @@ def convert_by_plan(
     Raises:
         BadBagError: A bag cannot be read.
         UsageError: The plan names what is not there.
-        LackingError: The calibration cannot be had.
+        MissingDataError: The calibration cannot be had.
         OutputExistsError: The folder holds something.
         OutputError: It cannot be written.
     """

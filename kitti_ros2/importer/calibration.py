@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, CameraCalibration
@@ -58,11 +58,11 @@ def make_calibration(
             unrectified camera is then the rectified one, with its K and without distortion.
 
     Raises:
-        LackingError: There is no camera; the tree does not join the frames; a distortion has no
+        MissingDataError: There is no camera; the tree does not join the frames; a distortion has no
             place in KITTI's files.
     """
     if not cameras:
-        raise LackingError(
+        raise MissingDataError(
             'no camera has a CameraInfo, so there is no calibration; set calibration: none in the'
             ' plan, or give --calib'
         )
@@ -173,7 +173,7 @@ def _distorted(
     """K and D as KITTI has them: plumb_bob of five numbers; None where the images need neither.
 
     Raises:
-        LackingError: The images are distorted otherwise.
+        MissingDataError: The images are distorted otherwise.
     """
     # The rational polynomial's denominator is 1 where its last three numbers are 0.
     plain = model.model == _PLUMB_BOB or (
@@ -185,7 +185,7 @@ def _distorted(
         return model.k, d
     if rectified:
         return None, None
-    raise LackingError(
+    raise MissingDataError(
         f'camera {index} is distorted by {model.model} of {len(model.d)} numbers, and KITTI has a'
         f' place for plumb_bob of 5; set rectify: true in the plan'
     )

@@ -13,10 +13,9 @@ from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
-from ..model.errors import BadFileError, LackingError, UsageError
-from ..model.streams import Layout
+from ..model.errors import BadFileError, MissingDataError, UsageError
 from .calibration import make_calibration
-from .plan import NONE, SOURCE, TF, parse_drive
+from .plan import NONE, SOURCE, TF
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from .calibration import CameraModel
     from .plan import Plan
     from .survey import Survey
-
-_RAW = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Calibrations:
 
 def is_extract(plan: Plan) -> bool:
     """Whether the plan's images stay unrectified."""
-    return plan.layout is Layout.RAW and parse_drive(plan.name)[2] == 'extract'
+    return plan.layout.traits.is_extract(plan.name)
 
 
 def make_calibrations(
@@ -68,7 +65,7 @@ def make_calibrations(
 
     Raises:
         UsageError: The plan names none that is there.
-        LackingError: The static transforms, or the files of the bag, lack what is needed.
+        MissingDataError: The static transforms, or the files of the bag, lack what is needed.
         BadFileError: A calibration file cannot be read, or lacks what is needed.
     """
     if plan.calibration == NONE:
@@ -106,7 +103,7 @@ def _from_source(plan: Plan, survey: Survey) -> Calibrations:
     if not survey.calibrations:
         raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
     by_name = {PurePosixPath(file.name).name: file.text for _, file in survey.calibrations}
-    texts = {name: text for name, text in by_name.items() if name in _RAW}
+    texts = {name: text for name, text in by_name.items() if name in names.RAW_CALIB}
     folder = Path(CALIBRATION)
     if texts:
         found = parse_raw_calibration(texts, folder, rectified=not is_extract(plan))
@@ -120,8 +117,8 @@ def _from_source(plan: Plan, survey: Survey) -> Calibrations:
     for value in values:
         lacking = _lacking(value, plan)
         if lacking:
-            raise LackingError(f'{lacking}; set calibration of the plan, or give --calib')
-    if len(values) == 1 or plan.layout is Layout.OBJECT:
+            raise MissingDataError(f'{lacking}; set calibration of the plan, or give --calib')
+    if len(values) == 1 or plan.layout.traits.calibration_per_frame:
         return Calibrations(stamps, values)
     note = (
         f'the calibration changes {len(values) - 1} times within the recording;'
@@ -138,7 +135,11 @@ def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]
 
 def _from_path(path: Path, plan: Plan) -> Calibration:
     if STORE.is_dir(path):
-        texts = {name: STORE.read_text(path / name) for name in _RAW if STORE.is_file(path / name)}
+        texts = {
+            name: STORE.read_text(path / name)
+            for name in names.RAW_CALIB
+            if STORE.is_file(path / name)
+        }
         found = parse_raw_calibration(texts, path, rectified=not is_extract(plan))
     else:
         found = parse_calibration(STORE.read_text(path), path, path.name)
@@ -152,4 +153,4 @@ def _lacking(calibration: Calibration, plan: Plan) -> str:
     """The first part that a plan's streams need and a calibration lacks."""
     needed = [f'P{index}' for index in plan.cameras]
     needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
-    return next((calibration.lacks[part] for part in needed if part in calibration.lacks), '')
+    return next((calibration.missing[part] for part in needed if part in calibration.missing), '')

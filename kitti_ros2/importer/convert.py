@@ -14,16 +14,12 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..files.workers import ordered_map, worker_count
-from ..kitti.write_object import ObjectWriter
-from ..kitti.write_odometry import OdometryWriter
-from ..kitti.write_raw import RawWriter
-from ..kitti.write_tracking import TrackingWriter
+from ..kitti.layouts import WriteOptions, make_writer
 from ..model.errors import KittiRos2Error
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from .apply_calibration import Rigging
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
-from .plan import Plan, parse_drive, parse_sequence
 from .poses import read_track, write_poses
 from .report import ImportReport, LossTally, damage, unread
 from .sync import NONE
@@ -35,6 +31,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagMessages
     from ..kitti.writer import LayoutWriter
     from ..options.importing import ImportOptions
+    from .plan import Plan
     from .pose_track import PoseTrack
     from .survey import Survey
 
@@ -82,14 +79,15 @@ def build(
         progress: Called with the samples and the bytes written so far.
 
     Raises:
-        BadBagError, UsageError, LackingError: As planned.convert_by_plan.
+        BadBagError, UsageError, MissingDataError: As planned.convert_by_plan.
         OSError: A file cannot be written.
     """
     losses = LossTally()
     track = read_track(paths, plan, survey, losses)
     frames = choose_frames(plan, survey, track)
     rigging = Rigging(plan, survey)
-    with _make_writer(plan, stage, options) as writer:
+    written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
+    with make_writer(plan.layout, stage, plan.name, written) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
         with open_messages(paths, builder.topics) as messages:
@@ -104,20 +102,6 @@ def build(
     damaged += unread(survey, plan, named)
     report = builder.report(stage, damaged)
     return replace(report, notes=(*survey.notes, *report.notes))
-
-
-def _make_writer(plan: Plan, stage: Path, options: ImportOptions) -> LayoutWriter:
-    if plan.layout is Layout.OBJECT:
-        return ObjectWriter(
-            stage,
-            plan.name,
-            label_decimals=_LABEL_DECIMALS,
-            train_fraction=options.train_fraction,
-        )
-    if plan.layout is Layout.RAW:
-        return RawWriter(stage, *parse_drive(plan.name))
-    kind = OdometryWriter if plan.layout is Layout.ODOMETRY else TrackingWriter
-    return kind(stage, parse_sequence(plan.name))
 
 
 def _do(job: _Job) -> _Done:
@@ -166,7 +150,7 @@ class _Builder:
     def write_calibration(self) -> None:
         """The calibration of every frame, or of all."""
         stamps_ns = self._frames.stamps_ns.tolist()
-        if self._plan.layout is not Layout.OBJECT:
+        if not self._plan.layout.traits.calibration_per_frame:
             del stamps_ns[1:]
         for number, stamp_ns in enumerate(stamps_ns):
             calibration = self._rigging.calibrations.at(stamp_ns)
@@ -227,7 +211,7 @@ class _Builder:
 
     def _stamp_ns(self, topic: str, number: int, place: int) -> int:
         """A sample's own stamp where the layout has one for it, else the frame's."""
-        if self._plan.layout is Layout.RAW:
+        if self._plan.layout.traits.stamps_per_stream:
             return int(self._frames.stamps[topic][place])
         return int(self._frames.stamps_ns[number - self._first])
 
@@ -260,9 +244,8 @@ class _Builder:
 
     def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
         """A frame that lacks a sample it should have is named in no list of frames."""
-        if isinstance(self._writer, ObjectWriter):
-            for number in numbers:
-                self._writer.leave_out(number)
+        for number in numbers:
+            self._writer.leave_out(number)
 
     def write_poses(self, track: PoseTrack) -> None:
         """The poses of the frames."""

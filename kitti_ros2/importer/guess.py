@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.clouds import guess_intensity_scale
-from ..model.errors import LackingError, UsageError
+from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import CAMERA_NAMES, Layout, Stream
@@ -38,7 +38,6 @@ _IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'i
 _COMPRESSED = '/compressed'
 _BODIES = ('base_link', 'base_footprint')
 _PLUMB_BOB = frozenset({'plumb_bob', ''})
-_NAMES = {Layout.OBJECT: 'training', Layout.ODOMETRY: '00', Layout.TRACKING: '0000'}
 _DEFAULT_TOLERANCE_S = 0.05
 _SHOWN = 8
 
@@ -62,28 +61,28 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     """The plan that makes most of a bag.
 
     Raises:
-        LackingError: It has nothing that the layout could begin with.
+        MissingDataError: It has nothing that the layout could begin with.
     """
-    guesser = _Guesser(survey, layout)
+    guesser, traits = _Guesser(survey, layout), layout.traits
     scan, cameras = guesser.scan(), guesser.cameras()
-    pose = guesser.pose() if layout is Layout.ODOMETRY else None
+    pose = guesser.pose() if Stream.POSE in traits.streams else None
     if scan is None and not cameras and pose is None:
-        raise LackingError(f'{path}: {_nothing(survey, layout)}')
+        raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
     reference, topic = _reference(scan, cameras, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
-    ego = guesser.ego() if layout in (Layout.RAW, Layout.TRACKING) else {}
+    ego = guesser.ego() if Stream.OXTS in traits.streams else {}
     imu_frame = guesser.imu_frame(scan)
     plan = Plan(
         layout=layout,
         name=_name(layout, int(stamps[0]), extract=guesser.distorted(cameras)),
         reference=reference,
         tolerance_s=tolerance,
-        incomplete=Incomplete.KEEP if layout is Layout.RAW else Incomplete.DROP,
+        incomplete=Incomplete.KEEP if traits.stamps_per_stream else Incomplete.DROP,
         scan=scan,
         cameras=cameras,
         pose=pose,
-        labels=None if layout is Layout.ODOMETRY else guesser.labels(cameras),
+        labels=guesser.labels(cameras) if Stream.LABELS in traits.streams else None,
         imu_frame=imu_frame,
         calibration=guesser.calibration(cameras),
         **ego,
@@ -148,7 +147,7 @@ class _Guesser:
         k, r, p = message.k.reshape(3, 3), message.r.reshape(3, 3), message.p.reshape(3, 4)
         if not needs_rectifying(k, message.d, r, p):
             return False
-        if self._layout is not Layout.RAW:
+        if not self._layout.traits.extracts:
             return True
         plain = message.distortion_model in _PLUMB_BOB and len(message.d) <= 5
         return not plain
@@ -260,7 +259,7 @@ def _nothing(survey: Survey, layout: Layout) -> str:
     if not there:
         return f'the bag has no message{reason}'
     needed = 'no point cloud and no image'
-    if layout is Layout.ODOMETRY:
+    if Stream.POSE in layout.traits.streams:
         needed += ', and no poses either'
     more = f' and {len(there) - _SHOWN} more' if len(there) > _SHOWN else ''
     return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}{reason}'
@@ -269,11 +268,11 @@ def _nothing(survey: Survey, layout: Layout) -> str:
 def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
     """The topics of types that a layout takes of which no message can be read."""
     wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
-    if layout is Layout.ODOMETRY:
+    if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
-    else:
+    if Stream.LABELS in layout.traits.streams:
         wanted |= {types.DETECTIONS, types.MARKERS}
-    if layout in (Layout.RAW, Layout.TRACKING):
+    if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (each for each in survey.left_out if each.msgtype in wanted and each.messages)
     return (
@@ -368,7 +367,5 @@ def _reference(
 
 
 def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
-    if layout is not Layout.RAW:
-        return _NAMES[layout]
     date = format_stamp(first_ns)[: len('2011-09-26')].replace('-', '_')
-    return f'{date}_drive_0001_{"extract" if extract else "sync"}'
+    return layout.traits.default_name.format(date=date, kind='extract' if extract else 'sync')

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from .frames import topic_of
 from .oxts import has_fix, has_orientation, make_packet
 
@@ -78,7 +78,7 @@ class PacketMaker:
         self._wanted: list[set[tuple[str, int]] | None] = [
             None if None in parts else set().union(*parts) for parts in zip(*wanted, strict=True)
         ]
-        self._gapless = plan.layout is Layout.TRACKING
+        self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
         self._pending: dict[int, _Pending] = {}
         self._frames_of: dict[tuple[str, int], list[int]] = {}

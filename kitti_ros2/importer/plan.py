@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import yaml
 
-from ..kitti.names import RAW_DRIVE, SEQUENCE_DIGITS
 from ..model.errors import UsageError
 from ..model.streams import Layout
 from ..model.text import one_line
@@ -131,29 +130,6 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
-
-
-def parse_drive(name: str) -> tuple[str, int, str]:
-    """Date, number and kind of a raw drive's name.
-
-    Raises:
-        UsageError: It is none.
-    """
-    match = RAW_DRIVE.fullmatch(name)
-    if match is None:
-        raise UsageError(f'{name} is no drive; expected a name like 2011_09_26_drive_0001_sync')
-    return name[: len('2011_09_26')], int(match[1]), match[2]
-
-
-def parse_sequence(name: str) -> int:
-    """The number of a sequence's name.
-
-    Raises:
-        UsageError: It is none.
-    """
-    if not (name.isascii() and name.isdecimal()) or len(name) > SEQUENCE_DIGITS:
-        raise UsageError(f'{name} is no sequence; expected a number like 00 or 0000')
-    return int(name)
 
 
 def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The disk side: KITTI's files and layouts, read and written with numpy alone."""
+"""Reading and writing of KITTI's files and layouts, with numpy alone."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The journal of an append to an object set: how the set was before, until the append is complete.
+"""The journal of an append to an object set; with it an incomplete append is undone.
 
 While frames are appended, the set holds the folder ``.to-kitti-append``:
 
@@ -9,7 +9,7 @@ entry               content
 ==================  ================================================================================
 ``content/``        the new files that are not moved yet, at the paths that they get in the set
 ``before/``         the lists of frames (ImageSets) that are continued, as they were
-``journal.json``    present while files are moved: whoever finds it undoes the append
+``journal.json``    present while files are moved; the next reader or writer undoes the append
 ``committed.json``  the same content, once every file is in its place
 ==================  ================================================================================
 
@@ -41,7 +41,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class AppendJournal:
-    """What an append adds to a set; all paths are relative to the set's folder.
+    """The files that an append adds to a set; all paths are relative to the set's folder.
 
     Attributes:
         split: training or testing.
@@ -58,13 +58,13 @@ class AppendJournal:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """The numbers of the frames, ascending."""
+        """Return the numbers of the frames, ascending."""
         stems = {path.stem for path in self.files if path.parts[0] == self.split}
         return tuple(sorted(int(stem) for stem in stems if stem.isdecimal()))
 
 
 def format_journal(journal: AppendJournal) -> str:
-    """The text of a journal; the inverse of parse_journal."""
+    """Format a journal; the inverse of parse_journal."""
     paths = {
         name: [str(path) for path in getattr(journal, name)]
         for name in ('files', 'lists', 'folders')
@@ -73,10 +73,10 @@ def format_journal(journal: AppendJournal) -> str:
 
 
 def parse_journal(text: str, path: Path | str) -> AppendJournal:
-    """The journal of a text.
+    """Parse a journal.
 
     Raises:
-        BadFileError: It is no journal, or names something that an append does not write.
+        BadFileError: The text is no journal, or contains a path that an append does not write.
     """
     try:
         return _parse_values(json.loads(text))
@@ -99,10 +99,10 @@ def _parse_values(values: Any) -> AppendJournal:  # noqa: ANN401 - of JSON
 
 
 def find_journal(root: Path) -> AppendJournal | None:
-    """The journal of an append to a set that is not complete, None where there is none.
+    """Find the journal of an incomplete append to a set, None without one.
 
     Raises:
-        BadFileError: It cannot be understood.
+        BadFileError: The journal is invalid.
         OSError: It cannot be read.
     """
     path = root / FOLDER / JOURNAL
@@ -114,7 +114,7 @@ def find_journal(root: Path) -> AppendJournal | None:
 
 
 def _path(item: Any, *tops: str) -> PurePosixPath:  # noqa: ANN401 - of JSON
-    """A path below one of some folders of the set: undoing must not reach anything else."""
+    """Parse a path; it must be below one of the folders, as undoing deletes files there."""
     path = PurePosixPath(item)
     if path.parts[:1] not in [(top,) for top in tops] or '..' in path.parts:
         raise ValueError(f'path {item!r}')

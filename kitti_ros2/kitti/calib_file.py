@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration files in all of KITTI's dialects, to and from samples.Calibration.
 
-- object, tracking, and what other data sets write in their shape: P0..P3, R0_rect (tracking
+- object, tracking, and other data sets in the same format: P0..P3, R0_rect (tracking
   R_rect), Tr_velo_to_cam (Tr_velo_cam), Tr_imu_to_velo (Tr_imu_velo).
 - odometry: P0..P3 and Tr, velo_link to the *rectified* camera 0.
-- Waymo in KITTI's shape: P0..P4 and Tr_velo_to_cam_0..4, each camera on its own.
+- Waymo in KITTI's format: P0..P4 and Tr_velo_to_cam_0..4, independent cameras.
 - raw: calib_cam_to_cam, calib_velo_to_cam, calib_imu_to_velo, with the unrectified cameras too.
 
 Sources: readme.txt of the four devkits; mmdetection3d's Waymo converter for the Waymo keys.
@@ -38,25 +38,25 @@ _KITTI_CAMERAS = 4
 
 
 class _Parts:
-    """Reads parts of calibration tables; what is bad or absent is noted, not fatal."""
+    """Reads parts of calibration tables; an invalid or absent part is recorded, not fatal."""
 
     def __init__(self) -> None:
-        self.lacks: dict[str, str] = {}
+        self.missing: dict[str, str] = {}
 
     def read(self, part: str, parse: Callable[[], T | None], absent: str) -> T | None:
-        """What parse returns; on a bad file or None the reason goes to lacks."""
+        """Return the result of parse; on a bad file or None the reason goes to missing."""
         try:
             value = parse()
         except BadFileError as error:
-            self.lacks[part] = str(error)
+            self.missing[part] = str(error)
             return None
         if value is None:
-            self.lacks[part] = absent
+            self.missing[part] = absent
         return value
 
 
 def parse_calibration(text: str, path: Path, name: str) -> Calibration:
-    """The calibration of a single-file dialect (object, tracking, odometry, Waymo).
+    """Parse a calibration of a single file (object, tracking, odometry, Waymo).
 
     Args:
         text: The file's content.
@@ -64,7 +64,8 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
         name: The file's name relative to the recording's root.
 
     Raises:
-        BadFileError: A line without a key, or an empty file; a bad number only costs its part.
+        BadFileError: A line has no key, or the file is empty; an invalid number only makes its part
+            missing.
     """
     table = CalibTable.parse(text, path)
     parts = _Parts()
@@ -88,7 +89,7 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
         cam0_T_velo=cam0_t_velo,
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         nominal=tuple(part for part, value in nominal.items() if value is None),
-        lacks={part: reason for part, reason in parts.lacks.items() if reason},
+        missing={part: reason for part, reason in parts.missing.items() if reason},
         files=(TextFile(name, text),),
     )
 
@@ -99,55 +100,65 @@ def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
     return None if p_rect is None else CameraCalibration(p_rect, cam_T_velo=own)
 
 
+class _RawParts(_Parts):
+    """Reads parts of the three raw files, by file name."""
+
+    def __init__(self, texts: Mapping[str, str], folder: Path) -> None:
+        super().__init__()
+        self._texts = texts
+        self._folder = folder
+
+    def table(self, name: str) -> CalibTable:
+        """Parse a file; an absent or invalid one has no keys."""
+        path = self._folder / name
+        absent = f'{path}: no such file; it comes with the calibration of the date'
+        if name not in self._texts:
+            self.missing[name] = absent
+            return CalibTable(path, {})
+        parsed = self.read(name, partial(CalibTable.parse, self._texts[name], path), absent)
+        return parsed or CalibTable(path, {})
+
+    def extrinsics(self, name: str) -> Transform | None:
+        """Read the transform of a file."""
+        read = partial(self.table(name).transform_parts, 'R', 'T')
+        return self.read(name, read, self.missing.get(name, f'{self._folder / name}: no R and T'))
+
+
 def parse_raw_calibration(
     texts: Mapping[str, str], folder: Path, *, rectified: bool
 ) -> Calibration:
-    """The calibration of a raw date folder; what is absent or bad is named in lacks.
+    """Parse the calibration of a raw date folder; absent or invalid parts are listed in missing.
 
     Args:
-        texts: File name to content, for the files that are there.
+        texts: File name to content, for the files that exist.
         folder: Where they are, for the errors.
         rectified: False for extract drives.
     """
-    parts = _Parts()
-
-    def table(name: str) -> CalibTable:
-        absent = f'{folder / name}: no such file; it comes with the calibration of the date'
-        if name not in texts:
-            parts.lacks[name] = absent
-            return CalibTable(folder / name, {})
-        parsed = parts.read(name, partial(CalibTable.parse, texts[name], folder / name), absent)
-        return parsed or CalibTable(folder / name, {})
-
-    def extrinsics(name: str) -> Transform | None:
-        entries = table(name)
-        read = partial(entries.transform_parts, 'R', 'T')
-        return parts.read(name, read, parts.lacks.get(name, f'{folder / name}: no R and T'))
-
-    cam_to_cam = table(names.CALIB_CAM_TO_CAM)
+    parts = _RawParts(texts, folder)
+    cam_to_cam = parts.table(names.CALIB_CAM_TO_CAM)
     cameras = {}
     for index in range(len(names.RAW_IMAGES)):
         read = partial(_parse_raw_camera, cam_to_cam, index, rectified=rectified)
-        absent = parts.lacks.get(
+        absent = parts.missing.get(
             names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no P_rect_{index:02d}'
         )
         camera = parts.read(f'P{index}', read, absent)
         if camera is not None:
             cameras[index] = camera
-    velo_t_imu = extrinsics(names.CALIB_IMU_TO_VELO)
+    velo_t_imu = parts.extrinsics(names.CALIB_IMU_TO_VELO)
     rotation = partial(cam_to_cam.rotation, 'R_rect_00')
     return Calibration(
         cameras,
         r0_rect=parts.read(
             'R0_rect',
             rotation,
-            parts.lacks.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
+            parts.missing.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
         ),
-        cam0_T_velo=extrinsics(names.CALIB_VELO_TO_CAM),
+        cam0_T_velo=parts.extrinsics(names.CALIB_VELO_TO_CAM),
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         rectified=rectified,
         nominal=() if velo_t_imu else ('velo_T_imu',),
-        lacks=parts.lacks,
+        missing=parts.missing,
         files=tuple(TextFile(name, text) for name, text in texts.items()),
     )
 
@@ -178,9 +189,9 @@ def _parse_raw_camera(
 
 
 def format_object(calibration: Calibration) -> str:
-    """The text of an object calib file: its seven lines in KITTI's order, then an empty one.
+    """Format an object calib file: its seven lines in KITTI's order, then an empty one.
 
-    Loaders read by line number, so a camera that is absent gets camera 0's projection.
+    Loaders read by line number, so an absent camera gets the projection of camera 0.
 
     Raises:
         ValueError: The calibration has no camera or no cam0_T_velo.
@@ -189,21 +200,21 @@ def format_object(calibration: Calibration) -> str:
 
 
 def format_tracking(calibration: Calibration) -> str:
-    """The text of a tracking calib file, whose last three keys have no colon."""
+    """Format a tracking calib file, whose last three keys have no colon."""
     return _format_lines(calibration, ('R_rect', 'Tr_velo_cam', 'Tr_imu_velo'))
 
 
 def format_odometry(calibration: Calibration) -> str:
-    """The text of an odometry calib.txt: P0..P3 and Tr, velo_link to the rectified camera 0."""
+    """Format an odometry calib.txt: P0..P3 and Tr, velo_link to the rectified camera 0."""
     r0_rect, cam0_t_velo, _ = _extrinsics(calibration)
     tr = Transform(r0_rect, np.zeros(3)) @ cam0_t_velo
     return _format_projections(calibration) + f'Tr: {_numbers(tr.matrix()[:3])}\n'
 
 
 def format_raw(calibration: Calibration) -> dict[str, str]:
-    """File name to text of the three raw calibration files.
+    """Format the three raw calibration files: file name to text.
 
-    Loaders read all four cameras, so one that is absent gets the numbers of the first.
+    Loaders read all four cameras, so an absent one gets the numbers of the first.
 
     Raises:
         ValueError: The calibration has no camera or no cam0_T_velo.
@@ -245,7 +256,7 @@ def _format_projections(calibration: Calibration) -> str:
 
 
 def _four_cameras(calibration: Calibration) -> list[CameraCalibration]:
-    """KITTI's four, the first one in place of those that are absent."""
+    """Return KITTI's four cameras, with the first one in place of absent ones."""
     if not calibration.cameras:
         raise ValueError('a calibration file needs at least one camera')
     first = calibration.cameras[min(calibration.cameras)]

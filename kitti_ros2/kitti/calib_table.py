@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The form all of KITTI's calibration files share: a key, then numbers or words, a line each.
+"""The common format of KITTI's calibration files: lines of a key, then numbers or words.
 
 ``P0: 7.2e+02 ...``, in tracking partly without the colon (``R_rect 9.9e-01 ...``). Some values are
-words (``calib_time: 09-Jan-2012 13:57:47``); numbers are only read when they are asked for.
+words (``calib_time: 09-Jan-2012 13:57:47``); numbers are only parsed on request.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LINE = re.compile(r'(?P<key>[A-Za-z]\w*)(?::|\s)\s*(?P<value>.*)')
 
 @dataclass(frozen=True)
 class CalibTable:
-    """The keys of one calibration file, with the line each stands in."""
+    """The keys of one calibration file, with their line numbers."""
 
     path: Path
     entries: Mapping[str, tuple[int, str]]
@@ -39,7 +39,7 @@ class CalibTable:
         """Split a file's text by key.
 
         Raises:
-            BadFileError: A line that has no key, or a file without any.
+            BadFileError: A line has no key, or the file has no line.
         """
         entries: dict[str, tuple[int, str]] = {}
         for number, line in enumerate(text.splitlines(), 1):
@@ -56,7 +56,7 @@ class CalibTable:
         return cls(path, entries)
 
     def numbers(self, count: int, *keys: str) -> Float64Array | None:
-        """The numbers of the first of keys that is there, None where none is.
+        """Return the numbers of the first of keys that exists, None without any.
 
         Raises:
             BadFileError: Their count is not count, or one is no finite number.
@@ -73,7 +73,7 @@ class CalibTable:
         return None
 
     def projection(self, *keys: str) -> Float64Array | None:
-        """A (3, 4) projection whose left (3, 3) can be inverted, None where it is not there.
+        """Return a (3, 4) projection whose left (3, 3) is invertible, None without the key.
 
         Raises:
             BadFileError: As numbers, or the matrix is singular.
@@ -90,7 +90,7 @@ class CalibTable:
         return matrix
 
     def rotation(self, *keys: str) -> Float64Array | None:
-        """A (3, 3) rotation, None where it is not there.
+        """Return a (3, 3) rotation, None without the key.
 
         Raises:
             BadFileError: As numbers, or the matrix is no rotation to 1e-3.
@@ -99,7 +99,7 @@ class CalibTable:
         return None if values is None else self._checked_rotation(values.reshape(3, 3), keys)
 
     def transform(self, *keys: str) -> Transform | None:
-        """The transform of a (3, 4) matrix [R | t], None where it is not there.
+        """Return the transform of a (3, 4) matrix [R | t], None without the key.
 
         Raises:
             BadFileError: As numbers, or R is no rotation to 1e-3.
@@ -111,7 +111,7 @@ class CalibTable:
         return Transform(self._checked_rotation(matrix[:, :3].copy(), keys), matrix[:, 3].copy())
 
     def transform_parts(self, rotation_key: str, translation_key: str) -> Transform | None:
-        """The transform of a rotation and a translation under two keys."""
+        """Return the transform of a rotation and a translation under two keys."""
         rotation = self.rotation(rotation_key)
         translation = self.numbers(3, translation_key)
         if rotation is None or translation is None:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
 EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
-"""What an empty object file can be given, for loaders that fail on a file without lines."""
+"""A line for empty object files, for loaders that fail on a file without lines."""
 
 _OBJECT_COLUMNS = 15
 _TRACKING_COLUMNS = 17
@@ -43,7 +43,7 @@ _TRACKS = 2**31  # ids of markers are int32
 
 
 def parse_labels(text: str, path: Path | str) -> Lines[Box]:
-    """Boxes by line of a label file; a bad line costs itself, its error names path and line.
+    """Parse the boxes of a label file by line; an invalid line becomes an error with path and line.
 
     Object and tracking lines are told apart by their number of columns.
     """
@@ -51,10 +51,10 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
 
 
 def parse_boxes(text: str, path: Path | str) -> list[Box]:
-    """All boxes of a label file.
+    """Parse all boxes of a label file.
 
     Raises:
-        BadFileError: Names the first line that is no label.
+        BadFileError: A line is no label; the error contains the first one.
     """
     lines = parse_labels(text, path)
     for error in lines.errors.values():
@@ -65,7 +65,7 @@ def parse_boxes(text: str, path: Path | str) -> list[Box]:
 def frame_labels(
     lines: Lines[Box], source: TextFile, path: Path, rows: Sequence[int] | None = None
 ) -> FrameLabels:
-    """The labels of a frame from the lines of its file, or from some of them.
+    """Return the labels of a frame from the lines of its file, or from some of them.
 
     Args:
         lines: Of the whole file.
@@ -75,20 +75,20 @@ def frame_labels(
     """
     chosen = range(len(lines)) if rows is None else rows
     boxes = [lines.values[row] if row < len(lines) else None for row in chosen]
-    lacks = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
+    missing = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
     for row, box in zip(chosen, boxes, strict=True):
         if box is not None and is_absurd(box):
             found = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
             error = BadFileError(path, found, 'positive sizes', line=row + 1)
-            lacks[str(row)] = f'{error}; it gets no marker and no 3D detection'
-    return FrameLabels(boxes=boxes, source=source, lacks=lacks)
+            missing[str(row)] = f'{error}; it gets no marker and no 3D detection'
+    return FrameLabels(boxes=boxes, source=source, missing=missing)
 
 
 def parse_box(line: str) -> Box:
-    """The box of one line.
+    """Parse the box of one line.
 
     Raises:
-        ValueError: Says what was found instead.
+        ValueError: The line is no label; the message contains what was found instead.
     """
     words = line.split()
     frame: int | None = None
@@ -118,17 +118,17 @@ def parse_box(line: str) -> Box:
 
 
 def format_object_labels(boxes: Iterable[Box], decimals: int = 2) -> str:
-    """The text of an object label file; frame and track id are left out."""
+    """Format an object label file; frame and track id are left out."""
     return ''.join(f'{format_object_box(box, decimals)}\n' for box in boxes)
 
 
 def format_tracking_labels(boxes: Iterable[Box]) -> str:
-    """The text of a tracking label file, or of the part of it that these boxes make."""
+    """Format a tracking label file, or a part of it."""
     return ''.join(f'{format_tracking_box(box)}\n' for box in boxes)
 
 
 def format_object_box(box: Box, decimals: int = 2) -> str:
-    """The line of a box in an object file, without its end; the inverse of parse_box."""
+    """Format the line of a box in an object file, without its end; the inverse of parse_box."""
     care = decimals if box.kind != DONT_CARE else 0
     columns = [
         box.kind,
@@ -144,7 +144,7 @@ def format_object_box(box: Box, decimals: int = 2) -> str:
 
 
 def format_tracking_box(box: Box) -> str:
-    """The line of a box in a tracking file, without its end; the inverse of parse_box.
+    """Format the line of a box in a tracking file, without its end; the inverse of parse_box.
 
     Raises:
         ValueError: The box has no frame or no track id.
@@ -164,7 +164,7 @@ def format_tracking_box(box: Box) -> str:
 
 
 def _parse_integer(word: str) -> int:
-    """An integer, which some writers give a decimal point (0.0)."""
+    """Parse an integer, which some writers give a decimal point (0.0)."""
     (value,) = parse_numbers([word], 1)
     if not value.is_integer():
         raise ValueError(f'{word!r} is no whole number')

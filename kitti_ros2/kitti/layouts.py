@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which layout a folder has, and the recording in it."""
+"""The reader and the writer of each layout; detects the layout of a folder and opens it.
+
+What else differs between layouts is in LayoutTraits.
+"""
 
 from __future__ import annotations
 
@@ -16,24 +19,29 @@ from .odometry import OdometryRecording
 from .raw import RawRecording
 from .store import STORE
 from .tracking import TrackingRecording
+from .write_object import ObjectWriter
+from .write_odometry import OdometryWriter
+from .write_raw import RawWriter
+from .write_tracking import TrackingWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from .recording import KittiRecording
+    from .writer import LayoutWriter
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recording that a folder holds: its name for --sequence, and how to open it."""
+    """A recording found in a folder: its name for --sequence, and a function that opens it."""
 
     name: str
     open: Callable[[ReadOptions], KittiRecording]
 
 
 def find_raw(path: Path) -> list[Candidate]:
-    """The drives at a path: a drive itself, those of a date, or those of all dates."""
+    """Find the drives at a path: a drive itself, those of a date, or those of all dates."""
     drives = [path] if _is_drive(path) else _subfolders(path, _is_drive)
     if not drives:
         for date in _subfolders(path, lambda folder: bool(names.RAW_DATE.fullmatch(folder.name))):
@@ -45,7 +53,7 @@ def find_raw(path: Path) -> list[Candidate]:
 
 
 def find_object(path: Path) -> list[Candidate]:
-    """The splits of an object set at a path: the root's, or the split itself."""
+    """Find the splits of an object set at a path: the root's, or the split itself."""
     splits = [path] if _is_object_split(path) else []
     splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
     return [
@@ -55,7 +63,7 @@ def find_object(path: Path) -> list[Candidate]:
 
 
 def find_odometry(path: Path) -> list[Candidate]:
-    """The sequences of an odometry set at a path: the data set's, or the sequence itself."""
+    """Find the sequences of an odometry set at a path: all, or the sequence itself."""
     sequences = [path] if _is_sequence(path) else []
     for root in (path, path / names.SEQUENCES, path / 'dataset' / names.SEQUENCES):
         if not sequences and root.name == names.SEQUENCES:
@@ -67,7 +75,7 @@ def find_odometry(path: Path) -> list[Candidate]:
 
 
 def find_tracking(path: Path) -> list[Candidate]:
-    """The sequences of a tracking set at a path: the root's, or one split's."""
+    """Find the sequences of a tracking set at a path: the root's, or one split's."""
     candidates = []
     for split in (path, *(path / name for name in names.SPLITS)):
         for sequence in _tracking_sequences(split):
@@ -82,25 +90,65 @@ def find_tracking(path: Path) -> list[Candidate]:
     return candidates
 
 
-LAYOUTS: dict[Layout, Callable[[Path], list[Candidate]]] = {
-    Layout.RAW: find_raw,
-    Layout.OBJECT: find_object,
-    Layout.ODOMETRY: find_odometry,
-    Layout.TRACKING: find_tracking,
+@dataclass(frozen=True)
+class WriteOptions:
+    """How object sets are written: see ObjectWriter."""
+
+    label_decimals: int = 2
+    train_fraction: float = 0.5
+
+
+@dataclass(frozen=True)
+class LayoutFiles:
+    """The reader and the writer of a layout.
+
+    Attributes:
+        find: Lists the recordings at a path.
+        write: Makes a writer below a root folder for a recording of a name.
+    """
+
+    find: Callable[[Path], list[Candidate]]
+    write: Callable[[Path, str, WriteOptions], LayoutWriter]
+
+
+LAYOUTS = {
+    Layout.RAW: LayoutFiles(
+        find_raw, lambda root, name, _: RawWriter(root, *names.parse_drive(name))
+    ),
+    Layout.OBJECT: LayoutFiles(
+        find_object, lambda root, name, options: ObjectWriter(root, name, **vars(options))
+    ),
+    Layout.ODOMETRY: LayoutFiles(
+        find_odometry, lambda root, name, _: OdometryWriter(root, names.parse_sequence(name))
+    ),
+    Layout.TRACKING: LayoutFiles(
+        find_tracking, lambda root, name, _: TrackingWriter(root, names.parse_sequence(name))
+    ),
 }
 
 
-def guess_layout(path: Path) -> Layout:
-    """The one layout a folder fits.
+def make_writer(
+    layout: Layout, root: Path, name: str, options: WriteOptions | None = None
+) -> LayoutWriter:
+    """Make the writer of a layout, for a recording of a name.
 
     Raises:
-        NotKittiError: There is no such folder, or it fits none.
+        UsageError: The layout has no such name.
+    """
+    return LAYOUTS[layout].write(root, name, options or WriteOptions())
+
+
+def guess_layout(path: Path) -> Layout:
+    """Detect the layout of a folder.
+
+    Raises:
+        NotKittiError: There is no such folder, or it fits no layout.
         AmbiguousLayoutError: It fits several.
     """
     if not STORE.is_dir(path):
         found = 'is a file' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value for layout in LAYOUTS])
-    fits = [layout for layout, find in LAYOUTS.items() if find(path)]
+    fits = [layout for layout, files in LAYOUTS.items() if files.find(path)]
     if not fits:
         entries = STORE.names(path)
         found = f'holds {", ".join(entries[:4])}' if entries else 'the folder is empty'
@@ -111,24 +159,24 @@ def guess_layout(path: Path) -> Layout:
 
 
 def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
-    """The recording at a path; lists folders, and reads only time stamps and sequence-wide files.
+    """Open the recording at a path; lists folders, reads time stamps and sequence-wide files only.
 
     Raises:
-        NotKittiError: There is none.
-        AmbiguousLayoutError: The folder fits several layouts and the options name none.
-        AmbiguousSequenceError: It holds several and the options name none.
-        UsageError: The options name one that is not there, or ask for labels of points of another
-            layout than odometry.
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        AmbiguousSequenceError: It contains several recordings and the options choose none.
+        UsageError: The chosen recording does not exist, or the options request labels of points
+            and the layout has none.
     """
     options = options or ReadOptions()
     path = path.resolve() if '..' in path.parts else path.absolute()
     layout = options.layout or guess_layout(path)
-    if options.semantic and layout is not Layout.ODOMETRY:
+    if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    candidates = LAYOUTS[layout](path) if STORE.is_dir(path) else []
+    candidates = LAYOUTS[layout].find(path) if STORE.is_dir(path) else []
     if not candidates:
         found = f'no {layout.value} recording' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value])
@@ -139,7 +187,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])
         raise NotKittiError(path, found, [layout.value])
     others = [candidate.name for candidate in candidates if candidate is not chosen]
-    if layout is Layout.OBJECT and others and options.sequence is None:
+    if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
             f'{path}: {", ".join(others)} left out; --sequence {others[0]} takes it'
         )
@@ -156,7 +204,7 @@ def _choose(
             shown = ', '.join(known[:12]) + (', ...' if len(known) > 12 else '')
             raise UsageError(f'{path}: no single sequence {asked!r}; it holds {shown}')
         return matching[0]
-    if len(candidates) > 1 and layout is not Layout.OBJECT:
+    if len(candidates) > 1 and not layout.traits.frame_set:
         raise AmbiguousSequenceError(path, f'--sequence {known[0]}', known)
     return candidates[0]
 
@@ -182,7 +230,7 @@ def _is_drive(path: Path) -> bool:
 
 
 def _has_frames(path: Path) -> bool:
-    """Whether images or scans named by six digits lie in a folder's sub-folders."""
+    """Whether the sub-folders contain images or scans named by six digits."""
     folders = [(names.SCANS, names.BIN), *((name, names.PNG) for name in names.OBJECT_IMAGES)]
     return any(
         len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
@@ -220,7 +268,7 @@ def _is_sequence(path: Path) -> bool:
 
 
 def _tracking_sequences(split: Path) -> list[str]:
-    """Names of the sequences of a split: four-digit folders of data, four-digit text files."""
+    """List the sequences of a split: four-digit folders of data, four-digit text files."""
     found: set[str] = set()
     for folder in (names.SCANS, *names.TRACKING_IMAGES):
         found |= {

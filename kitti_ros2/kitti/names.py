@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's folder and file names, each in one place.
+"""KITTI's folder and file names.
 
 Sources: the readme.txt of the raw, object, odometry and tracking devkits.
 """
@@ -8,6 +8,9 @@ Sources: the readme.txt of the raw, object, odometry and tracking devkits.
 from __future__ import annotations
 
 import re
+
+from ..model.errors import UsageError
+from ..model.streams import Clock
 
 RAW_DIGITS = 10
 FRAME_DIGITS = 6
@@ -27,6 +30,7 @@ DATAFORMAT = 'dataformat.txt'
 CALIB_CAM_TO_CAM = 'calib_cam_to_cam.txt'
 CALIB_VELO_TO_CAM = 'calib_velo_to_cam.txt'
 CALIB_IMU_TO_VELO = 'calib_imu_to_velo.txt'
+RAW_CALIB = (CALIB_CAM_TO_CAM, CALIB_VELO_TO_CAM, CALIB_IMU_TO_VELO)
 
 SPLITS = ('training', 'testing')
 OBJECT_IMAGES = ('image_0', 'image_1', 'image_2', 'image_3', 'image_4')
@@ -44,6 +48,8 @@ TIMES = 'times.txt'
 ODOMETRY_CALIB = 'calib.txt'
 POINT_LABELS = 'labels'
 
+STAMP_FILES = {Clock.UTC: TIMESTAMPS, Clock.RELATIVE: TIMES, Clock.NOMINAL: ''}
+
 PNG = '.png'
 BIN = '.bin'
 TXT = '.txt'
@@ -51,5 +57,28 @@ LABEL = '.label'
 
 
 def file_name(number: int, digits: int, suffix: str) -> str:
-    """The name of a numbered file, such as 0000000012.png."""
+    """Return the name of a numbered file, such as 0000000012.png."""
     return f'{number:0{digits}d}{suffix}'
+
+
+def parse_drive(name: str) -> tuple[str, int, str]:
+    """Parse the name of a raw drive into date, number and kind (sync or extract).
+
+    Raises:
+        UsageError: The name is not that of a drive.
+    """
+    match = RAW_DRIVE.fullmatch(name)
+    if match is None:
+        raise UsageError(f'{name} is no drive; expected a name like 2011_09_26_drive_0001_sync')
+    return name[: len('2011_09_26')], int(match[1]), match[2]
+
+
+def parse_sequence(name: str) -> int:
+    """Parse the name of a sequence into its number.
+
+    Raises:
+        UsageError: The name is no number of a sequence.
+    """
+    if not (name.isascii() and name.isdecimal()) or len(name) > SEQUENCE_DIGITS:
+        raise UsageError(f'{name} is no sequence; expected a number like 00 or 0000')
+    return int(name)

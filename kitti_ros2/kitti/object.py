@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reader of the object layout: {training,testing}/{image_2,velodyne,calib,label_2,...}/%06d.
 
-Frames come from different days: each has its own calibration, and no time. Stamps are nominal, by
-file number. Scans are as measured, not compensated for motion.
+Frames come from different days: each has its own calibration, and no time stamp. Stamps are
+nominal, by file number. Scans are as measured, not compensated for motion.
 """
 
 from __future__ import annotations
@@ -51,11 +51,7 @@ class ObjectRecording(KittiRecording):
             listing = STORE.list_numbered(split / folder, (suffix,), names.FRAME_DIGITS)
             listing = self._without_unfinished(stream, listing)
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream not in {
-                Stream.IMAGE_0,
-                Stream.IMAGE_1,
-                Stream.IMAGE_4,
-            }:
+            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
         self._find_gaps(folders)
         self._add_turns()
@@ -65,7 +61,7 @@ class ObjectRecording(KittiRecording):
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
 
     def _find_journal(self) -> AppendJournal | None:
-        """The journal of an append that is not complete: the set is as it was before."""
+        """Find the journal of an incomplete append: its frames are left out."""
         work = self.root / append_journal.FOLDER
         try:
             journal = append_journal.find_journal(self.root)
@@ -79,7 +75,7 @@ class ObjectRecording(KittiRecording):
         return journal
 
     def _without_unfinished(self, stream: Stream, listing: Listing) -> Listing:
-        """The files of a stream without those of an append that is not complete."""
+        """Return the files of a stream without those of an incomplete append."""
         if self._journal is None or self._journal.split != self.name:
             return listing
         ours = np.isin(listing.numbers, np.array(self._journal.numbers, dtype=np.int64))
@@ -92,7 +88,7 @@ class ObjectRecording(KittiRecording):
         return replace(listing, numbers=listing.numbers[~ours])
 
     def describe(self) -> Description:
-        """The set as a whole; lists of frames are as before an append that is not complete."""
+        """Describe the set; lists of frames are as before an incomplete append."""
         found = super().describe()
         if self._journal is None:
             return found
@@ -100,14 +96,14 @@ class ObjectRecording(KittiRecording):
         earlier = [
             TextFile(path, STORE.read_text(before / path))
             for path in map(str, self._journal.lists)
-            if STORE.is_file(before / path)  # else it is back already
+            if STORE.is_file(before / path)  # else it has been restored already
         ]
         replaced = {file.name for file in earlier} | set(map(str, self._journal.files))
         files = [file for file in found.files if file.name not in replaced]
         return replace(found, files=sorted([*files, *earlier], key=lambda file: file.name))
 
     def calibration(self, number: int) -> Calibration:
-        """The calibration of a frame."""
+        """Return the calibration of a frame."""
         return self._calibration_cached(number)
 
     def _calibration(self, number: int) -> Calibration:
@@ -116,7 +112,7 @@ class ObjectRecording(KittiRecording):
         return self._load_calibration(path)
 
     def text_paths(self) -> list[Path]:
-        """The lists of frames in ImageSets."""
+        """List the lists of frames in ImageSets."""
         folder = self.root / names.IMAGE_SETS
         return [folder / name for name in STORE.names(folder) if name.endswith(names.TXT)]
 

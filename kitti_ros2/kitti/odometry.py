@@ -76,7 +76,7 @@ class OdometryRecording(KittiRecording):
 
     @cached_property
     def _times(self) -> Lines[int] | None:
-        """Stamps by frame: the epoch of the options plus times.txt."""
+        """The stamps by frame: the epoch of the options plus times.txt."""
         if not STORE.is_file(self._times_path):
             return None
         offsets = parse_times(self._text(self._times_path, Stream.SCAN), self._times_path)
@@ -85,7 +85,7 @@ class OdometryRecording(KittiRecording):
         return Lines([s if s is None or s <= LAST_NS else None for s in stamps], offsets.errors)
 
     def _text(self, path: Path, stream: Stream) -> str:
-        """A text file, empty where it cannot be read; that is a loss of a stream."""
+        """Read a text file; an unreadable one is empty, and a loss of a stream."""
         try:
             return STORE.read_text(path)
         except (BadFileError, OSError) as error:
@@ -134,11 +134,11 @@ class OdometryRecording(KittiRecording):
         return self._load_calibration(path)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
-        """The calibration of the sequence."""
+        """Return the calibration of the sequence."""
         return self._calibration
 
     def text_paths(self) -> list[Path]:
-        """Times and poses."""
+        """List the files of times and poses."""
         return [path for path in (self._times_path, self._poses_path) if STORE.is_file(path)]
 
     def _scan(self, number: int) -> Scan:
@@ -155,7 +155,7 @@ class OdometryRecording(KittiRecording):
             reason = f'{path}: no such file; the scan is written with label 0'
         except BadFileError as error:
             reason = f'{error}; the scan is written with label 0'
-        return replace(scan, labels=np.zeros(len(scan.points), np.uint32), lacks={name: reason})
+        return replace(scan, labels=np.zeros(len(scan.points), np.uint32), missing={name: reason})
 
     def _pose(self, number: int) -> Pose:
         matrix = self._poses.values[number]
@@ -164,5 +164,5 @@ class OdometryRecording(KittiRecording):
         return pose_from_odometry(matrix, self._calibration)
 
     def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
+        """Return the file that a sample is read from."""
         return self._poses_path if stream is Stream.POSE else super().path(stream, number)

@@ -3,8 +3,8 @@
 """GPS/IMU packets: one a file (raw) or one a line (tracking), 30 columns.
 
 Columns: lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu
-pos_accuracy vel_accuracy navstat numsats posmode velmode orimode; units and axes at
-samples.OxtsPacket. The dataset's own dataformat.txt names ay twice: the second is az.
+pos_accuracy vel_accuracy navstat numsats posmode velmode orimode; for units and axes see
+samples.OxtsPacket. The dataset's own dataformat.txt lists ay twice: the second is az.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _LIMITS = (89.9, 360.0, 1e5, 6.3, 6.3, 6.3)
 def parse_packet(
     text: str, path: Path | str, line: int = 1, source: TextFile | None = None
 ) -> OxtsPacket:
-    """A packet from its line.
+    """Parse a packet.
 
     Args:
         text: The line.
@@ -55,10 +55,10 @@ def parse_packet(
 
 
 def _check_ranges(values: list[float]) -> None:
-    """Refuse a place that is none on earth: Mercator would make NaN of it.
+    """Check that a place is on earth: Mercator would make NaN of another.
 
     Raises:
-        ValueError: Says which column is out of range.
+        ValueError: A column is out of range.
     """
     for name, value, limit in zip(COLUMNS, values, _LIMITS, strict=False):
         if abs(value) > limit:
@@ -66,7 +66,7 @@ def _check_ranges(values: list[float]) -> None:
 
 
 def format_packet(packet: OxtsPacket) -> str:
-    """The line of a packet without its end, 14 significant digits as the dataset's own."""
+    """Format the line of a packet without its end, 14 significant digits as the dataset's own."""
     values = [getattr(packet, name) for name in COLUMNS]
     return ' '.join(
         [f'{value:.14g}' for value in values[:_FLOATS]]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the vehicle is: from oxts packets by Mercator projection, or from odometry's poses."""
+"""Poses of the vehicle: from oxts packets by Mercator projection, or from odometry's poses."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class MercatorWorld:
 
     @classmethod
     def at(cls, first: OxtsPacket) -> MercatorWorld:
-        """The frame whose origin is imu_link in a packet."""
+        """Return the frame whose origin is imu_link in a packet."""
         scale = float(np.cos(np.radians(first.lat)))
         return cls(scale, _mercator(first, scale))
 
     def pose(self, packet: OxtsPacket) -> Transform:
-        """world_T_imu of a packet."""
+        """Return world_T_imu of a packet."""
         return Transform(
             rotation_from_rpy(packet.roll, packet.pitch, packet.yaw),
             _mercator(packet, self.scale) - self.origin,
@@ -51,14 +51,14 @@ class MercatorWorld:
 
 
 def _mercator(packet: OxtsPacket, scale: float) -> Float64Array:
-    """(3,) east, north, up of imu_link, metres."""
+    """Return (3,) east, north, up of imu_link, metres."""
     east = scale * EARTH_RADIUS_M * np.radians(packet.lon)
     north = scale * EARTH_RADIUS_M * np.log(np.tan(np.pi / 4 + np.radians(packet.lat) / 2))
     return np.array([east, north, packet.alt])
 
 
 def pose_from_packet(packet: OxtsPacket, world: MercatorWorld) -> Pose:
-    """The pose and motion of an oxts packet."""
+    """Return the pose and motion of an oxts packet."""
     return Pose(
         world.pose(packet),
         velocity=packet.body_velocity(),
@@ -69,10 +69,10 @@ def pose_from_packet(packet: OxtsPacket, world: MercatorWorld) -> Pose:
 
 
 def pose_from_odometry(first_cam0_t_cam0: Float64Array, calibration: Calibration) -> Pose:
-    """The pose of imu_link from a (3, 4) pose of the rectified camera 0 in its first frame.
+    """Return the pose of imu_link from a (3, 4) pose of the rectified camera 0 in its first frame.
 
     The world is imu_link at the first frame, which is not level: odometry has no gravity. The
-    camera's mounting is the calibration's, or the nominal one where that has none.
+    camera's mounting is that of the calibration, or nominal without one.
     """
     rect_r_cam0 = np.eye(3) if calibration.r0_rect is None else calibration.r0_rect
     cam0_t_velo = calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 def parse_poses(text: str, path: Path | str) -> Lines[Float64Array]:
-    """(3, 4) float64 matrices by line of a poses file."""
+    """Parse a poses file: a (3, 4) float64 matrix a line."""
     return parse_lines(text, path, 'twelve numbers, a 3x4 pose matrix', _parse_pose)
 
 
 def format_poses(matrices: Iterable[Float64Array]) -> str:
-    """The text of a poses file, six decimals of mantissa as the benchmark's own."""
+    """Format a poses file, six decimals of mantissa as the benchmark's own."""
     return ''.join(
         ' '.join(f'{value:.6e}' for value in matrix[:3].ravel()) + '\n' for matrix in matrices
     )

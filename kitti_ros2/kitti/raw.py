@@ -3,8 +3,8 @@
 """Reader of raw drives: DATE/DATE_drive_NNNN_{sync,extract}.
 
 Each stream has its own numbers and its own stamps. In sync the same number is the same moment; in
-extract the streams run on their own and the images are not rectified. Scans are as measured, not
-compensated for motion.
+extract the numbers of streams are independent and the images are not rectified. Scans are as
+measured, not compensated for motion.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from .store import Listing
     from .text_file import Lines
 
-_CALIB = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
-
 
 class RawRecording(KittiRecording):
     """One raw drive."""
@@ -48,7 +46,7 @@ class RawRecording(KittiRecording):
     def __init__(self, drive: Path, options: ReadOptions) -> None:
         super().__init__(drive.parent, drive.name, options)
         self.drive = drive
-        self.rectified = not drive.name.endswith('_extract')
+        self.rectified = not self.layout.traits.is_extract(drive.name)
         self.common_numbers = self.rectified
         self.image_topic = 'image_rect' if self.rectified else 'image_raw'
         folders = {
@@ -105,7 +103,7 @@ class RawRecording(KittiRecording):
 
     @staticmethod
     def _stamps(path: Path) -> tuple[Lines[int] | None, str]:
-        """The stamps of a file, or None and why it cannot be read."""
+        """Read the stamps of a file; None and the reason if it is unreadable."""
         try:
             return parse_timestamps(STORE.read_text(path), path), ''
         except (BadFileError, OSError) as error:
@@ -117,32 +115,32 @@ class RawRecording(KittiRecording):
             (folder for folder in (self.root, self.drive) if self._has_calibration(folder)),
             self.root,
         )
-        texts, lacks = {}, {}
-        for name in _CALIB:
+        texts, missing = {}, {}
+        for name in names.RAW_CALIB:
             try:
                 texts[name] = STORE.read_text(folder / name)
             except FileNotFoundError:
                 continue
             except BadFileError as error:
-                lacks[name] = str(error)
+                missing[name] = str(error)
             except OSError as error:
-                lacks[name] = describe_error(error)
-                self._lose_late(Stream.CALIBRATION, lacks[name])
+                missing[name] = describe_error(error)
+                self._lose_late(Stream.CALIBRATION, missing[name])
         found = parse_raw_calibration(texts, folder, rectified=self.rectified)
         place = folder.relative_to(self.root)
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
-        return replace(found, files=files, lacks={**found.lacks, **lacks})
+        return replace(found, files=files, missing={**found.missing, **missing})
 
     @staticmethod
     def _has_calibration(folder: Path) -> bool:
-        return any(STORE.is_file(folder / name) for name in _CALIB)
+        return any(STORE.is_file(folder / name) for name in names.RAW_CALIB)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the whole drive
-        """The calibration of the drive's date."""
+        """Return the calibration of the drive's date."""
         return self._calibration
 
     def text_paths(self) -> list[Path]:
-        """Time stamps and data format of every stream, and the tracklets."""
+        """List the time stamps and data format of every stream, and the tracklets."""
         files = (names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END, names.DATAFORMAT)
         folders = (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)
         paths = [self.drive / folder / file for folder in folders for file in files]
@@ -157,7 +155,7 @@ class RawRecording(KittiRecording):
         return Scan(points, start, end, turn=self.turns.get(number))
 
     def _sweep_stamps(self, name: str) -> list[int | None]:
-        """The starts or ends of all sweeps; those that a scan lacks are losses."""
+        """Read the starts or ends of all sweeps; missing ones are losses."""
         path = self.drive / names.RAW_SCANS / name
         if not STORE.is_file(path):
             return []
@@ -183,10 +181,10 @@ class RawRecording(KittiRecording):
             return {}
 
     def _add_tracklets(self) -> None:
-        """Take the tracklets, whose frames are stamped as the scans are, or else the images."""
+        """Add the tracklets; their frames have the stamps of the scans, or else of the images."""
         if not self._cuboids:
             return
-        # Scans that are there, and could not be listed, do not change the stamps of the labels.
+        # An unreadable folder of scans does not change the stamps of the labels.
         scanned = Stream.SCAN in self.streams or Stream.SCAN in self._unread
         folder = names.RAW_SCANS if scanned else names.RAW_IMAGES[2]
         path = self.drive / folder / names.TIMESTAMPS
@@ -206,7 +204,7 @@ class RawRecording(KittiRecording):
         return labels_of_tracklets(self._cuboids[number], self.drive / names.RAW_TRACKLETS)
 
     def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
+        """Return the file that a sample is read from."""
         if stream is Stream.LABELS:
             return self.drive / names.RAW_TRACKLETS
         return super().path(stream, number)
@@ -218,5 +216,5 @@ class RawRecording(KittiRecording):
 
 
 def _known(stamps: Sequence[int | None]) -> Iterator[tuple[int, int]]:
-    """The stamps that could be read, with their file numbers."""
+    """Yield the readable stamps with their file numbers."""
     return ((number, stamp) for number, stamp in enumerate(stamps) if stamp is not None)

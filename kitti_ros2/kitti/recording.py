@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the readers of the four layouts share."""
+"""The common part of the readers of all layouts: samples, poses, trails and calibration."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from ..files.png.header import parse_image
 from ..model.errors import BadFileError, KittiRos2Error, MissingFileError, describe_error
 from ..model.labels import Trails, cuboids_of
-from ..model.losses import Loss, runs_of
+from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
-from ..model.recording import Start, StreamIndex
+from ..model.recording import Start
 from ..model.samples import (
     Calibration,
     Description,
@@ -26,29 +26,24 @@ from ..model.samples import (
     Scan,
     TextFile,
     Trajectory,
-    Turn,
 )
-from ..model.stamps import LAST_NS, NS_PER_S
 from ..model.streams import CAMERA_NAMES, Clock, Layout, Stream
 from .calib_file import parse_calibration
 from .poses import MercatorWorld, pose_from_packet
+from .recording_index import RecordingIndex
 from .scan_file import parse_scan
 from .store import STORE
-from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from ..model.geometry import Float64Array, Transform
-    from ..model.samples import Int64Array
     from ..options.read import ReadOptions
-    from .store import Listing
-    from .text_file import Lines
 
 
-class KittiRecording:
-    """The common part of a reader: an index by stream, filled by the layout's own constructor."""
+class KittiRecording(RecordingIndex):
+    """The common part of the readers of all layouts."""
 
     layout: Layout
     image_topic = 'image_rect'
@@ -57,22 +52,10 @@ class KittiRecording:
     clock = Clock.NOMINAL
 
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
-        self.root = root
+        super().__init__(root, options)
         self.name = name
-        self.options = options
-        self.streams: dict[Stream, StreamIndex] = {}
-        self.losses: list[Loss] = []
-        self.notes: list[str] = []
-        self._late_losses: dict[tuple[Stream, str], Loss] = {}
-        self._listings: dict[Stream, Listing] = {}
-        self.turns: dict[int, Turn] = {}
         self._packet_cached = lru_cache(maxsize=4)(self._packet)
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
-
-    @property
-    def late_losses(self) -> list[Loss]:
-        """What passes over many samples could not read so far; see samples.Recording."""
-        return list(self._late_losses.values())
 
     @property
     def cameras(self) -> dict[int, str]:
@@ -83,20 +66,15 @@ class KittiRecording:
         return {index: CAMERA_NAMES.get(index, str(index)) for index in present}
 
     def text_paths(self) -> list[Path]:
-        """The text files of the whole recording that are there."""
+        """List the existing text files of the whole recording."""
         return []
 
     def calibration(self, number: int) -> Calibration:
-        """The calibration that holds for a frame; what it lacks is named in it."""
+        """Return the calibration of a frame; absent parts are listed in its missing."""
         raise NotImplementedError
 
-    def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
-        listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
-        return self.root if listing is None else listing.path(number)
-
     def describe(self) -> Description:
-        """The recording as a whole."""
+        """Describe the recording as a whole."""
         folders = {
             stream.value: {
                 'folder': listing.folder.relative_to(self.root).as_posix(),
@@ -115,18 +93,18 @@ class KittiRecording:
             'files': folders,
         }
         files: list[TextFile] = []
-        lacks: dict[str, str] = {}
+        missing: dict[str, str] = {}
         for path in self.text_paths():
             name = path.relative_to(self.root).as_posix()
             try:
                 files.append(TextFile(name, STORE.read_text(path)))
             except (BadFileError, OSError) as error:
-                lacks[name] = str(error)
-        return Description(values, files, lacks)
+                missing[name] = str(error)
+        return Description(values, files, missing)
 
     @cached_property
     def start(self) -> Start | None:
-        """The first readable pose of the whole recording; see samples.Recording."""
+        """The first readable pose of the whole recording; see model.recording."""
         index = self.streams.get(Stream.POSE)
         failure = ''
         for number in () if index is None else index.numbers.tolist():
@@ -141,7 +119,7 @@ class KittiRecording:
         return None
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
-        """The poses of these numbers; those that cannot be read are left out and lost."""
+        """Return the poses of these numbers; unreadable ones are left out and become losses."""
         stamps: list[int] = []
         poses: list[Transform] = []
         index = self.streams.get(Stream.POSE)
@@ -158,7 +136,7 @@ class KittiRecording:
         return Trajectory(np.array(stamps, dtype=np.int64), poses)
 
     def read(self, stream: Stream, number: int) -> Sample:
-        """The sample of a stream with a file number; see samples.Recording."""
+        """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
             return self._image(stream, number)
         readers: dict[Stream, Callable[[int], Sample]] = {
@@ -171,7 +149,7 @@ class KittiRecording:
         return readers[stream](number)
 
     def trails(self, number: int) -> dict[int, Float64Array]:
-        """Where each of a frame's tracks was up to it; see samples.Recording."""
+        """Return the path of each of a frame's tracks up to it; see model.recording."""
         known = Stream.LABELS in self.streams and Stream.POSE in self.streams
         return self._trails.up_to(number) if known else {}
 
@@ -185,12 +163,12 @@ class KittiRecording:
             except (KittiRos2Error, OSError) as error:
                 self._lose_late(Stream.LABELS, describe_error(error))
             except ValueError as error:
-                reason = next(iter(calibration.lacks.values()), str(error))
+                reason = next(iter(calibration.missing.values()), str(error))
                 self._lose_late(Stream.LABELS, f'{reason}; it is needed for the 3D boxes of labels')
         return Trails(frames, self._world_t_velo)
 
     def _world_t_velo(self, number: int) -> Transform | None:
-        """The scanner's pose at a frame; None without a pose of this number, or a readable one."""
+        """Return the scanner's pose at a frame, None without a readable pose of this number."""
         if number not in self._posed:
             return None
         try:
@@ -221,7 +199,7 @@ class KittiRecording:
     def _world(self) -> MercatorWorld:
         """The fixed frame of the poses, at the first readable oxts packet.
 
-        Where that is not the first one, all poses differ, and that is lost.
+        If that is not the first packet, all poses differ, which is reported as a loss.
         """
         failure = ''
         for number in self.streams[Stream.OXTS].numbers.tolist():
@@ -259,7 +237,7 @@ class KittiRecording:
         return image
 
     def _find_expected_size(self, stream: Stream) -> tuple[int, int] | None:
-        """The size every image of a camera has: the calibration's, else the first good image's."""
+        """Return the size of a camera's images: the calibration's, else the first valid image's."""
         camera = self.calibration(0).cameras.get(stream.camera or 0)
         if camera is not None and camera.size is not None:
             return camera.size
@@ -272,95 +250,8 @@ class KittiRecording:
             return image.width, image.height
         return None
 
-    def _add(
-        self, stream: Stream, numbers: Int64Array, stamps_ns: Int64Array, listing: Listing | None
-    ) -> None:
-        """Take a stream into the index, unless it is empty."""
-        if listing is not None:
-            self._listings[stream] = listing
-            if listing.strays:
-                self.notes.append(
-                    f'{listing.folder}: {_some(listing.strays)} passed over, not named like'
-                    f' {"0" * listing.digits}{listing.suffix}'
-                )
-        if len(numbers):
-            self.streams[stream] = StreamIndex(numbers, stamps_ns)
-
-    def _add_stamped(
-        self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
-    ) -> None:
-        """Take a stream whose stamps stand in a file, line n for file number n."""
-        have = set(listing.numbers.tolist())
-        absent = [number for number in range(len(stamps)) if number not in have]
-        self._lose(
-            stream,
-            absent,
-            f'{listing.folder}: no file for frames {{}}, which {stamps_path.name} lists',
-        )
-        beyond = [number for number in sorted(have) if number >= len(stamps)]
-        self._lose(
-            stream, beyond, f'{stamps_path}: {len(stamps)} lines, so no stamp for frames {{}}'
-        )
-        for line, error in stamps.errors.items():
-            if line in have:
-                self._lose(stream, [line], str(error))
-        good = [n for n in sorted(have) if n < len(stamps) and stamps.values[n] is not None]
-        values = np.array([stamps.values[number] for number in good], dtype=np.int64)
-        backward = np.flatnonzero(np.diff(values) < 0)
-        if len(backward):
-            self.notes.append(
-                f'{stamps_path}:{good[backward[0] + 1] + 1}: {len(backward)} stamps earlier than'
-                f' the line before; written in order of time, each with its own stamp'
-            )
-        self._add(stream, np.array(good, dtype=np.int64), values, listing)
-
-    def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
-        """Take a stream without time: by file number, from the epoch, a period of the options."""
-        epoch_ns, period_ns = self.options.epoch_ns, self.options.period_ns
-        beyond = numbers > (LAST_NS - epoch_ns) // period_ns
-        self._lose(
-            stream, numbers[beyond].tolist(), f'{self.root}: no stamp in ROS 2 for frames {{}}'
-        )
-        numbers = numbers[~beyond]
-        self._add(stream, numbers, epoch_ns + numbers * period_ns, listing)
-
-    @property
-    def _nominal_time(self) -> str:
-        """How frames without time stamps are stamped, for notes."""
-        return f'stamps are nominal, {self.options.period_ns / NS_PER_S:g} s a frame from the epoch'
-
-    def _add_turns(
-        self,
-        starts_ns: Mapping[int, int] | None = None,
-        ends_ns: Mapping[int, int] | None = None,
-    ) -> None:
-        """Find when each scan was made, and stamp the scans as the options say."""
-        index = self.streams.get(Stream.SCAN)
-        if index is None:
-            return
-        numbers: list[int] = index.numbers.tolist()
-        forward = dict(zip(numbers, index.stamps_ns.tolist(), strict=True))
-        self.turns = find_turns(forward, starts_ns or {}, ends_ns or {}, self.options.period_ns)
-        stamps = scan_stamps(forward, self.turns, self.options.scan_stamp)
-        stamps_ns = np.array([stamps[number] for number in numbers], dtype=np.int64)
-        self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
-
-    def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
-        """Name and count frames of a stream that cannot be had; {} in reason is their numbers."""
-        if numbers:
-            self.losses.append(Loss(stream.value, len(numbers), reason, tuple(numbers)))
-
-    def _lose_late(self, stream: Stream, reason: str) -> None:
-        """Name once what a pass over many samples could not read."""
-        reason = reason.replace('{', '(').replace('}', ')')
-        self._late_losses[stream, reason] = Loss(stream.value, 1, reason)
-
-    def _lose_lines(self, stream: Stream, reason: str, count: int = 1) -> None:
-        """Name and count what cannot be had and has no frame number."""
-        self.losses.append(Loss(stream.value, count, reason.replace('{', '(').replace('}', ')')))
-
     def _load_calibration(self, path: Path) -> Calibration:
-        """A single-file calibration; one that cannot be read is empty and names the reason."""
+        """Read a calibration of a single file; an unreadable one is empty, with the reason."""
         files: tuple[TextFile, ...] = ()
         try:
             text = STORE.read_text(path)
@@ -379,26 +270,6 @@ class KittiRecording:
             None,
             NOMINAL_VELO_T_IMU,
             nominal=('velo_T_imu',),
-            lacks={'file': reason},
+            missing={'file': reason},
             files=files,
         )
-
-    def _find_gaps(self, streams: Iterable[Stream]) -> None:
-        """Name the frames that one of these streams lacks and another has."""
-        present = [stream for stream in streams if stream in self.streams]
-        known: set[int] = set()
-        for stream in present:
-            known.update(self.streams[stream].numbers.tolist())
-        for stream in present:
-            absent = sorted(known.difference(self.streams[stream].numbers.tolist()))
-            folder = self.path(stream, 0).parent
-            self._lose(
-                stream,
-                absent,
-                f'{folder}: no {stream.value} for frames {{}}, which other streams have',
-            )
-
-
-def _some(names: Sequence[str]) -> str:
-    """A few names of many."""
-    return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')

@@ -24,10 +24,10 @@ POINT_BYTES = 16
 
 
 def parse_scan(data: bytes, path: Path | str) -> Float32Array:
-    """(N, 4) float32 points of a .bin file, a view of its bytes.
+    """Parse a .bin file into (N, 4) float32 points, a view of its bytes.
 
     Raises:
-        BadFileError: The file is empty, or cut inside a point.
+        BadFileError: The file is empty, or truncated inside a point.
     """
     if not data:
         raise BadFileError(path, 'the file is empty', 'a scan of 16 bytes a point')
@@ -42,12 +42,12 @@ def parse_scan(data: bytes, path: Path | str) -> Float32Array:
 
 
 def format_scan(points: Float32Array) -> bytes:
-    """The .bin content of (N, 4) points; the inverse of parse_scan."""
+    """Format (N, 4) points as a .bin file; the inverse of parse_scan."""
     return np.ascontiguousarray(points, dtype='<f4').tobytes()
 
 
 def parse_scan_text(data: bytes, path: Path | str) -> Float32Array:
-    """(N, 4) float32 points of a .txt file; NaN and infinity are kept.
+    """Parse a .txt file into (N, 4) float32 points; NaN and infinity are kept.
 
     Raises:
         BadFileError: The file is empty or a line is not four numbers.
@@ -62,13 +62,13 @@ def parse_scan_text(data: bytes, path: Path | str) -> Float32Array:
 
 
 def format_scan_text(points: Float32Array) -> bytes:
-    """The .txt content of (N, 4) points: millimetres and hundredths, as raw extract has them."""
+    """Format (N, 4) points as a .txt file: millimetres and hundredths, as in raw extracts."""
     lines = [f'{x:.3f} {y:.3f} {z:.3f} {r:.2f}' for x, y, z, r in points.tolist()]
     return ('\n'.join(lines) + '\n').encode() if lines else b''
 
 
 def _bad_line(data: bytes, path: Path | str) -> BadFileError:
-    """The error that names the first line which is not four numbers."""
+    """Return the error with the first line that is not four numbers."""
     expected = 'four numbers a line: x y z reflectance'
     for index, line in enumerate(data.splitlines(), 1):
         words = line.split()

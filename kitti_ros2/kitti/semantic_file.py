@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def parse_point_labels(data: bytes, points: int, path: Path | str) -> npt.NDArray[np.uint32]:
-    """(N,) uint32 labels of a scan with that many points.
+    """Parse the (N,) uint32 labels of a scan of N points.
 
     Raises:
         BadFileError: The file has another number of labels.
@@ -32,5 +32,5 @@ def parse_point_labels(data: bytes, points: int, path: Path | str) -> npt.NDArra
 
 
 def format_point_labels(labels: npt.NDArray[np.uint32]) -> bytes:
-    """The content of a .label file; the inverse of parse_point_labels."""
+    """Format a .label file; the inverse of parse_point_labels."""
     return np.ascontiguousarray(labels, dtype='<u4').tobytes()

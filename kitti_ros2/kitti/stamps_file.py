@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 
 def parse_timestamps(text: str, path: Path | str) -> Lines[int]:
-    """Nanoseconds by line of a timestamps.txt."""
+    """Parse a timestamps.txt: nanoseconds by line."""
     return parse_lines(text, path, 'YYYY-MM-DD HH:MM:SS.nnnnnnnnn', parse_stamp)
 
 
 def format_timestamps(stamps_ns: Iterable[int]) -> str:
-    """The text of a timestamps.txt; the inverse of parse_timestamps."""
+    """Format a timestamps.txt; the inverse of parse_timestamps."""
     return ''.join(f'{format_stamp(stamp)}\n' for stamp in stamps_ns)
 
 
 def parse_times(text: str, path: Path | str) -> Lines[int]:
-    """Nanoseconds from the start, by line of a times.txt."""
+    """Parse a times.txt: nanoseconds from the start, by line."""
     return parse_lines(text, path, 'a number of seconds', parse_seconds)
 
 
 def format_times(offsets_ns: Iterable[int]) -> str:
-    """The text of a times.txt; the inverse of parse_times to its seven digits."""
+    """Format a times.txt; the inverse of parse_times to its seven digits."""
     return ''.join(f'{format_seconds(offset)}\n' for offset in offsets_ns)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one place where KITTI's files are listed, read and written."""
+"""Access to KITTI's files on disk: listing, reading and writing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Listing:
         numbers: Their file numbers, ascending.
         digits: How many digits the names have.
         suffix: Their common suffix.
-        strays: Names in the folder that are not such files.
+        strays: Other names in the folder.
     """
 
     folder: Path
@@ -43,7 +43,7 @@ class Listing:
     strays: tuple[str, ...] = field(default=())
 
     def path(self, number: int) -> Path:
-        """The path of the file with a number."""
+        """Return the path of the file with a number."""
         return self.folder / f'{number:0{self.digits}d}{self.suffix}'
 
 
@@ -51,14 +51,14 @@ class LocalStore:
     """Files on a local disk."""
 
     def names(self, folder: Path) -> list[str]:
-        """Sorted names in a folder, empty where there is no such folder."""
+        """List the names in a folder, sorted; none if the folder is absent."""
         try:
             return sorted(os.listdir(folder))  # noqa: PTH208 - Path.iterdir is twice as slow
         except (FileNotFoundError, NotADirectoryError):
             return []
 
     def list_numbered(self, folder: Path, suffixes: tuple[str, ...], digits: int) -> Listing:
-        """The files of a folder named by number; the first of suffixes that occurs is taken."""
+        """List the files named by number in a folder, with the first of suffixes that occurs."""
         by_suffix: dict[str, list[int]] = {suffix: [] for suffix in suffixes}
         strays: list[str] = []
         for name in self.names(folder):
@@ -83,7 +83,7 @@ class LocalStore:
         return path.is_dir()
 
     def read(self, path: Path) -> bytes:
-        """The whole content of a file.
+        """Read a whole file.
 
         Raises:
             BadFileError: It is a pipe or a device, which may have no end.
@@ -106,7 +106,7 @@ class LocalStore:
         return pieces[0] if len(pieces) == 2 else b''.join(pieces)
 
     def read_ends(self, path: Path, length: int) -> tuple[bytes, int]:
-        """The first and the last bytes of a file, so many each, and its size.
+        """Read the first and the last count bytes of a file, and its size.
 
         Raises:
             OSError: The file cannot be read.
@@ -118,7 +118,7 @@ class LocalStore:
             return head + file.read(), size
 
     def size(self, path: Path) -> int:
-        """How many bytes a file has.
+        """Return the size of a file in bytes.
 
         Raises:
             OSError: There is no such file.
@@ -126,10 +126,10 @@ class LocalStore:
         return path.stat().st_size
 
     def read_text(self, path: Path) -> str:
-        """The whole content of a text file, line ends untouched.
+        """Read a whole text file, line ends unchanged.
 
         Raises:
-            BadFileError: The content is no UTF-8 text, or it is no regular file.
+            BadFileError: The content is not UTF-8, or it is no regular file.
             OSError: The file cannot be read.
         """
         try:
@@ -140,7 +140,7 @@ class LocalStore:
             ) from None
 
     def write(self, path: Path, data: bytes | memoryview, *, new: bool = False) -> None:
-        """Write a file whole, making its folders.
+        """Write a whole file, and create its folders.
 
         Args:
             path: The file.
@@ -148,7 +148,7 @@ class LocalStore:
             new: Refuse to overwrite a file.
 
         Raises:
-            FileExistsError: It is there, and was to be new.
+            FileExistsError: It exists, and new is set.
             OSError: It cannot be written.
         """
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ class LocalStore:
                 position += write_uncached(file.fileno(), [view[position:]], position)
 
     def write_text(self, path: Path, text: str) -> None:
-        """Write a text file whole, line ends untouched."""
+        """Write a whole text file, line ends unchanged."""
         self.write(path, text.encode())
 
 

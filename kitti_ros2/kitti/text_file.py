@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What KITTI's line-based text files share: a bad line costs that line, and says where it is."""
+"""Parsing of KITTI's line-based text files: an invalid line becomes an error with its number."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ T = TypeVar('T')
 
 @dataclass(frozen=True)
 class Lines(Generic[T]):
-    """One value a line; None where the line is bad, and then an error that names it.
+    """One value a line; None and an error for an invalid line.
 
     Attributes:
         values: By line, from 0.
-        errors: By line, for the bad ones.
+        errors: By line, for the invalid ones.
     """
 
     values: list[T | None]
@@ -33,18 +33,18 @@ class Lines(Generic[T]):
         return len(self.values)
 
     def sound(self) -> dict[int, T]:
-        """The values of the good lines, by line."""
+        """Return the values of the valid lines, by line."""
         return {line: value for line, value in enumerate(self.values) if value is not None}
 
 
 def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str], T]) -> Lines[T]:
-    """Parse each line of a text; blank lines at the end are no lines.
+    """Parse each line of a text; blank lines at the end are ignored.
 
     Args:
         text: The file's content.
         path: For the errors.
-        expected: What a line should be, for the errors.
-        parse: Raises ValueError, with what was found, on a line it cannot read.
+        expected: The expected content of a line, for the errors.
+        parse: Raises ValueError, with what was found, on an invalid line.
     """
     values: list[T | None] = []
     errors: dict[int, BadFileError] = {}
@@ -58,10 +58,10 @@ def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str
 
 
 def parse_numbers(words: list[str], count: int) -> list[float]:
-    """Finite floats from words.
+    """Parse words into finite floats.
 
     Raises:
-        ValueError: Their count is another, or one is no finite number.
+        ValueError: Their count is different, or one is no finite number.
     """
     if len(words) != count:
         raise ValueError(f'{len(words)} values')

@@ -3,8 +3,8 @@
 """Reader of the tracking layout: {training,testing}/{image_02,velodyne,...}/SSSS/%06d.
 
 Calibration, oxts and labels are one file a sequence; a packet's line, and a label's first column,
-is the frame number. No time: stamps are nominal, by frame number. Scans are as measured, not
-compensated for motion.
+is the frame number. There is no time: stamps are nominal, by frame number. Scans are as
+measured, not compensated for motion.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class TrackingRecording(KittiRecording):
         for stream, (folder, suffix) in folders.items():
             listing = STORE.list_numbered(split / folder / sequence, (suffix,), names.FRAME_DIGITS)
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream not in {Stream.IMAGE_0, Stream.IMAGE_1}:
+            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
                 self.notes.append(f'{listing.folder}: absent or empty, {stream.value} is left out')
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)
@@ -69,7 +69,7 @@ class TrackingRecording(KittiRecording):
         return lines
 
     def _lines(self, path: Path, stream: Stream) -> list[str]:
-        """The lines of a file, with their ends; none where it is absent or cannot be read."""
+        """Read the lines of a file, with their ends; none if it is absent or unreadable."""
         if not STORE.is_file(path):
             return []
         try:
@@ -89,7 +89,7 @@ class TrackingRecording(KittiRecording):
 
     @cached_property
     def _label_rows(self) -> dict[int, list[int]]:
-        """Frame number to its rows in the label file; a row without one is a loss."""
+        """Frame number to its rows in the label file; a row without a number is a loss."""
         frames: dict[int, list[int]] = {}
         for row, line in enumerate(self._label_text):
             word = line.split(maxsplit=1)[0] if line.strip() else ''
@@ -108,11 +108,11 @@ class TrackingRecording(KittiRecording):
         return self._load_calibration(self._calib_path)
 
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
-        """The calibration of the sequence."""
+        """Return the calibration of the sequence."""
         return self._calibration
 
     def text_paths(self) -> list[Path]:
-        """The oxts and label files, whole."""
+        """List the oxts and label files."""
         return [path for path in (self._oxts_path, self._labels_path) if STORE.is_file(path)]
 
     def _packet(self, number: int) -> OxtsPacket:
@@ -128,7 +128,7 @@ class TrackingRecording(KittiRecording):
         return TextFile(path.relative_to(self.root).as_posix(), text)
 
     def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
+        """Return the file that a sample is read from."""
         whole = {
             Stream.OXTS: self._oxts_path,
             Stream.POSE: self._oxts_path,

@@ -55,7 +55,7 @@ _UNSET_FIELDS = (
 
 @dataclass(frozen=True)
 class TrackletPose:
-    """Where an object is in one frame.
+    """The pose of an object in one frame.
 
     Attributes:
         translation: Bottom face's centre in velo_link, metres.
@@ -90,10 +90,10 @@ class Tracklet:
 
 
 def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
-    """The tracks of a tracklet_labels.xml.
+    """Parse the tracks of a tracklet_labels.xml.
 
     Raises:
-        BadFileError: The XML is cut, too large, defines entities, or lacks what a track needs.
+        BadFileError: The XML is truncated, too large or incomplete, or defines entities.
     """
     from defusedxml import DefusedXmlException  # noqa: PLC0415 - only where there are tracklets
     from defusedxml.ElementTree import ParseError, fromstring  # noqa: PLC0415
@@ -165,7 +165,7 @@ def _missing(name: str, where: str) -> NoReturn:
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
-    """File number to its boxes in velo_link; a track's place in the file is its id."""
+    """Map file numbers to boxes in velo_link; a track's place in the file is its id."""
     frames: dict[int, list[Cuboid]] = {}
     for track, tracklet in enumerate(tracklets):
         height, width, length = tracklet.size_hwl
@@ -181,20 +181,20 @@ def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
 
 
 def labels_of_tracklets(cuboids: Sequence[Cuboid], path: Path | str) -> FrameLabels:
-    """The labels of a frame from its boxes; one without a positive size is named in lacks."""
-    lacks = {
+    """Return the labels of a frame from its boxes; those of invalid size are listed in missing."""
+    missing = {
         cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
         f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
         f' marker and no 3D detection'
         for cuboid in cuboids
         if min(cuboid.size_lwh) <= 0
     }
-    sound = [cuboid for cuboid in cuboids if cuboid.identity not in lacks]
-    return FrameLabels(cuboids=sound, lacks=lacks)
+    sound = [cuboid for cuboid in cuboids if cuboid.identity not in missing]
+    return FrameLabels(cuboids=sound, missing=missing)
 
 
 def format_tracklets(tracklets: Iterable[Tracklet]) -> str:
-    """The text of a tracklet_labels.xml.
+    """Format a tracklet_labels.xml.
 
     Boost writes class ids only where a class occurs first: on the first track and its first pose.
     """

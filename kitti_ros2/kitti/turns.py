@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""When the scanner made each of its turns.
+"""Start and length of each turn of the scanner.
 
 KITTI's HDL-64E turns clockwise seen from above. A turn begins and ends straight behind (azimuth pi
 and -pi), and the scan's own stamp is the moment at which the scanner faces forward (it triggers the
@@ -33,13 +33,13 @@ def find_turns(
     ends_ns: Mapping[int, int],
     period_ns: int,
 ) -> dict[int, Turn]:
-    """The turn of each scan, by file number.
+    """Return the turn of each scan, by file number.
 
     Args:
-        forward_ns: When the scanner faces forward: the scans' own stamps.
+        forward_ns: When the scanner faces forward, which is the scans' own stamps.
         starts_ns: When the turns begin, where it is known; start and end give the length.
         ends_ns: When they end.
-        period_ns: The length where one of them is missing, or they are those of no turn.
+        period_ns: The length of a turn whose start or end is missing or implausible.
     """
     turns = {}
     for number, forward in forward_ns.items():
@@ -50,7 +50,7 @@ def find_turns(
 
 
 def turn_length(start_ns: int | None, end_ns: int | None) -> int | None:
-    """Nanoseconds of a turn; None where start or end is missing, or they are those of no turn."""
+    """Return the length of a turn; None if start or end is missing, or the length implausible."""
     if start_ns is None or end_ns is None or not 0 < end_ns - start_ns <= _LONGEST_TURN_NS:
         return None
     return end_ns - start_ns
@@ -59,7 +59,7 @@ def turn_length(start_ns: int | None, end_ns: int | None) -> int | None:
 def scan_stamps(
     forward_ns: Mapping[int, int], turns: Mapping[int, Turn], moment: ScanStamp
 ) -> dict[int, int]:
-    """The stamp of each scan, by file number.
+    """Return the stamp of each scan, by file number.
 
     A turn that begins before 1970, which no stamp can hold, keeps the moment of facing forward.
     """

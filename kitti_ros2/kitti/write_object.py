@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writes the object layout: training (or testing) with one calibration a frame, and ImageSets."""
+"""Writer of the object layout: training (or testing) with a calibration a frame, and ImageSets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.streams import Layout, Stream
+from ..model.streams import Layout
 from . import names
 from .calib_file import format_object
 from .label_file import EMPTY_OBJECT_LINE, format_object_labels
@@ -26,30 +26,18 @@ if TYPE_CHECKING:
 
 
 class ObjectWriter(LayoutWriter):
-    """A set of frames. Time has no place in this layout: stamps are not written.
+    """Writes a set of frames. The layout has no time: stamps are not written.
 
     Args:
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
         dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
         label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
-        train_fraction: The part of the frames that trains, 0 to 1; the rest validates.
-        store: Where the files go.
+        train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
+        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.OBJECT
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.IMAGE_4,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,
@@ -74,26 +62,26 @@ class ObjectWriter(LayoutWriter):
         self._unlisted: set[int] = set()
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """calib/NNNNNN.txt."""
+        """Write calib/NNNNNN.txt."""
         self._store.write_text(
             self._file(names.CALIB, number, names.TXT), format_object(calibration)
         )
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """calib/NNNNNN.txt, verbatim."""
+        """Write calib/NNNNNN.txt, verbatim."""
         for text in texts.values():
             self._store.write_text(self._file(names.CALIB, number, names.TXT), text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """velodyne/NNNNNN.bin."""
+        """Write velodyne/NNNNNN.bin."""
         self._store.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """image_C/NNNNNN.png."""
+        """Write image_C/NNNNNN.png."""
         self._store.write(self._file(names.OBJECT_IMAGES[camera], number, names.PNG), png)
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
-        """label_2/NNNNNN.txt."""
+        """Write label_2/NNNNNN.txt."""
         text = labels if isinstance(labels, str) else ''
         if not isinstance(labels, str):
             text = format_object_labels(labels, self._label_decimals)
@@ -102,14 +90,14 @@ class ObjectWriter(LayoutWriter):
         self._store.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
 
     def leave_out(self, number: int) -> None:
-        """Keep a frame that is not whole out of ImageSets: loaders read what these name."""
+        """Keep an incomplete frame out of ImageSets: loaders read the frames listed there."""
         self._unlisted.add(number)
 
     def close(self) -> None:
-        """ImageSets: test.txt, trainval.txt and its parts train.txt and val.txt.
+        """Write ImageSets: test.txt, trainval.txt and its parts train.txt and val.txt.
 
-        The first frames train: neighbours in time must not stand in both. Loaders open all of the
-        lists: those of the other split are empty, unless it is there.
+        The first frames train: neighbours in time must not be in both. Loaders open all of the
+        lists: those of the other split are written empty, unless they exist.
         """
         numbers = sorted(self._numbers - self._unlisted)
         part = ceil(len(numbers) * self._train_fraction)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writes the odometry layout: sequences/NN and poses/NN.txt."""
+"""Writer of the odometry layout: sequences/NN and poses/NN.txt."""
 
 from __future__ import annotations
 
@@ -26,26 +26,15 @@ if TYPE_CHECKING:
 
 
 class OdometryWriter(LayoutWriter):
-    """One sequence. File numbers run from 0 without a gap, as its times and poses are by line.
+    """Writes one sequence. File numbers run from 0 without a gap: times and poses are by line.
 
     Args:
         root: The dataset folder, above sequences and poses.
         sequence: The sequence's number.
-        store: Where the files go.
+        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.ODOMETRY
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.POSE,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-        }
-    )
 
     def __init__(self, root: Path, sequence: int = 0, store: LocalStore = STORE) -> None:
         name = f'{sequence:02d}'
@@ -56,22 +45,22 @@ class OdometryWriter(LayoutWriter):
         self._stamps: dict[int, int] = {}
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """calib.txt; the last one stays."""
+        """Write calib.txt; the last one is kept."""
         self._store.write_text(self.path / names.ODOMETRY_CALIB, format_odometry(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """calib.txt, verbatim."""
+        """Write calib.txt, verbatim."""
         for text in texts.values():
             self._store.write_text(self.path / names.ODOMETRY_CALIB, text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """velodyne/NNNNNN.bin."""
+        """Write velodyne/NNNNNN.bin."""
         self._stamps.setdefault(number, stamp_ns)
         name = names.file_name(number, names.FRAME_DIGITS, names.BIN)
         self._store.write(self.path / names.SCANS / name, format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """image_C/NNNNNN.png; the benchmark's times are camera 0's."""
+        """Write image_C/NNNNNN.png; the benchmark's times are those of camera 0."""
         if Stream(f'image_{camera}') not in self.accepts:
             raise self._no_place(Stream(f'image_{camera}'))
         if camera == 0:
@@ -81,7 +70,7 @@ class OdometryWriter(LayoutWriter):
         self._store.write(self.path / names.OBJECT_IMAGES[camera] / name, png)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
-        """A line of poses/NN.txt.
+        """Write a line of poses/NN.txt.
 
         Raises:
             UsageError: The number is not the next one.
@@ -95,7 +84,7 @@ class OdometryWriter(LayoutWriter):
         self._poses.append(first_T_cam0)
 
     def close(self) -> None:
-        """times.txt and poses/NN.txt.
+        """Write times.txt and poses/NN.txt.
 
         Raises:
             UsageError: A frame number is missing.

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writes the raw layout: DATE/DATE_drive_NNNN_sync (or extract), calibration in DATE."""
+"""Writer of the raw layout: DATE/DATE_drive_NNNN_sync (or extract), calibration in DATE."""
 
 from __future__ import annotations
 
@@ -75,30 +75,18 @@ orimode: orientation mode code
 
 
 class RawWriter(LayoutWriter):
-    """One drive.
+    """Writes one drive.
 
     Args:
         root: The folder above DATE.
         date: The drive's date, YYYY_MM_DD.
         drive: Its number.
         kind: sync or extract.
-        text_scans: Whether scans are text (millimetres), as KITTI's own extracts have them.
-        store: Where the files go.
+        text_scans: Whether scans are text (millimetres), as in KITTI's own extracts.
+        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.RAW
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.OXTS,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,
@@ -125,17 +113,17 @@ class RawWriter(LayoutWriter):
         self._rect_T_velo: Transform | None = None
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """The three calibration files of DATE; the last ones stay."""
+        """Write the three calibration files of DATE; the last ones are kept."""
         self._rect_T_velo = rect_from_velo(calibration)
         self.write_calibration_text(0, format_raw(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """Calibration files of DATE, verbatim."""
+        """Write calibration files of DATE, verbatim."""
         for name, text in texts.items():
             self._store.write_text(self.path.parent / name, text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """velodyne_points/data; a sweep without start and end takes its own stamp for both."""
+        """Write velodyne_points/data; a sweep without start and end gets its own stamp for both."""
         folder = self.path / names.RAW_SCANS
         suffix = names.TXT if self._text_scans else names.BIN
         data = format_scan_text(scan.points) if self._text_scans else format_scan(scan.points)
@@ -147,7 +135,7 @@ class RawWriter(LayoutWriter):
         self._stamp(folder / names.TIMESTAMPS_END, number, end)
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """image_0C/data."""
+        """Write image_0C/data."""
         if Stream(f'image_{camera}') not in self.accepts:
             raise self._no_place(Stream(f'image_{camera}'))
         folder = self.path / names.RAW_IMAGES[camera]
@@ -155,17 +143,17 @@ class RawWriter(LayoutWriter):
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
-        """oxts/data."""
+        """Write oxts/data."""
         folder = self.path / names.RAW_OXTS
         text = packet if isinstance(packet, str) else f'{format_packet(packet)}\n'
         self._write_data(folder, number, names.TXT, text.encode())
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
-        """A frame of tracklet_labels.xml; boxes without a 3D box are left out.
+        """Write a frame of tracklet_labels.xml; boxes without a 3D box are left out.
 
         Raises:
-            UsageError: The labels are lines of text, for which this layout has no place.
+            UsageError: The labels are lines of text, which this layout does not support.
             ValueError: A box has no track id.
         """
         if isinstance(labels, str):
@@ -179,10 +167,10 @@ class RawWriter(LayoutWriter):
             self._tracks.setdefault(box.track_id, {})[number] = box
 
     def close(self) -> None:
-        """The time stamp files, dataformat.txt and tracklet_labels.xml.
+        """Write the time stamp files, dataformat.txt and tracklet_labels.xml.
 
         Raises:
-            UsageError: There are labels but no calibration to bring them to velo_link.
+            UsageError: There are labels but no calibration to transform them to velo_link.
         """
         for path, stamps in self._stamps.items():
             self._store.write_text(path, format_timestamps(fill_stamps(stamps)))
@@ -201,7 +189,7 @@ class RawWriter(LayoutWriter):
         self._stamps.setdefault(path, {})[number] = stamp_ns
 
     def _tracklets(self) -> list[Tracklet]:
-        """A tracklet for each run of consecutive frames of each track, by track id."""
+        """Return a tracklet for each run of consecutive frames of each track, by track id."""
         tracklets = []
         for _, boxes in sorted(self._tracks.items()):
             for run in _consecutive_runs(sorted(boxes)):
@@ -213,7 +201,7 @@ class RawWriter(LayoutWriter):
     def _tracklet_pose(self, box: Box) -> TrackletPose:
         if self._rect_T_velo is None:
             raise UsageError('tracklets are in the scanner frame: write_calibration comes first')
-        # A tracklet stands upright to the scanner, a label to the camera: the middle is common.
+        # Tracklets are upright in the scanner's frame, labels in the camera's: the middle agrees.
         half = box.size_hwl[0] / 2
         middle = np.array(box.location) - [0.0, half, 0.0]
         (x, y, z), yaw = box_to_velo(middle, box.rotation_y, self._rect_T_velo)
@@ -223,10 +211,10 @@ class RawWriter(LayoutWriter):
 
 
 def fill_stamps(stamps: Mapping[int, int]) -> list[int]:
-    """Stamps by line for file numbers 0 to the last, those in between on a straight line.
+    """Return stamps by line for file numbers 0 to the last; missing ones are interpolated.
 
-    KITTI's own files list a stamp for a file that is missing. Line n stays file number n; before
-    the first file the stamps go back by the mean period.
+    KITTI's own files contain a stamp for a missing file. Line n stays file number n; stamps before
+    the first file are extrapolated by the mean period.
     """
     numbers = sorted(stamps)
     first, last = numbers[0], numbers[-1]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writes the tracking layout: training (or testing), one folder or file a sequence."""
+"""Writer of the tracking layout: training (or testing), one folder or file a sequence."""
 
 from __future__ import annotations
 
@@ -30,28 +30,16 @@ LARGELY_TRUNCATED = 0.5
 
 
 class TrackingWriter(LayoutWriter):
-    """One sequence. Time has no place in this layout: stamps are not written.
+    """Writes one sequence. The layout has no time: stamps are not written.
 
     Args:
         root: The dataset folder, above training.
         sequence: The sequence's number.
         split: training or testing.
-        store: Where the files go.
+        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.TRACKING
-    accepts: ClassVar[frozenset[Stream]] = frozenset(
-        {
-            Stream.CALIBRATION,
-            Stream.OXTS,
-            Stream.SCAN,
-            Stream.IMAGE_0,
-            Stream.IMAGE_1,
-            Stream.IMAGE_2,
-            Stream.IMAGE_3,
-            Stream.LABELS,
-        }
-    )
 
     def __init__(
         self,
@@ -70,26 +58,26 @@ class TrackingWriter(LayoutWriter):
         self._labelled = False
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """calib/SSSS.txt; the last one stays."""
+        """Write calib/SSSS.txt; the last one is kept."""
         self._store.write_text(self._table(names.CALIB), format_tracking(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """calib/SSSS.txt, verbatim."""
+        """Write calib/SSSS.txt, verbatim."""
         for text in texts.values():
             self._store.write_text(self._table(names.CALIB), text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """velodyne/SSSS/NNNNNN.bin."""
+        """Write velodyne/SSSS/NNNNNN.bin."""
         self._store.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """image_0C/SSSS/NNNNNN.png."""
+        """Write image_0C/SSSS/NNNNNN.png."""
         if Stream(f'image_{camera}') not in self.accepts:
             raise self._no_place(Stream(f'image_{camera}'))
         self._store.write(self._file(names.TRACKING_IMAGES[camera], number, names.PNG), png)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
-        """A line of oxts/SSSS.txt.
+        """Write a line of oxts/SSSS.txt.
 
         Raises:
             UsageError: The number is not the next one.
@@ -104,7 +92,7 @@ class TrackingWriter(LayoutWriter):
         self._packets.append(text.rstrip('\r\n'))
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
-        """Lines of label_02/SSSS.txt; a truncated fraction becomes the layout's level 0, 1 or 2.
+        """Write lines of label_02/SSSS.txt; a truncated fraction becomes a level 0, 1 or 2.
 
         Raises:
             ValueError: A box has no track id.
@@ -120,7 +108,7 @@ class TrackingWriter(LayoutWriter):
             self._labels.append(labels if labels.endswith('\n') else f'{labels}\n')
 
     def close(self) -> None:
-        """oxts/SSSS.txt and label_02/SSSS.txt."""
+        """Write oxts/SSSS.txt and label_02/SSSS.txt."""
         if self._packets:
             lines = ''.join(f'{packet}\n' for packet in self._packets)
             self._store.write_text(self._table(names.OXTS), lines)
@@ -136,9 +124,9 @@ class TrackingWriter(LayoutWriter):
 
 
 def truncation_level(truncated: float) -> float:
-    """The level 0, 1, 2 of a fraction; the benchmark's two limits for objects divide them.
+    """Return the level 0, 1 or 2 of a fraction, by the object benchmark's two limits.
 
-    Whole numbers are levels already and stay.
+    Whole numbers are levels already and are kept.
     """
     if truncated.is_integer():
         return truncated

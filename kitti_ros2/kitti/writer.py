@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""What the four layout writers share: the calls, in time order, and what happens at the end.
+"""The base class of the writers of all layouts: a method a stream, called in time order.
 
-A writer is handed samples as a recording yields them and holds nothing but the small tables that
-KITTI keeps in one file (time stamps, poses, tracks), which close() writes.
+A writer gets samples as a recording yields them and keeps only the small tables that KITTI has in
+one file (time stamps, poses, tracks); close() writes these.
 """
 
 from __future__ import annotations
@@ -27,18 +27,21 @@ from ..model.streams import Layout
 
 
 class LayoutWriter:
-    """Lays out one drive, sequence or set of frames; the base of the four.
+    """Writes one drive, sequence or set of frames.
 
-    Leaving the ``with`` block closes the writer, unless an exception does it: then the tables are
-    not written and what is there is the caller's to remove.
+    Leaving the ``with`` block closes the writer. After an exception the tables are not written, and
+    the caller removes the files.
 
     Attributes:
-        layout: Which of the four layouts.
-        accepts: The streams it has a place for; a sample of another stream is a UsageError.
+        layout: The layout that it writes.
     """
 
     layout: ClassVar[Layout]
-    accepts: ClassVar[frozenset[Stream]]
+
+    @property
+    def accepts(self) -> frozenset[Stream]:
+        """The streams that the layout has a place for; a sample of another is a UsageError."""
+        return self.layout.traits.streams
 
     def __enter__(self) -> Self:
         return self
@@ -53,35 +56,38 @@ class LayoutWriter:
             self.close()
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """The calibration that holds from a frame on; the object layout wants it for each frame."""
+        """Write the calibration valid from a frame on; object sets need one for each frame."""
         raise self._no_place(Stream.CALIBRATION)
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """As write_calibration, from calibration files kept verbatim, by file name."""
+        """Write calibration files verbatim, by file name."""
         raise self._no_place(Stream.CALIBRATION)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """One sweep."""
+        """Write one sweep."""
         raise self._no_place(Stream.SCAN)
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """One image, as the bytes of its PNG file."""
+        """Write one image, as the bytes of its PNG file."""
         raise self._no_place(Stream(f'image_{camera}'))
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
-        """One packet of the GPS/IMU unit, or its line verbatim."""
+        """Write one packet of the GPS/IMU unit, or its line verbatim."""
         raise self._no_place(Stream.OXTS)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
-        """The (3, 4) pose of the rectified camera 0 in its own first frame."""
+        """Write the (3, 4) pose of the rectified camera 0 in its own first frame."""
         raise self._no_place(Stream.POSE)
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
-        """The labelled objects of a frame, or its label lines verbatim."""
+        """Write the labelled objects of a frame, or its label lines verbatim."""
         raise self._no_place(Stream.LABELS)
 
+    def leave_out(self, number: int) -> None:
+        """Keep an incomplete frame out of lists of frames; other layouts have none."""
+
     def close(self) -> None:
-        """Write what KITTI keeps in one file for the whole recording."""
+        """Write the files that KITTI has once for the whole recording."""
 
     def _no_place(self, stream: Stream) -> UsageError:
         return UsageError(

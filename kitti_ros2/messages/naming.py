@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..model.geometry import Transform
-from ..model.streams import CAMERA_NAMES, Layout
+from ..model.streams import CAMERA_NAMES
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ..model.streams import Layout
     from ..options.messages import MessageOptions
 
 
@@ -72,7 +73,7 @@ def image_topic(layout: Layout, own: str, preset: Preset) -> str:
         preset: kitti2bag 1.5 calls the images of raw drives image_raw although they are rectified,
             and those of odometry image_rect (save_camera_data).
     """
-    return 'image_raw' if preset is Preset.KITTI2BAG and layout is Layout.RAW else own
+    return 'image_raw' if preset is Preset.KITTI2BAG and layout.traits.extracts else own
 
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:

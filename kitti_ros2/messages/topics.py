@@ -19,7 +19,7 @@ import numpy as np
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.decode import decode_png
-from ..model.errors import BadFileError, LackingError, UsageError
+from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.labels import cuboids_of, identified
 from ..model.samples import (
     Calibration,
@@ -144,7 +144,7 @@ class Topic:
 
         Raises:
             BadFileError: The sample cannot be decoded.
-            LackingError: The message needs a part of the calibration that is not there.
+            MissingDataError: The message needs a part of the calibration that is not there.
         """
         try:
             made = self.encode(sample, moment)
@@ -285,8 +285,8 @@ def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
     try:
         return _cuboids_once(labels, calibration)
     except ValueError as error:
-        reason = next(iter(calibration.lacks.values()), str(error))
-        raise LackingError(f'{reason}; it is needed for the 3D boxes of labels') from None
+        reason = next(iter(calibration.missing.values()), str(error))
+        raise MissingDataError(f'{reason}; it is needed for the 3D boxes of labels') from None
 
 
 def _detections(labels: FrameLabels, moment: Moment) -> object:
@@ -393,8 +393,10 @@ def _camera_info(image: Image, moment: Moment) -> object:
     calibration = moment.calibration()
     if moment.camera not in calibration.cameras:
         part = f'P{moment.camera}'
-        reason = calibration.lacks.get(part) or next(iter(calibration.lacks.values()), 'no ' + part)
-        raise LackingError(f'{reason}; it is needed for camera_info')
+        reason = calibration.missing.get(part) or next(
+            iter(calibration.missing.values()), 'no ' + part
+        )
+        raise MissingDataError(f'{reason}; it is needed for camera_info')
     size = (image.width, image.height)
     template = _camera_info_template(calibration, moment.camera, size, _image_frame(moment))
     return restamp(template, moment.stamp_ns)

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Values that all else is made of: errors, stamps, geometry, boxes, samples, recordings."""
+"""Values that all other rooms use: errors, stamps, geometry, boxes, samples, recordings."""

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""3D boxes: the values, and their geometry, vectorised.
+"""3D boxes: values and vectorised geometry.
 
-A box is given as KITTI's labels give it (source: readme.txt of the object devkit): the bottom
+A box has the form of KITTI's labels (source: readme.txt of the object devkit): the bottom
 face's centre in the rectified camera 0 frame (x right, y down, z forward), height, width, length,
 and rotation_y, the heading about y, 0 along +x. Its own frame has its origin in the box's middle,
 x along the heading, y to its left, z up.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DONT_CARE = 'DontCare'
-"""The class of image regions without labels; they have a 2D box only."""
+"""The class of image regions without labels, which have a 2D box only."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Cuboid:
-    """A box as ROS has it.
+    """A box in ROS conventions.
 
     Attributes:
         kind: Class name.
-        identity: What tells it from the others of its frame: track id, or place in the file.
+        identity: Unique in its frame: track id, or place in the file.
         velo_T_box: Its own frame (middle, x along the heading, y left, z up) in velo_link.
         size_lwh: Length, width, height along x, y, z, metres.
         score: Detection score, None for ground truth.
@@ -100,21 +100,21 @@ EDGES = np.array(
 """(12, 2) corners that an edge joins."""
 
 NEAR_M = 0.1
-"""Where a box that reaches behind the camera is cut before it is projected."""
+"""The depth at which a box that reaches behind the camera is cut before projection."""
 
 
 def wrap_angle(angle: npt.ArrayLike) -> Float64Array:
-    """Angles in radians brought to [-pi, pi]."""
+    """Wrap angles in radians to [-pi, pi]."""
     return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
 def unit_corners() -> Float64Array:
-    """(8, 3) corners of the cube of side 1 in its own frame, in the order told above."""
+    """Return the (8, 3) corners of the unit cube in its own frame, in the order given above."""
     return _SIGNS / 2
 
 
 def cuboid_corners(cuboids: Sequence[Cuboid]) -> Float64Array:
-    """(N, 8, 3) corners of cuboids in velo_link, metres."""
+    """Return the (N, 8, 3) corners of cuboids in velo_link, metres."""
     rotations = np.array([each.velo_T_box.rotation for each in cuboids]).reshape(-1, 3, 3)
     middles = np.array([each.velo_T_box.translation for each in cuboids]).reshape(-1, 1, 3)
     sizes = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 1, 3)
@@ -123,7 +123,7 @@ def cuboid_corners(cuboids: Sequence[Cuboid]) -> Float64Array:
 
 
 def box_rotations(rotation_y: npt.ArrayLike) -> Float64Array:
-    """(N, 3, 3) rect_R_box: columns are each box's forward, left and up in the camera's frame."""
+    """Return (N, 3, 3) rect_R_box: columns are forward, left and up in the camera's frame."""
     angle = np.atleast_1d(np.asarray(rotation_y, np.float64))
     cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     rows = [[cos, sin, zero], [zero, zero, -one], [-sin, cos, zero]]
@@ -133,7 +133,7 @@ def box_rotations(rotation_y: npt.ArrayLike) -> Float64Array:
 def box_corners(
     location: npt.ArrayLike, size_hwl: npt.ArrayLike, rotation_y: npt.ArrayLike
 ) -> Float64Array:
-    """(N, 8, 3) corners of (N, 3) locations, (N, 3) sizes and (N,) headings."""
+    """Return the (N, 8, 3) corners of (N, 3) locations, (N, 3) sizes and (N,) headings."""
     size = np.atleast_2d(np.asarray(size_hwl, np.float64))
     half_lwh = size[:, ::-1] / 2
     middle = np.atleast_2d(np.asarray(location, np.float64)) - [0.0, 1.0, 0.0] * half_lwh[:, 2:]
@@ -145,7 +145,7 @@ def box_corners(
 
 
 def boxes_of_corners(corners: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(N, 3) location, (N, 3) size and (N,) rotation_y; the inverse of box_corners."""
+    """Return (N, 3) location, (N, 3) size and (N,) rotation_y; the inverse of box_corners."""
     forward = corners[:, 0] - corners[:, 3]
     left = corners[:, 0] - corners[:, 1]
     up = corners[:, 4] - corners[:, 0]
@@ -154,19 +154,19 @@ def boxes_of_corners(corners: Float64Array) -> tuple[Float64Array, Float64Array,
 
 
 def alpha_of(location: npt.ArrayLike, rotation_y: npt.ArrayLike) -> Float64Array:
-    """(N,) observation angle: the heading as seen along the ray to the box, in [-pi, pi)."""
+    """Return (N,) observation angles: headings relative to the ray to the box, in [-pi, pi)."""
     place = np.atleast_2d(np.asarray(location, np.float64))
     return wrap_angle(np.asarray(rotation_y) - np.arctan2(place[:, 0], place[:, 2]))
 
 
 def rotation_y_of(location: npt.ArrayLike, alpha: npt.ArrayLike) -> Float64Array:
-    """(N,) heading; the inverse of alpha_of."""
+    """Return (N,) headings; the inverse of alpha_of."""
     place = np.atleast_2d(np.asarray(location, np.float64))
     return wrap_angle(np.asarray(alpha) + np.arctan2(place[:, 0], place[:, 2]))
 
 
 def project_corners(corners: Float64Array, p_rect: Float64Array) -> Float64Array:
-    """(N, 4) left, top, right, bottom of the corners' projection, before the image cuts it.
+    """Return (N, 4) left, top, right, bottom of the corners' projection, not clipped to the image.
 
     A box that reaches behind the camera is cut just in front of it; NaN for one wholly behind.
 
@@ -190,7 +190,7 @@ def project_corners(corners: Float64Array, p_rect: Float64Array) -> Float64Array
 
 
 def clip_bounds(bounds: Float64Array, size: tuple[int, int]) -> tuple[Float64Array, Float64Array]:
-    """Bounds cut to the image, and the part of each that the image cuts off.
+    """Clip bounds to the image, and return the clipped fraction of each.
 
     Args:
         bounds: (N, 4) left, top, right, bottom, pixels.
@@ -212,20 +212,20 @@ def clip_bounds(bounds: Float64Array, size: tuple[int, int]) -> tuple[Float64Arr
 
 
 def is_absurd(box: Box) -> bool:
-    """Whether a box claims to be a 3D one and is of no possible size."""
+    """Whether a box has a 3D size that is invalid."""
     return has_cuboid(box) and min(box.size_hwl) <= 0
 
 
 def has_cuboid(box: Box) -> bool:
-    """Whether a label tells a 3D box; DontCare and 2D detections have -1 for every size."""
+    """Whether a label has a 3D box; DontCare and 2D detections have -1 for every size."""
     return box.kind != DONT_CARE and box.size_hwl != (-1.0, -1.0, -1.0)
 
 
 def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
-    """A label's box in velo_link; its whole rotation, so that no point changes sides.
+    """Convert a label's box to velo_link with its full rotation: the same points stay inside.
 
-    The camera and the scanner are not quite upright to each other: the usual yaw,
-    -(pi/2 + rotation_y), is this rotation less a tilt of about a degree.
+    The camera and the scanner are not exactly upright to each other: the usual yaw,
+    -(pi/2 + rotation_y), is this rotation without a tilt of about a degree.
     """
     height, width, length = box.size_hwl
     middle = np.array(box.location) - [0.0, height / 2, 0.0]
@@ -243,7 +243,7 @@ def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
 def box_of(
     cuboid: Cuboid, rect_T_velo: Transform
 ) -> tuple[Float64Array, tuple[float, float, float], float]:
-    """(3,) location, size_hwl and rotation_y of a label; the inverse of cuboid_of."""
+    """Return (3,) location, size_hwl and rotation_y of a label; the inverse of cuboid_of."""
     rect_t_box = rect_T_velo @ cuboid.velo_T_box
     length, width, height = cuboid.size_lwh
     forward = rect_t_box.rotation[:, 0]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one exception family: each message says what, where, what was expected, and what to do."""
+"""The exceptions: each message contains what, where, what was expected, and what to do."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 
 class KittiRos2Error(Exception):
-    """Root of every error that a user can cause or mend; one line, shown without a traceback."""
+    """Base of every error that a user can cause or fix; one line, shown without a traceback."""
 
 
 class UsageError(KittiRos2Error):
-    """An option or argument that cannot be meant."""
+    """Invalid option or argument."""
 
 
 class NotKittiError(KittiRos2Error):
-    """A path that holds no recording of a known layout."""
+    """No recording of a known layout at a path."""
 
     def __init__(self, path: Path, found: str, layouts: Iterable[str]) -> None:
         super().__init__(
@@ -32,7 +32,7 @@ class NotKittiError(KittiRos2Error):
 
 
 class AmbiguousLayoutError(KittiRos2Error):
-    """A folder that fits more than one layout."""
+    """A folder fits more than one layout."""
 
     def __init__(self, path: Path, layouts: Sequence[str]) -> None:
         super().__init__(
@@ -42,7 +42,7 @@ class AmbiguousLayoutError(KittiRos2Error):
 
 
 class AmbiguousSequenceError(KittiRos2Error):
-    """A folder with several sequences or drives where one must be chosen."""
+    """A folder contains several sequences or drives, and one must be chosen."""
 
     def __init__(self, path: Path, option: str, names: Sequence[str]) -> None:
         shown = ', '.join(names[:8]) + (', ...' if len(names) > 8 else '')
@@ -50,7 +50,7 @@ class AmbiguousSequenceError(KittiRos2Error):
 
 
 class BadFileError(KittiRos2Error):
-    """A file whose content is not what its format demands."""
+    """Invalid content of a file."""
 
     def __init__(
         self,
@@ -70,14 +70,14 @@ class BadFileError(KittiRos2Error):
 
 
 class MissingFileError(KittiRos2Error):
-    """A file that the layout demands and that is not there."""
+    """A required file is missing."""
 
     def __init__(self, path: Path | str, needed_for: str) -> None:
         super().__init__(f'{path}: no such file; it is needed for {needed_for}')
 
 
 class OutputExistsError(KittiRos2Error):
-    """An output path that is taken."""
+    """The output path exists."""
 
     def __init__(
         self, path: Path, remedy: str = 'choose another name, or pass --overwrite'
@@ -86,14 +86,14 @@ class OutputExistsError(KittiRos2Error):
 
 
 class OutputError(KittiRos2Error):
-    """An output that cannot be written: permissions, a full disk, a busy writer."""
+    """The output cannot be written: permissions, a full disk, a busy writer."""
 
     def __init__(self, path: Path, reason: str, remedy: str) -> None:
         super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
 
 
 class BadBagError(KittiRos2Error):
-    """A path that is no readable bag, or a bag that does not hold what is asked for."""
+    """A path is no readable bag, or a bag does not contain the requested data."""
 
     def __init__(
         self,
@@ -104,15 +104,15 @@ class BadBagError(KittiRos2Error):
         super().__init__(f'{path}: {found}; expected {expected}')
 
 
-class LackingError(KittiRos2Error):
-    """Something a message needs, or a bag should hold, that is not to be had."""
+class MissingDataError(KittiRos2Error):
+    """Required data is missing."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
 
 
 def describe_error(error: Exception) -> str:
-    """What went wrong; it begins with the file where one is known."""
+    """Describe an error; the text begins with the file if it is known."""
     if isinstance(error, OSError) and error.filename is not None:
         return f'{error.filename}: {error.strerror}'
     return str(error)

@@ -39,18 +39,18 @@ class Transform:
 
     @classmethod
     def identity(cls) -> Transform:
-        """The transform that changes nothing."""
+        """Return the identity."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike) -> Transform:
-        """From a (3, 4) or (4, 4) matrix [R | t]."""
+        """Build from a (3, 4) or (4, 4) matrix [R | t]."""
         values = np.asarray(matrix, dtype=np.float64)
         return cls(values[:3, :3].copy(), values[:3, 3].copy())
 
     @classmethod
     def from_quaternion(cls, xyzw: npt.ArrayLike, translation: npt.ArrayLike) -> Transform:
-        """From a unit quaternion (x, y, z, w) and a translation."""
+        """Build from a unit quaternion (x, y, z, w) and a translation."""
         return cls(
             quaternion_to_rotation(np.asarray(xyzw, dtype=np.float64)),
             np.asarray(translation, dtype=np.float64),
@@ -58,7 +58,7 @@ class Transform:
 
     @classmethod
     def from_translation(cls, xyz: npt.ArrayLike) -> Transform:
-        """A pure shift."""
+        """Return a pure translation."""
         return cls(np.eye(3), np.asarray(xyz, dtype=np.float64))
 
     def __matmul__(self, other: Transform) -> Transform:
@@ -67,7 +67,7 @@ class Transform:
         )
 
     def inverse(self) -> Transform:
-        """b_T_a."""
+        """Return b_T_a."""
         return Transform(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
     def apply(self, points: npt.ArrayLike) -> Float64Array:
@@ -76,19 +76,19 @@ class Transform:
         return mapped
 
     def matrix(self) -> Float64Array:
-        """The (4, 4) homogeneous matrix."""
+        """Return the (4, 4) homogeneous matrix."""
         homogeneous = np.eye(4)
         homogeneous[:3, :3] = self.rotation
         homogeneous[:3, 3] = self.translation
         return homogeneous
 
     def quaternion(self) -> Float64Array:
-        """The rotation as (x, y, z, w)."""
+        """Return the rotation as (x, y, z, w)."""
         return rotation_to_quaternion(self.rotation)
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float64Array:
-    """Rz(yaw) @ Ry(pitch) @ Rx(roll), the order of the KITTI devkit's convertOxtsToPose."""
+    """Return Rz(yaw) @ Ry(pitch) @ Rx(roll), the order of the KITTI devkit's convertOxtsToPose."""
     cr, sr = np.cos(roll), np.sin(roll)
     cp, sp = np.cos(pitch), np.sin(pitch)
     cy, sy = np.cos(yaw), np.sin(yaw)
@@ -102,7 +102,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float64Array:
 
 
 def rotation_to_rpy(rotation: Float64Array) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) of a rotation; the inverse of rotation_from_rpy for |pitch| < pi/2."""
+    """Return (roll, pitch, yaw); the inverse of rotation_from_rpy for |pitch| < pi/2."""
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -110,9 +110,9 @@ def rotation_to_rpy(rotation: Float64Array) -> tuple[float, float, float]:
 
 
 def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
-    """(3, 3) rotation of a quaternion (x, y, z, w), which is normalised first.
+    """Return the (3, 3) rotation of a quaternion (x, y, z, w), which is normalised first.
 
-    NaN where that cannot be: of zeros, of NaN, and of numbers whose squares no float64 holds.
+    NaN if that is impossible: for zeros, NaN, and numbers whose squares overflow float64.
     """
     with np.errstate(over='ignore', invalid='ignore'):
         norm = np.linalg.norm(xyzw)
@@ -129,7 +129,7 @@ def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
 
 
 def rotation_to_quaternion(rotation: Float64Array) -> Float64Array:
-    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix.
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix.
 
     Takes the largest of the four components first (Shepperd 1978), so no rotation is near a zero
     division; a matrix rounded to seven digits, as KITTI's are, gives a quaternion of norm 1.

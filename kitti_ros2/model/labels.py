@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def rect_from_velo(calibration: Calibration) -> Transform:
-    """rect_T_velo: velo_link to the rectified camera 0.
+    """Return rect_T_velo, velo_link to the rectified camera 0.
 
     Raises:
-        ValueError: The calibration lacks r0_rect or cam0_T_velo.
+        ValueError: The calibration has no r0_rect or cam0_T_velo.
     """
     if calibration.r0_rect is None or calibration.cam0_T_velo is None:
         raise ValueError('boxes need a calibration with r0_rect and cam0_T_velo')
@@ -31,10 +31,10 @@ def rect_from_velo(calibration: Calibration) -> Transform:
 
 
 def cuboids_of(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
-    """The 3D boxes of a frame in velo_link.
+    """Return the 3D boxes of a frame in velo_link.
 
     Raises:
-        ValueError: They are given in the camera's frame, and the calibration lacks where that is.
+        ValueError: They are in the camera's frame, and the calibration has no transform from it.
     """
     if labels.cuboids:
         return list(labels.cuboids)
@@ -50,7 +50,7 @@ def cuboids_of(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
 
 
 def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
-    """Each box of a frame with its id: its track's, or its place in the file."""
+    """Return each box of a frame with its id: its track's, or its place in the file."""
     return [
         (str(place) if box.track_id is None else _track_identity(box.track_id, place), box)
         for place, box in enumerate(labels.boxes)
@@ -59,12 +59,12 @@ def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
 
 
 def _track_identity(track_id: int, place: int) -> str:
-    """DontCare regions all have track -1; their place keeps them apart."""
+    """Return the id of a box; DontCare regions all have track -1, so theirs is their place."""
     return str(track_id) if track_id >= 0 else f'{track_id}.{place}'
 
 
 class Trails:
-    """Where every track of a recording was, in the fixed frame of its poses."""
+    """The positions of all tracks of a recording, in the fixed frame of its poses."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class Trails:
                     self._places.setdefault(cuboid.track_id, []).append(place)
 
     def up_to(self, number: int) -> dict[int, Float64Array]:
-        """Track id to its places up to a frame that has it, (N, 3) metres in the world."""
+        """Map the track ids of a frame to their positions up to it, (N, 3) metres in the world."""
         return {
             track: np.array(self._places[track][: numbers.index(number) + 1])
             for track, numbers in self._numbers.items()

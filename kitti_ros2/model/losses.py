@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What could not be used of a user's data, and how its numbers are written."""
+"""Losses: unusable data of the user, and the text form of file numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Loss:
-    """Something of the user's data that could not be used: what, how much of it, and why.
+    """Unusable data of the user: stream, count and reason.
 
     Attributes:
         stream: Name of the stream or topic.
@@ -28,19 +28,19 @@ class Loss:
     numbers: tuple[int, ...] = ()
 
     def within(self, lowest: int, highest: int) -> Loss | None:
-        """The part of it between two file numbers, both included; all where none are known."""
+        """Return the part between two file numbers, both included; all if none are known."""
         if not self.numbers:
             return self
         kept = tuple(number for number in self.numbers if lowest <= number <= highest)
         return Loss(self.stream, len(kept), self.message, kept) if kept else None
 
     def text(self) -> str:
-        """The message with its numbers."""
+        """Return the message with its numbers."""
         return self.message.replace('{}', format_numbers(self.numbers))
 
 
 def runs_of(numbers: Iterable[int]) -> list[list[int]]:
-    """Ascending numbers as [first, last] of each run without a gap."""
+    """Return [first, last] of each run without a gap of ascending numbers."""
     spans: list[list[int]] = []
     for number in numbers:
         if spans and number == spans[-1][1] + 1:
@@ -51,7 +51,7 @@ def runs_of(numbers: Iterable[int]) -> list[list[int]]:
 
 
 def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
-    """Ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    """Format ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
     spans = runs_of(numbers)
     texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
     rest = sum(last - first + 1 for first, last in spans[most:])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's car, to a centimetre: where sensors are mounted, for recordings without calibration.
+"""Nominal mounts of the sensors on KITTI's car, to a centimetre, for a missing calibration.
 
 Source: the calibration files of 2011-09-26 and the sensor setup on KITTI's web page.
 """
@@ -20,4 +20,4 @@ NOMINAL_CAM0_T_VELO = Transform(
 """velo_link in camera 0."""
 
 NOMINAL_CAM0_X_M = {0: 0.0, 1: 0.54, 2: -0.06, 3: 0.47}
-"""How far right of camera 0 each camera is, by its index."""
+"""Metres from camera 0 to the right, by camera index."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol that the reader of every layout follows, and what it is made of."""
+"""The protocol of the readers of all layouts, and its parts."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The first readable pose of a recording; it decides where map is.
+    """The first readable pose of a recording; it defines the origin of map.
 
     Attributes:
         world_T_imu: The pose, in the reader's fixed frame.
-        level: Whether the axes of that frame are east, north and up; False where the layout has no
-            gravity (odometry).
+        level: Whether the axes of that frame are east, north and up; False if the layout has no
+            direction of gravity (odometry).
     """
 
     world_T_imu: Transform
@@ -33,7 +33,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class StreamIndex:
-    """Which samples a stream holds: file numbers, ascending, and their stamps, of one length."""
+    """The samples of a stream: file numbers, ascending, and their stamps, of the same length."""
 
     numbers: Int64Array
     stamps_ns: Int64Array
@@ -46,17 +46,17 @@ class Recording(Protocol):
     """A KITTI recording open for reading: an index in memory, samples read one by one on demand.
 
     Attributes:
-        layout: Which of the four layouts.
-        name: A short name for people (drive, sequence or folder).
+        layout: Its layout.
+        name: The drive, sequence or split.
         root: The folder that the names of its text files are relative to.
-        streams: What is there; a stream without a single sample is absent.
+        streams: Index by stream; a stream without samples is absent.
         cameras: Camera index to the camera's topic name part, such as color_left.
-        image_topic: image_rect, or image_raw where the images are not rectified.
+        image_topic: image_rect, or image_raw for images that are not rectified.
         common_numbers: Whether the same number is the same moment in all streams.
-        turns: When each scan was made, by file number.
+        turns: The turn of each scan, by file number.
         clock: The meaning of its stamps.
-        losses: What the listing already shows to be missing or unusable.
-        notes: What is worth a word and no loss, such as a stream that is absent.
+        losses: Missing or unusable data found by listing.
+        notes: Remarks that are no loss, such as an absent stream.
     """
 
     layout: Layout
@@ -65,7 +65,7 @@ class Recording(Protocol):
 
     @property
     def streams(self) -> Mapping[Stream, StreamIndex]:
-        """What is there, by stream."""
+        """Index by stream."""
         ...
 
     @property
@@ -79,52 +79,52 @@ class Recording(Protocol):
 
     @property
     def turns(self) -> Mapping[int, Turn]:
-        """The turn of each scan, by file number; none of scans compensated for motion."""
+        """The turn of each scan, by file number; scans compensated for motion have none."""
         ...
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """What the listing shows to be missing."""
+        """Missing data found by listing."""
         ...
 
     @property
     def late_losses(self) -> Sequence[Loss]:
-        """What passes over many samples (path, trails, origin of the map) could not read so far.
+        """Losses so far of passes over many samples (path, trails, origin of the map).
 
-        Nothing else names it: the sample itself may be left out, or be read at another time.
+        They are reported nowhere else: the sample itself may be left out, or be read later.
         """
         ...
 
     @property
     def notes(self) -> Sequence[str]:
-        """What is worth a word and no loss."""
+        """Remarks that are no loss."""
         ...
 
     def read(self, stream: Stream, number: int) -> Sample:
-        """The sample of a stream with a file number.
+        """Read the sample of a stream with a file number.
 
         Raises:
-            BadFileError: The file is cut, malformed or contradicts the rest.
+            BadFileError: The file is truncated, invalid, or contradicts the others.
             OSError: The file cannot be read.
         """
         ...
 
     def path(self, stream: Stream, number: int) -> Path:
-        """The file a sample is read from."""
+        """Return the file that a sample is read from."""
         ...
 
     def describe(self) -> Description:
-        """The recording as a whole."""
+        """Describe the recording as a whole."""
         ...
 
     def calibration(self, number: int) -> Calibration:
-        """The calibration that holds for a frame; what it lacks is named in it."""
+        """Return the calibration of a frame; absent parts are listed in its missing."""
         ...
 
     def trails(self, number: int) -> Mapping[int, Float64Array]:
-        """Track id to where that track's middle was up to a frame, (N, 3) metres in the world.
+        """Map the track ids of a frame to their centres up to it, (N, 3) metres in the world.
 
-        Tracks that the frame does not have are left out; all are, where there are no poses.
+        Tracks that the frame does not have are left out; without poses there are none.
         """
         ...
 
@@ -134,5 +134,5 @@ class Recording(Protocol):
         ...
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
-        """The poses of these numbers, those that cannot be read left out."""
+        """Return the poses of these numbers without the unreadable ones."""
         ...

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording holds, as frozen values: scans, images, packets, poses, calibration, labels."""
+"""Samples of a recording, frozen: scans, images, packets, poses, calibration, labels."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Int64Array: TypeAlias = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TextFile:
-    """A text file carried verbatim, so that it can be written again to the byte.
+    """A text file, verbatim, so that it can be restored byte for byte.
 
     Attributes:
         name: Path relative to the recording's root, with forward slashes.
-        text: The whole content, line ends untouched.
+        text: The whole content, line ends unchanged.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Turn:
     Attributes:
         start_ns: When it faces straight behind; it faces forward half a turn later.
         length_ns: Nanoseconds.
-        nominal: Whether the length is assumed, for want of start and end stamps.
+        nominal: Whether the length is assumed because start and end stamps are missing.
     """
 
     start_ns: int
@@ -51,7 +51,7 @@ class Turn:
 
     @property
     def forward_ns(self) -> int:
-        """When the scanner faces forward."""
+        """The stamp at which the scanner faces forward."""
         return self.start_ns + self.length_ns // 2
 
 
@@ -62,10 +62,10 @@ class Scan:
     Attributes:
         points: (N, 4) float32: x y z in metres in velo_link (x forward, y left, z up), and
             reflectance 0..1.
-        start_ns, end_ns: First and last firing of the sweep, where the layout has them.
-        labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, if asked for.
-        lacks: What was asked for and cannot be had: name to the reason, a line.
-        turn: When each direction was scanned; None where the points are of one moment, as in scans
+        start_ns, end_ns: First and last firing of the sweep, None if unknown.
+        labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, on request.
+        missing: Requested data that is missing: name to the reason, a line.
+        turn: When each direction was scanned; None if all points are of one moment, as in scans
             that KITTI has compensated for motion.
     """
 
@@ -73,13 +73,13 @@ class Scan:
     start_ns: int | None = None
     end_ns: int | None = None
     labels: npt.NDArray[np.uint32] | None = None
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
     turn: Turn | None = None
 
 
 @dataclass(frozen=True)
 class Image:
-    """One camera image, still encoded.
+    """One encoded camera image.
 
     Attributes:
         png: The file's own bytes.
@@ -138,8 +138,8 @@ class OxtsPacket:
     def body_velocity(self) -> Float64Array:
         """(3,) m/s along the body's axes (forward, left, up), from ve vn vu and the attitude.
 
-        Not from vf vl vu: the data set's vl is positive to the right, whatever its dataformat.txt
-        says (drive 0001: -ve sin(yaw) + vn cos(yaw) is -vl to 1 cm/s).
+        Not from vf vl vu: the data set's vl is positive to the right, unlike its dataformat.txt
+        (drive 0001: -ve sin(yaw) + vn cos(yaw) is -vl to 1 cm/s).
         """
         east_north_up = np.array([self.ve, self.vn, self.vu])
         body: Float64Array = rotation_from_rpy(self.roll, self.pitch, self.yaw).T @ east_north_up
@@ -148,7 +148,7 @@ class OxtsPacket:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the vehicle is: imu_link in a fixed frame, and how it moves where that is known.
+    """The pose of the vehicle: imu_link in a fixed frame, and its motion if known.
 
     Attributes:
         world_T_imu: Pose of imu_link in the frame that is fixed to the world: a reader's own (see
@@ -178,14 +178,14 @@ class Description:
     """The recording as a whole.
 
     Attributes:
-        values: What a reader of the bag needs to lay the recording out again; plain JSON values.
+        values: Plain JSON values, needed to restore the files of the recording from a bag.
         files: Text files of the whole recording, verbatim.
-        lacks: Those that cannot be read: name to the reason, a line.
+        missing: Unreadable ones: name to the reason, a line.
     """
 
     values: Mapping[str, object]
     files: Sequence[TextFile] = ()
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +194,8 @@ class CameraCalibration:
 
     Attributes:
         p_rect: (3, 4), projects points of the rectified camera 0 to this camera's rectified pixels;
-            where cam_T_velo is set, points of this camera's own frame.
-        size: (width, height) of its rectified images, where the layout tells.
+            with cam_T_velo, points of this camera's own frame.
+        size: (width, height) of its rectified images, None if the calibration does not contain it.
         k, d: (3, 3) and (5,) of the unrectified camera (plumb bob), raw layout only.
         r_rect: (3, 3), its rectifying rotation, raw layout only.
         cam_T_cam0: Unrectified camera 0 to this unrectified camera, raw layout only.
@@ -216,14 +216,14 @@ class Calibration:
     """The rig at one time.
 
     Attributes:
-        cameras: By KITTI camera index; a camera whose numbers are lacking is absent.
+        cameras: By KITTI camera index; a camera without valid numbers is absent.
         r0_rect: (3, 3), unrectified to rectified camera 0 (KITTI's R0_rect, R_rect_00).
         cam0_T_velo: velo_link to unrectified camera 0 (KITTI's Tr_velo_to_cam).
         velo_T_imu: imu_link to velo_link (KITTI's Tr_imu_to_velo).
         rectified: Whether the images are rectified (False for raw extract).
-        nominal: Attributes that are stated defaults because the layout does not tell them.
-        lacks: What is not there and should be: part (P2, Tr_velo_to_cam) to the reason, a line.
-        files: The files it came from, verbatim.
+        nominal: Attributes that are documented defaults because the files do not contain them.
+        missing: Missing parts (P2, Tr_velo_to_cam): part to the reason, a line.
+        files: Its files, verbatim.
     """
 
     cameras: Mapping[int, CameraCalibration]
@@ -232,7 +232,7 @@ class Calibration:
     velo_T_imu: Transform
     rectified: bool = True
     nominal: tuple[str, ...] = ()
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
     files: tuple[TextFile, ...] = ()
 
     @property
@@ -251,13 +251,13 @@ class FrameLabels:
     """The labelled objects of one frame.
 
     Attributes:
-        boxes: As a label file has them, in the file's order; None where a line is bad.
-        cuboids: As tracklets have them, in velo_link; a frame has these or boxes.
+        boxes: Those of a label file, in the file's order; None for an invalid line.
+        cuboids: Those of tracklets, in velo_link; a frame has these or boxes.
         source: The frame's lines verbatim, under their file's name; None for tracklets.
-        lacks: Bad lines: where to the reason, a line.
+        missing: Invalid lines: place to the reason, a line.
     """
 
     boxes: Sequence[Box | None] = ()
     cuboids: Sequence[Cuboid] = ()
     source: TextFile | None = None
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)

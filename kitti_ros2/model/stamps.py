@@ -15,7 +15,7 @@ from decimal import Decimal, InvalidOperation
 
 NS_PER_S = 1_000_000_000
 LAST_NS = 2**31 * NS_PER_S - 1
-"""The last moment that builtin_interfaces/Time can hold, in 2038: its seconds are an int32."""
+"""The latest value of builtin_interfaces/Time, in 2038: its seconds are an int32."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _TEXT = re.compile(
@@ -24,11 +24,11 @@ _TEXT = re.compile(
 
 
 def parse_stamp(text: str) -> int:
-    """Nanoseconds of a KITTI time stamp, ``YYYY-MM-DD HH:MM:SS[.fraction]``, taken as UTC.
+    """Parse a KITTI time stamp into nanoseconds, ``YYYY-MM-DD HH:MM:SS[.fraction]``, taken as UTC.
 
     Raises:
-        ValueError: The text is no such stamp, or names a moment that does not exist, or one that
-            ROS 2 cannot hold (before 1970 or after January 2038).
+        ValueError: The text is no such stamp, the date does not exist, or ROS 2 cannot represent it
+            (before 1970 or after January 2038).
     """
     match = _TEXT.fullmatch(text)
     if match is None:
@@ -43,14 +43,14 @@ def parse_stamp(text: str) -> int:
 
 
 def format_stamp(stamp_ns: int) -> str:
-    """KITTI's text of a stamp, with all nine digits; the inverse of parse_stamp."""
+    """Format a stamp as KITTI does, with all nine digits; the inverse of parse_stamp."""
     seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
     moment = _EPOCH + timedelta(seconds=seconds)
     return f'{moment:%Y-%m-%d %H:%M:%S}.{nanoseconds:09d}'
 
 
 def parse_seconds(text: str) -> int:
-    """Nanoseconds of a decimal count of seconds (odometry's times.txt), rounded to the nearest.
+    """Parse decimal seconds (odometry's times.txt) into nanoseconds, rounded to the nearest.
 
     Raises:
         ValueError: The text is no finite number.
@@ -67,15 +67,15 @@ def parse_seconds(text: str) -> int:
 
 
 def format_seconds(offset_ns: int) -> str:
-    """The text of an offset as odometry's times.txt has it: seconds, six decimals of mantissa."""
+    """Format an offset as in odometry's times.txt: seconds, six decimals of mantissa."""
     return f'{offset_ns / NS_PER_S:.6e}'
 
 
 def to_sec_nanosec(stamp_ns: int) -> tuple[int, int]:
-    """The (sec, nanosec) pair of builtin_interfaces/Time; 0 <= nanosec < 1e9 for every stamp."""
+    """Return (sec, nanosec) of builtin_interfaces/Time; 0 <= nanosec < 1e9 for every stamp."""
     return divmod(stamp_ns, NS_PER_S)
 
 
 def from_sec_nanosec(sec: int, nanosec: int) -> int:
-    """The inverse of to_sec_nanosec."""
+    """Return nanoseconds; the inverse of to_sec_nanosec."""
     return sec * NS_PER_S + nanosec

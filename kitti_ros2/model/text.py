@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Text for people: one safe line of what files and bags say, and quantities with their units."""
+"""Text for people: safe single lines, and quantities with their units."""
 
 from __future__ import annotations
 
 import re
 
-# A word of a name that nobody reads to its end: its beginning and its end are shown.
+# Of longer words only the beginning and the end are shown.
 _LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
 
 
 def one_line(text: str) -> str:
-    r"""A text without line breaks and without what a terminal would obey instead of show.
+    r"""Remove line breaks and control characters from a text.
 
-    Names of topics, frames and types are whatever a bag says. What is not printable (control
-    characters, marks that turn the direction of writing, bytes of file names that are no UTF-8) is
-    written as in a Python string, such as \x1b; of very long words the middle is left out.
+    Names of topics, frames and types in a bag are arbitrary. What is not printable (control
+    characters, marks that change the direction of writing, bytes of file names that are not UTF-8)
+    is written as in a Python string, such as \x1b; of very long words the middle is left out.
     """
     line = ' '.join(text.split())
     if not line.isprintable():
@@ -28,7 +28,7 @@ def _escaped(character: str) -> str:
 
 
 def format_bytes(count: float) -> str:
-    """A size such as 434.9 MB."""
+    """Format a size such as 434.9 MB."""
     for unit in ('B', 'kB', 'MB', 'GB'):
         if count < 1000:
             return f'{count:.0f} {unit}' if unit == 'B' else f'{count:.1f} {unit}'
@@ -37,7 +37,7 @@ def format_bytes(count: float) -> str:
 
 
 def format_duration(nanoseconds: int) -> str:
-    """A duration such as 12.4 s or 7 min 30 s."""
+    """Format a duration such as 12.4 s or 7 min 30 s."""
     seconds = nanoseconds / 1e9
     if seconds < 120:
         return f'{seconds:.1f} s'
@@ -46,5 +46,5 @@ def format_duration(nanoseconds: int) -> str:
 
 
 def format_count(count: int, noun: str) -> str:
-    """A count with its noun, such as 1 message or 2,104 messages."""
+    """Format a count with its noun, such as 1 message or 2,104 messages."""
     return f'{count:,} {noun}{"" if count == 1 else "s"}'

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from .rosidl_structs import CSequence, CString
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def split_name(msgtype: str) -> tuple[str, str, str]:
 def fields_of(msgtype: str, typestore: Typestore) -> list[Field]:
     """The fields of a message type; as in C, an empty message has a filler."""
     if msgtype not in typestore.fielddefs:
-        raise LackingError(f'{msgtype}: no definition of this message type is known')
+        raise MissingDataError(f'{msgtype}: no definition of this message type is known')
     described = typestore.fielddefs[msgtype][1]
     if not described:
         return [Field('structure_needs_at_least_one_member', 'uint8')]
@@ -183,7 +183,7 @@ def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa
         return Field(name, _MESSAGE, nested=rest, shape=shape, length=length)
     kind, string_bound = rest
     if kind not in _KINDS:
-        raise LackingError(
+        raise MissingDataError(
             f'{msgtype}: its field {name} is a {kind}, which no type built at run time can hold;'
             f' install the package {split_name(msgtype)[0]}'
         )

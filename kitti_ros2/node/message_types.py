@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from . import rosidl_structs as structs
 from .message_fields import defined_hash, split_name
 from .runtime_types import runtime_type
@@ -39,7 +39,7 @@ def message_class(msgtype: str, typestore: Typestore) -> type:
         The same class whenever the same definition is asked for.
 
     Raises:
-        LackingError: If the type is unknown, or its installed package is broken or differs.
+        MissingDataError: If the type is unknown, or its installed package is broken or differs.
     """
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _CLASSES:
@@ -52,7 +52,7 @@ def type_hash(cls: type) -> str:
     """The type hash, RIHS01_ and 64 hexadecimal digits, that a message class tells the middleware.
 
     Raises:
-        LackingError: If the class is no message of ROS 2, or its package's libraries are missing.
+        MissingDataError: The class is no message of ROS 2, or its package's libraries are missing.
     """
     metaclass: Any = type(cls)
     try:
@@ -60,7 +60,7 @@ def type_hash(cls: type) -> str:
             metaclass.__import_type_support__()
         address = structs.unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
     except Exception as error:  # a broken installation may raise anything
-        raise LackingError(
+        raise MissingDataError(
             f'{cls.__module__}.{cls.__name__}: the installed package is no working one of ROS 2'
             f' ({error}); install it again, or take it off PYTHONPATH'
         ) from error
@@ -75,20 +75,20 @@ def _installed_class(msgtype: str, expected: str) -> type | None:
         module = importlib.import_module(f'{package}.{folder}')
     except ModuleNotFoundError as error:
         if error.name not in {package, f'{package}.{folder}'}:
-            raise LackingError(
+            raise MissingDataError(
                 f'{msgtype}: the installed package {package} cannot be imported ({error});'
                 f' install what it needs, or take it off PYTHONPATH'
             ) from error
         return None
     if importlib.util.find_spec('type_description_interfaces') is None:
         # Its type supports hold no hash, and reading one from them would crash.
-        raise LackingError(
+        raise MissingDataError(
             f'{msgtype}: the installed package {package} is of a ROS 2 older than Jazzy;'
             f' use Jazzy, or take it off PYTHONPATH'
         )
     cls: type | None = getattr(module, name, None)
     if cls is not None and (found := type_hash(cls)) != expected:
-        raise LackingError(
+        raise MissingDataError(
             f'{msgtype}: the installed package {package} defines it differently ({found}) than'
             f' ROS 2 Jazzy ({expected}); install the package of Jazzy, or take it off PYTHONPATH'
         )

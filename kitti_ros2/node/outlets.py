@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..player.audience import Audience
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
@@ -66,7 +66,7 @@ class Outlets:
         for index, outlet in enumerate(self.outlets):
             try:
                 kind = message_class(outlet.msgtype, program.typestore)
-            except LackingError as error:
+            except MissingDataError as error:
                 self.complaints[index] = f'{outlet.name} cannot be published: {error}'
                 continue
             self._publishers[index] = node.create_publisher(

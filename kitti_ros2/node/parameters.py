@@ -15,6 +15,7 @@ from rclpy.exceptions import (
 from rclpy.parameter import Parameter
 
 from ..model.errors import UsageError
+from ..model.streams import LAYOUT_NAMES
 from ..options.playback import MOST_STEP, RATES
 from ..options.table import DEFAULT_READ_AHEAD, MOST_READ_AHEAD
 
@@ -67,7 +68,7 @@ _P = PlayerParameter
 
 PARAMETERS = (
     _P('source', '', 'KITTI folder or bag; another one may be given at any time', live=True),
-    _P('layout', '', 'raw, object, odometry or tracking; empty guesses', live=True),
+    _P('layout', '', f'{LAYOUT_NAMES}; empty guesses', live=True),
     _P('sequence', '', 'drive, split or sequence of the source', live=True, any_type=True),
     _P('rate', 1.0, 'seconds of recording a second', live=True, bounds=RATES),
     _P('loop', 1, 'rounds to play; 0 or true is without end', live=True, any_type=True),

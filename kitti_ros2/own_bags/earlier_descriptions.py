@@ -73,7 +73,7 @@ def _of_raw(
     if Stream.LABELS in streams:
         expected.append(drive / names.RAW_TRACKLETS)
     if Stream.CALIBRATION in streams:
-        files = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
+        files = names.RAW_CALIB
         first = next((path for path in found if path.name in files), PurePosixPath(files[0]))
         expected += [first.parent / file for file in files]
     return expected

@@ -24,7 +24,7 @@ from ..messages.header import peek_header
 from ..messages.source import decode_text
 from ..messages.topics import LABELLED_CAMERA
 from ..model.errors import BadFileError
-from ..model.streams import FRAME_STREAMS, Clock, Layout, Stream
+from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import ScanStamp
 from .folders import Folder
 from .recorded_layout import find_blueprint
@@ -42,6 +42,11 @@ BY_POSITION = 'frames of this bag are numbered by position, from 0'
 
 OXTS_LINES = '/kitti/source/oxts'
 _LINES = frozenset({OXTS_LINES, LABEL_LINES})
+_LINE_FOLDERS = {
+    Stream.OXTS: (names.OXTS,),
+    Stream.POSE: (names.POSES, names.OXTS),
+    Stream.LABELS: (names.TRACKING_LABELS,),
+}
 _HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
 
 
@@ -133,17 +138,14 @@ class NumberedBag(NamedTuple):
 
 def has_common_numbers(blueprint: Blueprint) -> bool:
     """Whether a file number is the same moment in all streams of a recording."""
-    return not (blueprint.layout is Layout.RAW and blueprint.name.endswith('_extract'))
+    return not blueprint.layout.traits.is_extract(blueprint.name)
 
 
 def clock_of(blueprint: Blueprint) -> Clock:
     """The meaning of a recording's stamps, by the time files that its bag carries."""
     files = {path.name for path in blueprint.texts}
-    if blueprint.layout is Layout.RAW and names.TIMESTAMPS in files:
-        return Clock.UTC
-    if blueprint.layout is Layout.ODOMETRY and names.TIMES in files:
-        return Clock.RELATIVE
-    return Clock.NOMINAL
+    clock = blueprint.layout.traits.clock
+    return clock if names.STAMP_FILES[clock] in files else Clock.NOMINAL
 
 
 def number_bag(
@@ -225,7 +227,7 @@ def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
         return blueprint
     if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
         folder = blueprint.folders[Stream.OXTS]
-    elif blueprint.layout is Layout.RAW:
+    elif blueprint.layout.traits.tracklets:
         numbers = tuple(sorted(tracklets_of(blueprint)))
         path = _folder_of_tracklets(blueprint)
         folder = Folder(path, names.RAW_DIGITS, names.BIN, numbers, numbers)
@@ -260,13 +262,11 @@ def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
 
 def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
     """The frames that the common file of a stream has lines for, ascending."""
-    tracking = blueprint.layout is Layout.TRACKING
-    labels = stream is Stream.LABELS
-    folder = (names.TRACKING_LABELS if labels else names.OXTS) if tracking else names.POSES
-    for path, text in blueprint.texts.items():
-        if folder in {path.parent.name, path.stem}:
-            lines = text.splitlines()
-            return sorted({*_rows(lines)}) if labels else range(len(lines))
+    for folder in _LINE_FOLDERS[stream] if stream in blueprint.layout.traits.line_streams else ():
+        for path, text in blueprint.texts.items():
+            if folder in {path.parent.name, path.stem}:
+                lines = text.splitlines()
+                return sorted({*_rows(lines)}) if stream is Stream.LABELS else range(len(lines))
     return ()
 
 
@@ -320,7 +320,7 @@ def _by_header(
 
 def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
     """The frame that a text is of, by the name of its file or by its first column."""
-    if blueprint.layout is Layout.TRACKING:
+    if stream in blueprint.layout.traits.line_streams:
         return next(_rows(text.text.splitlines()), UNKNOWN) if stream is Stream.LABELS else UNKNOWN
     stem = PurePosixPath(text.name).stem
     return int(stem) if stem.isdecimal() else UNKNOWN

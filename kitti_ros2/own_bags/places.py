@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -64,7 +64,7 @@ class PlacedMessages:
         """The decoded message at a place.
 
         Raises:
-            LackingError: It is missing.
+            MissingDataError: It is missing.
             Exception: It cannot be decoded; generated code lets anything out.
         """
         before = place.before
@@ -76,4 +76,4 @@ class PlacedMessages:
                     kind = message.msgtype
                     return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)
                 before -= 1
-        raise LackingError('it is not there any more')
+        raise MissingDataError('it is not there any more')

@@ -22,7 +22,7 @@ from ..kitti.turns import find_turns, scan_stamps
 from ..messages.source import CALIBRATION, FILES, RECORDING, decode_text
 from ..model.errors import BadBagError
 from ..model.losses import Loss
-from ..model.streams import Layout, Stream
+from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
 from .description import EarlierVersionError, UndescribedError, parse_description
 from .earlier_descriptions import implied_texts, without_absent_streams
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessages
     from ..model.samples import TextFile
+    from ..model.streams import Layout
     from .description import RecordingDescription
     from .folders import Folder
 
@@ -88,7 +89,7 @@ class Blueprint:
 
         Source: readme.txt of the raw devkit; pykitti expects it so.
         """
-        drive = self.layout is Layout.RAW and names.RAW_DRIVE.fullmatch(self.name)
+        drive = self.layout.traits.dated and names.RAW_DRIVE.fullmatch(self.name)
         return PurePosixPath(self.name[: len('2011_09_26')] if drive else '')
 
     @property
@@ -109,8 +110,7 @@ class Blueprint:
 
     def stamps_path(self, stream: Stream) -> PurePosixPath:
         """The text file with a stream's stamps, in layouts that have one."""
-        name = names.TIMESTAMPS if self.layout is Layout.RAW else names.TIMES
-        return self.folders[stream].path.parent / name
+        return self.folders[stream].path.parent / names.STAMP_FILES[self.layout.traits.clock]
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """File number to a message's stamp; numbers without a valid stamp are left out."""
@@ -119,7 +119,7 @@ class Blueprint:
             stream is not Stream.SCAN
             or stamps is None
             or self.scan_stamp is ScanStamp.FORWARD
-            or self.layout is Layout.ODOMETRY
+            or self.layout.traits.compensated_scans
         ):
             return stamps
         starts = self._turn_stamps(names.TIMESTAMPS_START)
@@ -141,9 +141,10 @@ class Blueprint:
         path = self.stamps_path(stream)
         if path in self.missing:
             return None
-        if self.layout is Layout.RAW and path in self.texts:
+        clock = self.layout.traits.clock
+        if clock is Clock.UTC and path in self.texts:
             return parse_timestamps(self.texts[path], str(path)).sound()
-        if self.layout is Layout.ODOMETRY and path in self.texts:
+        if clock is Clock.RELATIVE and path in self.texts:
             offsets = parse_times(self.texts[path], str(path)).sound()
             return {line: self.epoch_ns + offset for line, offset in offsets.items()}
         numbers = self.folders[stream].carried

@@ -35,7 +35,7 @@ from ..model.errors import BadFileError, KittiRos2Error
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
 from ..model.samples import Calibration
-from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
 from .numbering import OXTS_LINES, tracklets_of
@@ -78,7 +78,7 @@ class BagRecording:
         self._bag = bag
         self._blueprint = bag.blueprint
         self.root = path
-        self.layout: Layout = bag.blueprint.layout
+        self.layout = bag.blueprint.layout
         self.name = bag.blueprint.name
         self.common_numbers = bag.common
         self.clock: Clock = bag.clock
@@ -144,7 +144,7 @@ class BagRecording:
 
     def calibration(self, number: int) -> Calibration:
         """The calibration that holds for a frame; what it lacks is named in it."""
-        return self._calibration_cached(number if self.layout is Layout.OBJECT else 0)
+        return self._calibration_cached(number if self.layout.traits.calibration_per_frame else 0)
 
     def _choose(self) -> dict[Stream, str]:
         """The topic that each stream is read from, of those that have a known number."""
@@ -228,11 +228,11 @@ class BagRecording:
 
     def _calibration(self, number: int) -> Calibration:
         files = self._blueprint.calibrations
-        if self.layout is Layout.RAW:
+        if self.layout.traits.dated:
             texts = {path.name: text for path, text in files.items()}
             return parse_raw_calibration(texts, self.root, rectified=self.common_numbers)
         found = [*files.items()]
-        if self.layout is Layout.OBJECT:
+        if self.layout.traits.calibration_per_frame:
             folder = self._blueprint.folders.get(Stream.CALIBRATION)
             # A file like the one before it is not written to the bag again.
             known = folder is not None and number in folder.numbers
@@ -251,7 +251,7 @@ def _number(path: PurePosixPath) -> int:
 
 
 def _no_calibration(reason: str) -> Calibration:
-    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, lacks={'file': reason})
+    return Calibration({}, None, None, NOMINAL_VELO_T_IMU, missing={'file': reason})
 
 
 def _decoded(decode: Decoder, message: BagMessage) -> Any:  # noqa: ANN401 - of the bag's types

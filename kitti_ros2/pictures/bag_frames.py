@@ -63,7 +63,7 @@ class BagFrames:
 
     Raises:
         BadBagError: It cannot be read.
-        LackingError: It has neither point clouds nor images.
+        MissingDataError: It has neither point clouds nor images.
     """
 
     def __init__(self, path: Path, survey: Survey) -> None:
@@ -126,16 +126,16 @@ class BagFrames:
             if (place := found[number]) is not None and (wanted is None or stream.value in wanted)
         }
         stamp_ns = int(self.stamps_ns[number])
-        lacks = dict(self._no_calibration)
+        missing = dict(self._no_calibration)
         made: dict[Stream, Any] = {}
         for stream, place in places.items():
             try:
                 made[stream] = self._make(stream, self._messages.read(place))
             except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-                lacks[stream.value] = f'{place.topic}: the message of frame {number}: {error}'
+                missing[stream.value] = f'{place.topic}: the message of frame {number}: {error}'
         calibration = self._rigging.calibrations.at(stamp_ns)
         labels = made.get(Stream.LABELS, FrameLabels())
-        lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
+        missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
         return Frame(
             source=self.name,
             number=number,
@@ -145,7 +145,7 @@ class BagFrames:
             calibration=calibration,
             objects=objects_of(labels, calibration),
             pose=self._pose(stamp_ns),
-            lacks=lacks,
+            missing=missing,
         )
 
     def _make(self, stream: Stream, message: Any) -> Any:  # noqa: ANN401
@@ -159,11 +159,11 @@ class BagFrames:
             return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
         if stream is Stream.LABELS:
             cuboids, left_out = self._rigging.cuboids(message)
-            lacks = {}
+            missing = {}
             if ABSURD in left_out:
                 topic = frame_topics(self._plan)[stream]
-                lacks['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
-            return FrameLabels(cuboids=[_identified(each) for each in cuboids], lacks=lacks)
+                missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
+            return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
         return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
 
     def _pose(self, stamp_ns: int) -> Pose | None:
@@ -194,9 +194,9 @@ def _rigged(
         return plan, Rigging(plan, survey), {}
     except KittiRos2Error as error:
         cautions.append(f'no calibration: {error}')
-        lacks = {Stream.CALIBRATION.value: str(error)}
+        missing = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
-    return plan, Rigging(plan, survey), lacks
+    return plan, Rigging(plan, survey), missing
 
 
 def _axes(plan: Plan, cautions: list[str]) -> Transform | None:

@@ -82,7 +82,7 @@ def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
         shown = fitted(value, width - _VALUES, _SCALE)
         put_text(window, shown, (_VALUES, baseline), _SCALE, _VALUE)
         baseline += _LINE
-    for name in frame.lacks:
+    for name in frame.missing:
         if baseline > window.shape[0]:
             break
         text = fitted(f'not readable: {name}', width, _SCALE)

@@ -33,7 +33,7 @@ class Frame:
         packet: Of the GPS/IMU unit, if any.
         pose: Where the vehicle is, if known.
         timed: Whether the layout tells times; where it does not, stamps are nominal.
-        lacks: What cannot be had of this frame and should be there: name to the reason, a line.
+        missing: What cannot be had of this frame and should be there: name to the reason, a line.
     """
 
     source: str
@@ -47,7 +47,7 @@ class Frame:
     packet: OxtsPacket | None = None
     pose: Pose | None = None
     timed: bool = True
-    lacks: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
 
 
 class FrameSource(Protocol):

@@ -11,7 +11,7 @@ from ..drawing.annotate import is_labelled
 from ..drawing.objects import LABEL_CAMERA
 from ..drawing.projection import Projection
 from ..model.boxes import DONT_CARE
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..model.streams import Stream
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
     """The camera that the options choose, and its image, not to be drawn on.
 
     Raises:
-        LackingError: The frame has no image of it.
+        MissingDataError: The frame has no image of it.
     """
     camera = chosen_camera(frame.images, options)
     if camera is None:
@@ -51,7 +51,7 @@ def frame_points(frame: Frame) -> Float32Array:
     """The scan.
 
     Raises:
-        LackingError: The frame has none.
+        MissingDataError: The frame has none.
     """
     if frame.points is None:
         raise _lacking(frame, 'scan', Stream.SCAN.value)
@@ -62,7 +62,7 @@ def bird_points(frame: Frame) -> Float32Array | None:
     """The scan; None where there is none, but boxes to be seen from above.
 
     Raises:
-        LackingError: There is neither.
+        MissingDataError: There is neither.
     """
     boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
     return frame.points if boxes else frame_points(frame)
@@ -72,7 +72,7 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
     """velo_link into the images of a camera.
 
     Raises:
-        LackingError: The calibration is not there or not whole.
+        MissingDataError: The calibration is not there or not whole.
     """
     if frame.calibration is None:
         raise _lacking(frame, 'calibration', _CALIBRATION)
@@ -80,14 +80,14 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
         return Projection.of(frame.calibration, camera)
     except ValueError as error:
         reason = _reason(frame, _CALIBRATION) or error
-        raise LackingError(f'{name_of(frame)}: {reason}') from None
+        raise MissingDataError(f'{name_of(frame)}: {reason}') from None
 
 
 def needed_projection(frame: Frame, camera: int) -> Projection | None:
     """The same, where 2D boxes cannot be drawn without; else None.
 
     Raises:
-        LackingError: It is needed, and the calibration is not there or not whole.
+        MissingDataError: It is needed, and the calibration is not there or not whole.
     """
     labelled = is_labelled(frame.calibration, camera)
     everything = (*frame.objects, *frame.predictions)
@@ -107,15 +107,15 @@ def of_classes(frame: Frame, options: PictureOptions) -> Frame:
     )
 
 
-def _lacking(frame: Frame, what: str, stream: str) -> LackingError:
+def _lacking(frame: Frame, what: str, stream: str) -> MissingDataError:
     """The error that a frame has not what a picture shows, with the reason where one is known."""
     reason = _reason(frame, stream)
-    return LackingError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
+    return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
 
 
 def _reason(frame: Frame, stream: str) -> str:
     """Why a stream cannot be had, '' where that is not known."""
-    return next((why for name, why in frame.lacks.items() if name.startswith(stream)), '')
+    return next((why for name, why in frame.missing.items() if name.startswith(stream)), '')
 
 
 def name_of(frame: Frame) -> str:

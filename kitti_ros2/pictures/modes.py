@@ -37,7 +37,7 @@ class Mode:
     """One kind of picture.
 
     Attributes:
-        draw: Makes it of a frame; raises LackingError where the frame has not what it takes.
+        draw: Makes it of a frame; raises MissingDataError where the frame has not what it takes.
         image: Whether it shows a camera's image.
         others: The streams that it shows besides.
     """

@@ -24,7 +24,7 @@ from ..drawing.scales import SCALES, colored, draw_bar, draw_ramp
 from ..drawing.strokes import new_picture
 from ..drawing.text import extent_of, fitted, put_text
 from ..drawing.wireframes import draw_wireframes
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..options.pictures import ColorBy
 from .facts import draw_classes, draw_facts, moment_of
 from .frame_parts import (
@@ -134,7 +134,7 @@ def _draw_head(page: Pixels, frame: Frame) -> None:
     put_text(page, number, (left, baseline), _HEAD_SCALE, _QUIET)
 
 
-def _say(window: Pixels, frame: Frame, error: LackingError) -> None:
+def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
     """What is missing, in the middle of a window."""
     window[:] = cv2.convertScaleAbs(window, alpha=_DIM)
     width = window.shape[1]
@@ -161,7 +161,7 @@ def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     """The camera image three times: with 2D boxes, 3D boxes, and the scan."""
     try:
         shown = _fit(*camera_image(frame, options), BOXES_2D)
-    except LackingError as error:
+    except MissingDataError as error:
         for area in (BOXES_2D, BOXES_3D, LIDAR):
             _say(area.of(page), frame, error)
         return
@@ -176,7 +176,7 @@ def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
         window[:] = shown.picture
         try:
             draw(window, shown, frame, options)
-        except LackingError as error:
+        except MissingDataError as error:
             _say(area.of(page), frame, error)
 
 
@@ -219,7 +219,7 @@ def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     window = BIRD.of(page)
     try:
         points = bird_points(frame)
-    except LackingError as error:
+    except MissingDataError as error:
         _say(window, frame, error)
         return
     bird = _filling(options.bird, BIRD)
@@ -244,7 +244,7 @@ def _draw_maps(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     """The scan by direction: intensity and distance."""
     try:
         maps = range_maps(frame_points(frame), _RIGHT_WIDTH)
-    except LackingError as error:
+    except MissingDataError as error:
         _say(INTENSITY.of(page), frame, error)
         _say(DISTANCE.of(page), frame, error)
         return

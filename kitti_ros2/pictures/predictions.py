@@ -49,24 +49,24 @@ class Predictions:
 
     def add_to(self, frame: Frame) -> Frame:
         """The frame with what was found in it; bad lines are among what it lacks."""
-        lacks: dict[str, str] = {}
+        missing: dict[str, str] = {}
         try:
-            boxes = self._boxes(frame.number, lacks)
+            boxes = self._boxes(frame.number, missing)
         except (BadFileError, OSError) as error:
             boxes = []
-            lacks['predictions'] = str(error)
+            missing['predictions'] = str(error)
         found = objects_of(FrameLabels(boxes=boxes), frame.calibration)
-        return replace(frame, predictions=found, lacks={**frame.lacks, **lacks})
+        return replace(frame, predictions=found, missing={**frame.missing, **missing})
 
-    def _boxes(self, number: int, lacks: dict[str, str]) -> list[Box]:
+    def _boxes(self, number: int, missing: dict[str, str]) -> list[Box]:
         if not STORE.is_dir(self.path):
             return self._tracks.get(number, [])
         path = self._folder / file_name(number, FRAME_DIGITS, TXT)
         if not STORE.is_file(path):
-            lacks['predictions'] = f'{self._folder}: no label file for frames {{}}'
+            missing['predictions'] = f'{self._folder}: no label file for frames {{}}'
             return []
         lines = parse_labels(STORE.read_text(path), path)
-        lacks |= {f'predictions {row}': str(error) for row, error in lines.errors.items()}
+        missing |= {f'predictions {row}': str(error) for row, error in lines.errors.items()}
         return [box for box in lines.values if box is not None]
 
     @cached_property

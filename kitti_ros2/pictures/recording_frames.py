@@ -14,7 +14,7 @@ from ..files.png.decode import decode_png
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
-from ..model.errors import BadFileError, KittiRos2Error, LackingError, UsageError
+from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
 from ..model.losses import format_numbers
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
 from ..model.streams import FRAME_STREAMS, Clock, Stream
@@ -74,7 +74,7 @@ class RecordingFrames:
     period belongs to them.
 
     Raises:
-        LackingError: It has neither images nor scans nor labels.
+        MissingDataError: It has neither images nor scans nor labels.
     """
 
     def __init__(self, recording: Readable, name: str | None = None) -> None:
@@ -88,7 +88,9 @@ class RecordingFrames:
         self.cameras: Mapping[int, str] = recording.cameras
         streams = [each for each in FRAME_STREAMS if each in recording.streams]
         if not streams:
-            raise LackingError(f'{recording.root}: has no stream that pictures could be made of')
+            raise MissingDataError(
+                f'{recording.root}: has no stream that pictures could be made of'
+            )
         if recording.common_numbers:
             self.numbers, self.stamps_ns = _common(recording, streams)
             self._samples = {stream: _same(recording.streams[stream].numbers) for stream in streams}
@@ -104,9 +106,9 @@ class RecordingFrames:
             raise UsageError(
                 f'{self.name} has no frame {number}; it has {format_numbers(self.numbers.tolist())}'
             )
-        lacks: dict[str, str] = {}
+        missing: dict[str, str] = {}
         calibration = self._recording.calibration(number)
-        lacks |= {f'calibration {part}': reason for part, reason in calibration.lacks.items()}
+        missing |= {f'calibration {part}': reason for part, reason in calibration.missing.items()}
         samples: dict[Stream, Sample] = {}
         for stream, files in self._samples.items():
             if number not in files or (wanted is not None and stream.value not in wanted):
@@ -114,23 +116,23 @@ class RecordingFrames:
             try:
                 samples[stream] = self._recording.read(stream, files[number])
             except (KittiRos2Error, OSError) as error:
-                lacks[stream.value] = str(error)
+                missing[stream.value] = str(error)
         scan = _of(samples, Stream.SCAN, Scan)
         pose = _of(samples, Stream.POSE, Pose)
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
-        lacks |= {f'labels {row}': reason for row, reason in labels.lacks.items()}
+        missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
         return Frame(
             source=self.name,
             number=number,
             stamp_ns=int(self.stamps_ns[place]),
-            images=self._decoded(samples, number, lacks),
+            images=self._decoded(samples, number, missing),
             points=None if scan is None else scan.points,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
             pose=None if pose is None else place_pose(pose, self._map_t_world),
             timed=self._recording.clock is Clock.UTC,
-            lacks=lacks,
+            missing=missing,
         )
 
     def close(self) -> None:
@@ -139,7 +141,7 @@ class RecordingFrames:
             self._recording.close()
 
     def _decoded(
-        self, samples: Mapping[Stream, Sample], number: int, lacks: dict[str, str]
+        self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
     ) -> dict[int, Pixels]:
         """The pixels of the images, by camera."""
         images: dict[int, Pixels] = {}
@@ -150,7 +152,7 @@ class RecordingFrames:
                 images[stream.camera] = colour_pixels(decode_png(sample))
             except ValueError as error:
                 path = self._recording.path(stream, self._samples[stream][number])
-                lacks[stream.value] = str(BadFileError(path, str(error), 'a whole PNG'))
+                missing[stream.value] = str(BadFileError(path, str(error), 'a whole PNG'))
         return images
 
 

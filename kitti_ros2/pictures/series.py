@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..files.workers import ordered_map, worker_count
-from ..model.errors import LackingError, UsageError
+from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S
 from ..options.read import NOMINAL_PERIOD_NS
 from .frame_parts import name_of
@@ -33,14 +33,14 @@ class Drawn(NamedTuple):
     Attributes:
         number: The frame's.
         picture: (H, W, 3) uint8 BGR.
-        lacks: What was wanted of the frame and cannot be had: name to the reason, a line; {} stands
-            for frame numbers.
+        missing: What was requested of the frame and is absent: name to the reason, a line; {}
+            stands for frame numbers.
         kinds: The classes of its objects and predictions, drawn or not.
     """
 
     number: int
     picture: Pixels | None
-    lacks: Mapping[str, str]
+    missing: Mapping[str, str]
     kinds: frozenset[str] = frozenset()
 
 
@@ -69,8 +69,8 @@ def draw_frames(
         frame = refine(source.frame(number, wanted))
         kinds = frozenset(each.kind for each in (*frame.objects, *frame.predictions))
         try:
-            return Drawn(number, mode.draw(frame, options), frame.lacks, kinds)
-        except LackingError as error:
+            return Drawn(number, mode.draw(frame, options), frame.missing, kinds)
+        except MissingDataError as error:
             # Of one reason there is one line, whatever the number of frames.
             reason = str(error).removeprefix(name_of(frame)).lstrip(': ')
             return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)

@@ -45,7 +45,7 @@ def open_bag_frames(path: Path, survey: Survey) -> FrameSource:
 
     Raises:
         BadBagError: It cannot be read.
-        LackingError: It has nothing to look at.
+        MissingDataError: It has nothing to look at.
     """
     recording = open_own_recording(path, survey)
     return BagFrames(path, survey) if recording is None else RecordingFrames(recording, path.name)

@@ -16,7 +16,7 @@ from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
 from ..model.losses import format_numbers
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from ..own_bags.recorded_layout import missing_from
 from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
@@ -151,7 +151,7 @@ def _of_transforms(
     overview: Overview, survey: Survey, own: BagRecording | None
 ) -> Iterator[Finding]:
     """Static transforms that change or are none; those of object sets are of several days."""
-    if own is None or own.layout is not Layout.OBJECT:
+    if own is None or not own.layout.traits.calibration_per_frame:
         for parent, child in survey.changing:
             text = f'the static transform {parent} -> {child} is told anew and differently'
             yield Finding(Severity.WARNING, '/tf_static', text)
@@ -195,22 +195,22 @@ def _look_through(
 ) -> _Frames:
     """Labels and poses of every frame, pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
-    lacks = _Lacks()
+    missing = _Lacks()
     tally = ClassTally()
     stamps: list[int] = []
     positions: list[Float64Array] = []
     for number in source.numbers.tolist():
         frame = source.frame(number, _TEXT)
-        lacks.add(frame)
+        missing.add(frame)
         tally.add(frame.objects)
         if frame.pose is not None:
             stamps.append(frame.stamp_ns)
             positions.append(frame.pose.world_T_imu.translation)
         steps.step()
-    scenes = draw_scenes(source, pictured, SCENES, lacks.add, steps.step)
-    projections = draw_projections(source, pictured, lacks.add)
+    scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
+    projections = draw_projections(source, pictured, missing.add)
     steps.step()
-    findings += lacks.findings()
+    findings += missing.findings()
     classes = tally.statistics()
     return _Frames(
         len(source.numbers),
@@ -229,7 +229,7 @@ class _Lacks:
 
     def add(self, frame: Frame) -> None:
         """Take what a frame lacks."""
-        for what, reason in frame.lacks.items():
+        for what, reason in frame.missing.items():
             # Each row of labels has a name of its own; the stream is what they have in common.
             part = what if what.startswith('calibration') else what.split()[0]
             self._frames[part].setdefault(frame.number, reason)

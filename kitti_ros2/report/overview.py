@@ -227,7 +227,9 @@ def _recording_calibration(recording: KittiRecording) -> Calibrated:
         cameras.append(_camera_glance(f'camera_{rig.frames.cameras.get(index, index)}', info))
     mounted = with_nominal_mounts(calibration, rig.cameras)
     links = static_links(mounted, rig.base_t_imu, rig.frames)
-    notes = tuple(reason for part, reason in calibration.lacks.items() if not part.startswith('P'))
+    notes = tuple(
+        reason for part, reason in calibration.missing.items() if not part.startswith('P')
+    )
     nominal = tuple(f'{part} is nominal, not in the calibration' for part in mounted.nominal)
     return tuple(cameras), _link_glances(links), notes + nominal
 

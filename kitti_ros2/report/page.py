@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from .. import __version__
 from ..model.containers import CONTAINERS
 from ..model.stamps import format_stamp
-from ..model.streams import Clock
+from ..model.streams import Clock, Layout
 from ..model.text import format_bytes, format_count, format_duration
 from .contents import Severity
 from .markup import Markup, breakable, element, join
@@ -34,10 +34,7 @@ _ICONS = {
 }
 _WELL = 'M11 2a9 9 0 1 0 .01 0zM6.8 11.4l3 3 5.4-6'
 _KINDS = {
-    'raw': 'KITTI raw drive',
-    'object': 'KITTI object detection set',
-    'odometry': 'KITTI odometry sequence',
-    'tracking': 'KITTI tracking sequence',
+    **{layout.value: layout.traits.title for layout in Layout},
     **{
         name: f'{each.title} bag' if each.in_file else f'{each.title} bag of rosbag2'
         for name, each in CONTAINERS.items()

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..model.boxes import DONT_CARE
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..model.streams import Stream
 from ..model.text import format_count
 from ..options.pictures import PictureOptions
@@ -122,7 +122,7 @@ def _drawn(mode: str, frame: Frame, camera: int | None) -> Pixels | None:
     """A picture in one of the modes, None of a frame that has not what it takes."""
     try:
         return MODES[mode].draw(frame, PictureOptions(camera=camera))
-    except LackingError:
+    except MissingDataError:
         return None
 
 

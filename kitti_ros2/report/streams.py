@@ -14,7 +14,7 @@ from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error
 from ..model.losses import format_numbers
-from ..model.streams import Clock, Layout, Stream
+from ..model.streams import Clock, Stream
 from ..model.text import format_count
 from .contents import Finding, Severity, StreamFacts
 from .timing import pairing_of, timing_of
@@ -176,7 +176,7 @@ class _Facts:
 
     def __init__(self, stream: Stream, recording: KittiRecording, findings: list[Finding]) -> None:
         self._stream = stream
-        self._varying = recording.layout is Layout.OBJECT  # frames of several days
+        self._varying = recording.layout.traits.calibration_per_frame
         self._findings = findings
 
     def of(self, sizes: Mapping[Path, int]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import LackingError
+from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 
 if TYPE_CHECKING:
@@ -67,14 +67,14 @@ class FrameTree:
         """target_T_source through static links; a frame is itself even if the tree lacks it.
 
         Raises:
-            LackingError: A frame is unknown, the two are in different trees, a link between them
-                moves, a frame between them has two parents or two places, they hang in a circle, or
-                a rotation is none. The message shows the tree.
+            MissingDataError: A frame is unknown, the two are in different trees, a link between
+                them moves, a frame between them has two parents or two places, they hang in a
+                circle, or a rotation is none. The message shows the tree.
         """
         found = self._join(_plain(target), _plain(source))
         if isinstance(found, Transform):
             return found
-        raise LackingError(
+        raise MissingDataError(
             f'no static transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
             f' {self} (add the link to the bag, name other frames in the plan, or give --calib)'
             f'{self._lost}'

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A synthetic recording: a little street, exact to the millimetre, in all four layouts.
+"""A synthetic recording: a short street, exact to the millimetre, in all layouts.
 
 Points lie on the boxes' surfaces, boxes project onto the pixels that show them, and the GPS/IMU
-packets are the derivatives of the path: the demo's data, and a fixture for tests.
+packets are the derivatives of the path. It is the data of the demo and of tests.
 """
 
 from .drive import FrameStamps, SyntheticDrive

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic cameras: what they paint with, and their images as PNG files."""
+"""The synthetic cameras: their textures, and their images as PNG files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NOISE_MARGIN = 64
 
 
 class Cameras:
-    """Paints, with textures that are drawn once, when they are first needed.
+    """Draws images; textures are made once, on first use.
 
     Args:
         size: (width, height) of the images.
@@ -47,7 +47,7 @@ class Cameras:
         self._noise: dict[bool, npt.NDArray[np.int16]] = {}
 
     def instances(self, placed: Sequence[PlacedSolid], projection: Float64Array) -> Canvas:
-        """Which box each pixel shows, and how deep; no image.
+        """Return the box and the depth of each pixel, without an image.
 
         Args:
             placed: The boxes in velo_link, nearest first.
@@ -63,14 +63,14 @@ class Cameras:
         projection: Float64Array,
         street_T_velo: Transform,
     ) -> Picture:
-        """(height, width) or (height, width, 3) uint8, BGR.
+        """Draw an image, (height, width) or (height, width, 3) uint8, BGR.
 
         Args:
             camera: KITTI's index: 0 and 1 are grey.
             frame: File number; the noise differs from one to the next.
             placed: The boxes in velo_link, nearest first.
             projection: (3, 4), velo_link to pixels.
-            street_T_velo: Where the scanner is.
+            street_T_velo: Pose of the scanner.
         """
         grey = camera in GREY_CAMERAS
         if grey not in self._backdrops:
@@ -100,7 +100,7 @@ class Cameras:
         return self._textures[key]
 
     def _noise_of(self, camera: int, frame: int, *, grey: bool) -> npt.NDArray[np.int16]:
-        """A window of one large noise picture, placed by camera and frame."""
+        """Return a window of one large noise picture, placed by camera and frame."""
         width, height = self._size
         if grey not in self._noise:
             shape: tuple[int, ...] = (height + _NOISE_MARGIN, width + _NOISE_MARGIN)
@@ -113,7 +113,7 @@ class Cameras:
 
 
 def encode_png(picture: Picture) -> Image:
-    """The PNG file of a picture."""
+    """Encode a picture as a PNG file."""
     done, data = cv2.imencode('.png', picture, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
     if not done:
         raise RuntimeError('OpenCV cannot encode a PNG')

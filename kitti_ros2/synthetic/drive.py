@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic recording in memory: every sample of every frame, made on demand.
+"""The synthetic recording in memory: every sample of every frame, on demand.
 
 A frame is one instant: the scan is a snapshot, and the four images show it. The stamps of its
 samples differ by constant offsets, as KITTI's do: the images' come 10 ms after the sweep's middle.
@@ -60,11 +60,11 @@ class FrameStamps(NamedTuple):
 class SyntheticDrive:
     """A drive of options.frames frames, numbered from 0.
 
-    Any sample can be asked for at any time, in any order, from any thread: it is a function of the
-    options and the frame, made anew by each call.
+    Samples can be requested in any order, from any thread: each is a function of the options and
+    the frame, computed by each call.
 
     Attributes:
-        options: What it is made from.
+        options: Its options.
         calibration: The rig.
     """
 
@@ -85,7 +85,7 @@ class SyntheticDrive:
         return self.options.frames
 
     def stamps(self, frame: int) -> FrameStamps:
-        """When the samples of a frame were taken."""
+        """Return the stamps of the samples of a frame."""
         middle = START_NS + frame * PERIOD_NS + int(self._jitter_ns[frame])
         return FrameStamps(
             scan=middle,
@@ -96,21 +96,21 @@ class SyntheticDrive:
         )
 
     def motion(self, frame: int) -> Motion:
-        """The truth: where the GPS/IMU unit is and how it moves."""
+        """Return the ground truth: pose and motion of the GPS/IMU unit."""
         return motion_at((self.stamps(frame).scan - START_NS) / NS_PER_S, self._car_T_imu)
 
     def packet(self, frame: int) -> OxtsPacket:
-        """What the GPS/IMU unit says."""
+        """Return the packet of the GPS/IMU unit."""
         return packet_of(self.motion(frame))
 
     def pose(self, frame: int) -> Transform:
-        """first_T_cam0: the rectified camera 0 in its own first frame."""
+        """Return first_T_cam0: the rectified camera 0 in its own first frame."""
         cam0_t_imu = self._rect_T_velo @ CAR_T_VELO.inverse() @ self._car_T_imu
         first, now = self.motion(0).map_T_imu, self.motion(frame).map_T_imu
         return cam0_t_imu @ first.inverse() @ now @ cam0_t_imu.inverse()
 
     def placed(self, frame: int) -> list[PlacedSolid]:
-        """The boxes around the scanner, in velo_link, nearest first."""
+        """Return the boxes around the scanner, in velo_link, nearest first."""
         known, placed = self._last_placed
         if known != frame:
             time = (self.stamps(frame).scan - START_NS) / NS_PER_S
@@ -119,7 +119,7 @@ class SyntheticDrive:
         return placed
 
     def scan(self, frame: int) -> Scan:
-        """The sweep of a frame."""
+        """Return the sweep of a frame."""
         placed = self.placed(frame)
         ranges, hits = cast_scan(placed, self.options.lidar_columns)
         rng = np.random.default_rng([self.options.seed, 8, frame])
@@ -136,7 +136,7 @@ class SyntheticDrive:
         return Scan(points, start_ns=stamps.scan_start, end_ns=stamps.scan_end)
 
     def picture(self, frame: int, camera: int) -> Picture:
-        """The pixels of an image: (height, width) for cameras 0 and 1, else (..., 3), BGR."""
+        """Return the pixels of an image: (height, width) for cameras 0 and 1, else (..., 3) BGR."""
         street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
         projection = self.projection(camera)
         return self._cameras.photograph(
@@ -144,22 +144,22 @@ class SyntheticDrive:
         )
 
     def image(self, frame: int, camera: int) -> Image:
-        """An image as its PNG file."""
+        """Return an image as a PNG file."""
         return encode_png(self.picture(frame, camera))
 
     def instances(self, frame: int, camera: int) -> Canvas:
-        """Which of placed(frame) each pixel of an image shows, plus one, and its depth."""
+        """Return the index in placed(frame), plus one, of each pixel of an image, and its depth."""
         return self._cameras.instances(self.placed(frame), self.projection(camera))
 
     def boxes(self, frame: int) -> list[Box]:
-        """The labels of a frame, with frame and track id; of what camera 2 sees."""
+        """Return the labels of the objects that camera 2 sees, with frame and track id."""
         placed = self.placed(frame)
         canvas = self._cameras.instances(placed, self.projection(LABEL_CAMERA))
         p_rect = self.calibration.cameras[LABEL_CAMERA].p_rect
         return label_solids(placed, canvas, p_rect, self._rect_T_velo, frame)
 
     def projection(self, camera: int) -> Float64Array:
-        """(3, 4), velo_link to a camera's pixels: P_i R0_rect Tr_velo_to_cam."""
+        """Return (3, 4), velo_link to a camera's pixels: P_i R0_rect Tr_velo_to_cam."""
         projection: Float64Array = (
             self.calibration.cameras[camera].p_rect @ self._rect_T_velo.matrix()
         )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic cameras' backgrounds: the winding road on the ground, and the sky above it."""
+"""Backgrounds of the synthetic images: the winding road on the ground, and the sky."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _ROAD_PERIOD = 24.0
 _ROAD_HALF_WIDTH = 16.0
 _FARTHEST = 400.0
 _BANDS = 5.0 * 1.6 ** np.arange(10)
-"""Where the ground passes to coarser pictures of the road, metres of depth."""
+"""Depths at which the ground changes to a coarser picture of the road, metres."""
 
 
 class Backdrop:
-    """Draws sky and ground as one camera sees them.
+    """Draws sky and ground of one camera.
 
-    The road is kept in pictures that are shrunk along and across it separately: seen from a car
-    it is foreshortened a hundred times more along than across.
+    The pictures of the road are shrunk along and across it separately: seen from a car it is
+    foreshortened a hundred times more along than across.
 
     Args:
         size: (width, height) of the images.
@@ -51,11 +51,11 @@ class Backdrop:
         self._shrunk: dict[tuple[int, int], Picture] = {(0, 0): self._road}
 
     def draw(self, projection: Float64Array, street_T_velo: Transform) -> Picture:
-        """A new image: (height, width) or (height, width, 3) uint8.
+        """Return a new image: (height, width) or (height, width, 3) uint8.
 
         Args:
             projection: (3, 4), velo_link to pixels.
-            street_T_velo: Where the scanner is.
+            street_T_velo: Pose of the scanner.
         """
         width, height = self._size
         g = self._ground_matrix(projection, street_T_velo)
@@ -78,7 +78,7 @@ class Backdrop:
         image[:] = self._sky[self._sky.shape[0] - rows :, start : start + self._size[0]]
 
     def _ground_matrix(self, projection: Float64Array, street_T_velo: Transform) -> Float64Array:
-        """(3, 3) pixel to (x, y, 1) / depth, x and y from the scanner along street axes."""
+        """Return (3, 3), pixel to (x, y, 1) / depth, x and y from the scanner along street axes."""
         velo_r_street = street_T_velo.rotation.T
         below = np.array([0.0, 0.0, -SCANNER_HEIGHT])
         columns = (
@@ -125,7 +125,7 @@ class Backdrop:
         )
 
     def _levels(self, depth: float) -> tuple[int, int]:
-        """How often the road is halved along and across for one texel a pixel at a depth."""
+        """Return how often the road is halved along and across for one texel a pixel at a depth."""
         across = depth / self._focal * _PER_METRE
         along = across * depth / SCANNER_HEIGHT
         return (
@@ -144,7 +144,7 @@ class Backdrop:
 
 
 def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre: int) -> Picture:
-    """The ground along the ego lane, which is at y = 0.
+    """Draw the ground along the ego lane, which is at y = 0.
 
     Args:
         seed: Of the grain.
@@ -181,7 +181,7 @@ def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre:
 
 
 def _paint_sky(width: int, height: int, seed: int) -> Picture:
-    """A panorama of the sky, zenith to horizon; its two ends meet."""
+    """Draw a panorama of the sky, zenith to horizon; its two ends match."""
     rng = np.random.default_rng([seed, 4])
     down = np.linspace(0.0, 1.0, height)[:, None, None] ** 1.5
     blue = (1 - down) * np.array([222.0, 172.0, 128.0]) + down * np.array(HAZE)

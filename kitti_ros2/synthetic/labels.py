@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of what the synthetic cameras see, as KITTI's annotators would have drawn them."""
+"""Labels of the objects that the synthetic cameras see, in the manner of KITTI's annotators."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_VISIBLE = 0.05
 MOST_TRUNCATED = 0.9
 _LEAST_PIXELS = 4
 _OCCLUDED = ((0.8, 0), (0.4, 1), (0.0, 2))
-"""A visible part above the first number is the occlusion level of the second."""
+"""(visible fraction, occlusion level): the level of a fraction above this one."""
 
 
 def label_solids(
@@ -33,11 +33,11 @@ def label_solids(
     rect_T_velo: Transform,
     frame: int,
 ) -> list[Box]:
-    """The boxes of the objects that a camera sees, by track id.
+    """Return the boxes of the objects that a camera sees, by track id.
 
     Args:
-        placed: What was drawn, in velo_link.
-        canvas: The drawing, which tells how much of each object is visible.
+        placed: The drawn boxes, in velo_link.
+        canvas: The drawing, with the visible pixels of each object.
         p_rect: (3, 4), rectified camera 0 to this camera's pixels.
         rect_T_velo: velo_link to the rectified camera 0.
         frame: File number.
@@ -57,7 +57,7 @@ def label_solids(
 
 
 def box_corners(one: PlacedSolid) -> Float64Array:
-    """(8, 3) corners of a solid in velo_link, the bottom four, then the top four."""
+    """Return the (8, 3) corners of a solid in velo_link, the bottom four, then the top four."""
     footprint = np.array(one.footprint())
     low = one.centre[2]
     levels = (low, low + one.solid.size[2])
@@ -71,7 +71,7 @@ def _label(
     rect_T_velo: Transform,
     frame: int,
 ) -> Box | None:
-    """The box of a solid, None where it is too far or too little of it is in the image."""
+    """Return the box of a solid, None if it is too far or hardly in the image."""
     p_rect, (height, width) = camera
     (x, y, z), rotation_y = box_to_rect(one.centre, one.yaw, rect_T_velo)
     bounds = project_corners(rect_T_velo.apply(box_corners(one))[None], p_rect)

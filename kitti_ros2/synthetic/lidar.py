@@ -3,7 +3,7 @@
 """The synthetic scanner: 64 rows ray-cast against the ground and upright boxes.
 
 A ray leaves the scanner's origin along (cos az, sin az, tan el) and is measured by its horizontal
-range. In these terms a box's four walls depend on the column alone and its top and bottom on the
+range. So a box's four walls depend on the column alone and its top and bottom on the
 row alone, so the slab test is one line a column and one comparison a ray.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 ELEVATIONS = np.radians(
     np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.8, 32)])
 )
-"""Of the 64 rows, top to bottom, radians: the upper half denser, as an HDL-64E's."""
+"""Elevations of the 64 rows, top to bottom, radians: the upper half denser, as on an HDL-64E."""
 
 MAX_RANGE = 120.0
 _TANGENTS = np.tan(ELEVATIONS)
@@ -50,8 +50,8 @@ def cast_scan(
         columns: Rays a row; column c looks at azimuth (c + 1/2) / columns of a turn.
 
     Returns:
-        (64, columns) horizontal range in metres, infinite where nothing is hit; and what is hit,
-        as an index into placed, -1 for the ground.
+        (64, columns) horizontal range in metres, infinite for a miss; and the index into placed of
+        the box hit, -1 for the ground.
     """
     ranges = np.repeat(_GROUND_RANGES[:, None], columns, axis=1)
     hits = np.full(ranges.shape, _GROUND, dtype=np.int64)
@@ -66,7 +66,7 @@ def cast_scan(
 
 
 def column_azimuths(columns: int) -> Float64Array:
-    """(columns,) azimuths in radians, counter-clockwise from just left of straight ahead."""
+    """Return (columns,) azimuths in radians, counter-clockwise from just left of straight ahead."""
     azimuths: Float64Array = (np.arange(columns, dtype=np.float64) + 0.5) * (2 * pi / columns)
     return azimuths
 
@@ -74,7 +74,7 @@ def column_azimuths(columns: int) -> Float64Array:
 def scan_points(
     ranges: Float64Array, reflectance: Float64Array, noise: Float64Array | None
 ) -> Float32Array:
-    """(N, 4) float32 points in KITTI's order: row by row, each from straight ahead to the left.
+    """Return (N, 4) float32 points in KITTI's order: by row, each from straight ahead to the left.
 
     Rays without a return within range are left out.
 
@@ -99,7 +99,7 @@ def scan_points(
 
 
 def ground_reflectance(ranges: Float64Array, street_T_velo: Transform) -> Float64Array:
-    """(rows, columns) reflectance of the ground at horizontal ranges: asphalt, paint, pavement."""
+    """Return the (rows, columns) reflectance of the ground: asphalt, paint, pavement."""
     azimuths = column_azimuths(ranges.shape[1])
     reached = np.where(np.isfinite(ranges), ranges, 0.0)
     rotation, origin = street_T_velo.rotation, street_T_velo.translation
@@ -114,7 +114,7 @@ def ground_reflectance(ranges: Float64Array, street_T_velo: Transform) -> Float6
 
 
 def _column_slices(one: PlacedSolid, columns: int) -> list[slice]:
-    """The columns that can see a box, two slices where it stands across straight ahead."""
+    """Return the columns that can see a box: two slices if it covers straight ahead."""
     middle = atan2(one.centre[1], one.centre[0])
     corners = [
         (atan2(y, x) - middle + pi) % (2 * pi) - pi
@@ -132,7 +132,7 @@ def _column_slices(one: PlacedSolid, columns: int) -> list[slice]:
 
 
 def _cast_box(one: PlacedSolid, azimuths: Float64Array) -> Float64Array:
-    """(64, len(azimuths)) horizontal range to a box, infinite where it is missed."""
+    """Return the (64, len(azimuths)) horizontal range to a box, infinite for a miss."""
     enter, leave = _cast_walls(one, azimuths)
     low = one.centre[2]
     high = low + one.solid.size[2]
@@ -148,7 +148,7 @@ def _cast_box(one: PlacedSolid, azimuths: Float64Array) -> Float64Array:
 
 
 def _cast_walls(one: PlacedSolid, azimuths: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Per azimuth, the horizontal ranges at which a box's footprint is entered and left."""
+    """Return, by azimuth, the ranges at which a ray enters and leaves a box's footprint."""
     x, y, _ = one.centre
     distance, bearing = hypot(x, y), atan2(y, x) - one.yaw
     enter = np.zeros(len(azimuths))

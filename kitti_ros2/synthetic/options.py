@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What can be chosen about the synthetic recording."""
+"""Options of the synthetic recording."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FULL_SIZE = (1242, 375)
 
 @dataclass(frozen=True)
 class SyntheticOptions:
-    """A recording is a function of these: the same options give the same bytes.
+    """Options of the synthetic recording: the same options give the same bytes.
 
     Attributes:
-        frames: How many, at 10 Hz.
-        seed: Of the street: what stands where, in which colour.
+        frames: Number of frames, at 10 Hz.
+        seed: Of the street: objects, places and colours.
         image_size: (width, height) in pixels; the projections scale with it.
         lidar_columns: Firings per turn; each is 64 rays.
         range_noise_m: Standard deviation of the ranges; 0 puts points exactly on the surfaces.

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the synthetic car drives: a winding lane in closed form, with exact derivatives.
+"""The path of the synthetic car: a winding lane in closed form, with exact derivatives.
 
 The *street* frame lies on the ground (z = 0, z up): the ego lane is y = A sin(k x), other lanes
 are the same curve shifted in y. The street lies on a slope: map_R_street turns it into map axes
-(x east, y north, z up), so that roll, pitch and height change along the way although the car
-stands flat on its road and every box upright beside it.
+(x east, y north, z up), so that roll, pitch and height change along the way although the car is
+level on its road and every box upright beside it.
 """
 
 from __future__ import annotations
@@ -50,29 +50,29 @@ _SPEED_RATE = 0.55
 
 
 def lane_y(x: float) -> float:
-    """The ego lane's y at x, street frame."""
+    """Return the ego lane's y at x, street frame."""
     return _AMPLITUDE * sin(_WAVE_NUMBER * x)
 
 
 def lane_y_array(x: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
-    """lane_y of an array, in its own precision."""
+    """Return lane_y of an array, in its own precision."""
     y: npt.NDArray[_Float] = np.sin(x * x.dtype.type(_WAVE_NUMBER)) * x.dtype.type(_AMPLITUDE)
     return y
 
 
 def lane_yaw(x: float) -> float:
-    """The ego lane's heading at x, street frame."""
+    """Return the ego lane's heading at x, street frame."""
     return atan(_AMPLITUDE * _WAVE_NUMBER * cos(_WAVE_NUMBER * x))
 
 
 def ego_x(time: float) -> float:
-    """How far along the street the car is at a time in seconds."""
+    """Return the car's position along the street at a time in seconds."""
     return SPEED * time + _SPEED_WAVE * sin(_SPEED_RATE * time)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The GPS/IMU unit at one moment; vectors in map axes, from its place at time 0.
+    """The GPS/IMU unit at one moment; vectors in map axes, from its position at time 0.
 
     Attributes:
         street_T_car: The car in the street frame.
@@ -90,7 +90,7 @@ class Motion:
 
 
 def motion_at(time: float, car_T_imu: Transform) -> Motion:
-    """The motion of the unit, mounted at car_T_imu, at a time in seconds."""
+    """Return the motion of the unit, mounted at car_T_imu, at a time in seconds."""
     street_t_car, velocity, acceleration, yaw_rate, yaw_acceleration = _car_motion(time)
     street_t_imu = street_t_car @ car_T_imu
     first_t_car = _car_motion(0.0)[0]
@@ -109,7 +109,7 @@ def motion_at(time: float, car_T_imu: Transform) -> Motion:
 
 
 def _car_motion(time: float) -> tuple[Transform, Float64Array, Float64Array, float, float]:
-    """street_T_car, velocity, acceleration, yaw rate and yaw acceleration, in the street frame."""
+    """Return street_T_car, velocity, acceleration, yaw rate and acceleration, street frame."""
     x = ego_x(time)
     dx = SPEED + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * time)
     ddx = -_SPEED_WAVE * _SPEED_RATE**2 * sin(_SPEED_RATE * time)
@@ -126,7 +126,7 @@ def _car_motion(time: float) -> tuple[Transform, Float64Array, Float64Array, flo
 
 
 def packet_of(motion: Motion) -> OxtsPacket:
-    """The unit's packet: position by Mercator with the scale of frame 0, as the devkit inverts."""
+    """Return the unit's packet; the position inverts the devkit's Mercator with frame 0's scale."""
     rotation = motion.map_T_imu.rotation
     roll, pitch, yaw = rotation_to_rpy(rotation)
     level = rotation_from_rpy(0.0, 0.0, yaw).T
@@ -145,7 +145,7 @@ def packet_of(motion: Motion) -> OxtsPacket:
 
 
 def _geodetic(position: Float64Array) -> tuple[float, float, float]:
-    """Latitude, longitude (degrees) and altitude of a place in map."""
+    """Return latitude, longitude (degrees) and altitude of a point in map."""
     latitude, longitude, altitude = ORIGIN
     metres = EARTH_RADIUS * cos(radians(latitude))
     northing = log(tan(pi / 4 + radians(latitude) / 2)) + position[1] / metres

@@ -50,13 +50,13 @@ _CORNERS = np.array(list(_FACES.values()), dtype=np.float64)
 
 
 class Face(NamedTuple):
-    """One face of a box as a camera sees it.
+    """One face of a box in the view of a camera.
 
     Attributes:
         owner: Index of its box.
-        name: Which face.
+        name: Name of the face.
         g: (3, 3), pixel to (s, t, 1) / depth.
-        shade: How much light falls on it, 0..1.
+        shade: Illumination, 0..1.
         distance: Of its box, metres.
     """
 
@@ -72,10 +72,10 @@ class Canvas:
     """An image being drawn.
 
     Attributes:
-        pixels: (height, width) or (height, width, 3) uint8, None when only the ids are wanted.
-        inverse_depth: (height, width) float32, 1/m, 0 where nothing was drawn.
+        pixels: (height, width) or (height, width, 3) uint8, None if only ids are requested.
+        inverse_depth: (height, width) float32, 1/m, 0 without a box.
         ids: (height, width) uint16, index of the box drawn plus one, NOTHING elsewhere.
-        covered: Per box, how many pixels it would cover if it stood alone.
+        covered: Pixels of each box without occlusion by others.
     """
 
     pixels: Picture | None
@@ -87,7 +87,7 @@ class Canvas:
 def visible_faces(
     placed: Sequence[PlacedSolid], projection: Float64Array, size: tuple[int, int]
 ) -> list[Face]:
-    """The faces that look at a camera and may be in its image, nearest box first.
+    """Return the faces that are turned to a camera and may be in its image, nearest box first.
 
     Args:
         placed: The boxes, in velo_link.
@@ -122,7 +122,7 @@ def visible_faces(
 
 
 def draw_face(canvas: Canvas, face: Face, texture: Texture | None) -> None:
-    """Draw what a face covers and nothing nearer hides."""
+    """Draw the pixels of a face that nothing nearer hides."""
     height, width = canvas.inverse_depth.shape
     window = _covered_window(face.g, width, height)
     if window is None:
@@ -145,7 +145,7 @@ def draw_face(canvas: Canvas, face: Face, texture: Texture | None) -> None:
 def _face_corners(
     placed: Sequence[PlacedSolid],
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Origins and sides (N, 6, 3) of all faces, velo_link."""
+    """Return origins and sides (N, 6, 3) of all faces, velo_link."""
     sizes = np.array([one.solid.size for one in placed]).reshape(-1, 3) * (0.5, 0.5, 1.0)
     centres = np.array([one.centre for one in placed]).reshape(-1, 3)
     cosines = np.cos([one.yaw for one in placed])[:, None]
@@ -175,7 +175,7 @@ def _may_be_seen(columns: Float64Array, size: tuple[int, int]) -> npt.NDArray[np
 def _covered_window(
     g: Float64Array, width: int, height: int
 ) -> tuple[int, int, npt.NDArray[np.bool_]] | None:
-    """(top, left, mask) of the pixels a face covers, None where there are none."""
+    """Return (top, left, mask) of the pixels of a face, None if there are none."""
     edges = np.stack([g[0], g[1], g[2] - g[0], g[2] - g[1]])
     rows = np.arange(height)
     left, right = np.zeros(height), np.full(height, width - 1.0)
@@ -202,7 +202,7 @@ def _covered_window(
 def _plane(
     coefficients: Float64Array, left: int, top: int, columns: int, rows: int
 ) -> Float32Array:
-    """A u + B v + C over a window of pixels."""
+    """Return A u + B v + C over a window of pixels."""
     a, b, c = coefficients
     across = (a * np.arange(left, left + columns)).astype(np.float32)
     down = (b * np.arange(top, top + rows) + c).astype(np.float32)
@@ -216,7 +216,7 @@ def _warp(
     window: tuple[int, int, int, int],
     inside: npt.NDArray[np.bool_],
 ) -> Picture:
-    """The texture of a face over a window of pixels, shaded, paler with distance."""
+    """Return the texture of a face over a window of pixels, shaded, paler with distance."""
     left, top, columns, rows = window
     height, width = texture.levels[0].shape[:2]
     texels_per_pixel = height * width / max(1, np.count_nonzero(inside))
@@ -250,7 +250,7 @@ def draw_solids(
         placed: The boxes in velo_link, nearest first.
         projection: (3, 4), velo_link to pixels.
         size: (width, height).
-        background: The image to draw into, None when only depth and ids are wanted.
+        background: The image to draw into, None if only depth and ids are requested.
         textures: The texture of a box's face.
     """
     width, height = size

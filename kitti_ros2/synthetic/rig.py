@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic car: four cameras, a scanner and a GPS/IMU unit, placed much as on KITTI's.
+"""The synthetic car: four cameras, a scanner and a GPS/IMU unit, mounted as on KITTI's car.
 
-The numbers are made up, of KITTI's magnitude. The scanner stands exactly upright on the car, and
-the rectified cameras' y axis is exactly parallel to the scanner's z: so upright boxes are exact as
+The numbers are invented, of KITTI's magnitude. The scanner is exactly upright on the car, and the
+rectified cameras' y axis is exactly parallel to the scanner's z: so upright boxes are exact as
 labels (yaw about the camera's y) and as tracklets (yaw about the scanner's z). The unrectified
 camera 0 and the unit are tilted, so no part of the chain is an identity.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
 
 SCANNER_HEIGHT = 1.73
-"""The scanner above the ground, metres."""
+"""Height of the scanner above the ground, metres."""
 
 CAR_T_VELO = Transform.from_translation((0.76, 0.0, SCANNER_HEIGHT))
 """velo_link in the car: on the ground below the middle of the rear axle, x forward, z up."""
@@ -35,7 +35,7 @@ _OFFSETS = (
     (0.0604, -0.00036, 0.00268),
     (-0.4721, 0.00241, 0.00275),
 )
-"""Camera i's centre lies at minus this in the rectified camera 0, metres."""
+"""Minus the position of each camera's centre in the rectified camera 0, metres."""
 
 _RAW_FOCALS = ((981.5, 978.25), (986.75, 985.0), (961.25, 958.5), (905.5, 903.75))
 _RAW_CENTRES = ((691.5, 235.25), (700.25, 246.5), (694.75, 223.5), (696.5, 225.75))
@@ -60,7 +60,7 @@ _VELO_P_UNIT = (-0.8104, 0.3203, -0.8012)
 
 
 def make_calibration(image_size: tuple[int, int] = FULL_SIZE) -> Calibration:
-    """The rig, its numbers rounded to the seven digits that KITTI's files hold."""
+    """Return the rig, its numbers rounded to the seven digits of KITTI's files."""
     r0_rect = _rounded(rotation_from_rpy(*_RECTIFYING_RPY))
     rect_r_velo = _CAMERA_FROM_SCANNER_AXES @ rotation_from_rpy(0.0, 0.0, _SCANNER_YAW_IN_CAMERA)
     return Calibration(

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and moves in the synthetic street: upright boxes in lanes beside the ego lane.
+"""The objects of the synthetic street: upright boxes in lanes beside the ego lane.
 
-A lane is the ego lane shifted in y: negative to the right. Objects of one lane share one speed, so
-no two of them ever meet.
+A lane is the ego lane shifted in y: negative to the right. Objects of one lane have the same
+speed, so they never collide.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROAD_CENTRE = 1.75
 ROAD_RIGHT, ROAD_LEFT = -4.5, 7.6
 REACH = 125.0
-"""How far from the scanner a box's centre may be and still be seen, metres."""
+"""Greatest distance of a visible box's centre from the scanner, metres."""
 
 _BEHIND, _AHEAD = 130.0, 160.0
 _ONCOMING_SPEED = 9.0
@@ -32,7 +32,7 @@ _WALKING, _CYCLING = 1.3, 4.4
 
 
 class Look(NamedTuple):
-    """What a box is painted with: a style of textures.py, a variant of it, and a reflectance."""
+    """The appearance of a box: a style of textures.py, a variant of it, and a reflectance."""
 
     style: str
     variant: int
@@ -44,16 +44,16 @@ class Solid:
     """An upright box and how it moves along its lane.
 
     Attributes:
-        look: What it is painted with.
+        look: Its appearance.
         size: Length, width, height, metres.
         x: Along the street at time 0; for a leader, ahead of the ego car.
         lane: Shift of its lane in y, metres.
-        height: Of its bottom above the ground.
+        height: Of its bottom above the ground, metres.
         turn: Heading against the street's, radians.
         speed: Along the street, m/s.
         leads: Whether it keeps ahead of the ego car instead.
-        kind: Class name of its label, None for what is not labelled.
-        track_id: Its identity, -1 for what is not labelled.
+        kind: Class name of its label, None for an unlabelled object.
+        track_id: Its identity, -1 for an unlabelled object.
     """
 
     look: Look
@@ -68,13 +68,13 @@ class Solid:
     track_id: int = -1
 
     def along(self, time: float) -> float:
-        """Its place along the street at a time, street frame x, metres."""
+        """Return its position along the street at a time, street frame x, metres."""
         if self.leads:
             return ego_x(time) + self.x + 1.5 * sin(0.4 * time)
         return self.x + self.speed * time
 
     def pose(self, time: float) -> Transform:
-        """street_T_solid: its bottom face's centre, x along its length."""
+        """Return street_T_solid: its bottom face's centre, x along its length."""
         x = self.along(time)
         rotation = rotation_from_rpy(0.0, 0.0, lane_yaw(x) + self.turn)
         return Transform(rotation, np.array([x, lane_y(x) + self.lane, self.height]))
@@ -82,7 +82,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class PlacedSolid:
-    """A solid at one moment, as the scanner sees it.
+    """A solid at one moment, in the scanner's frame.
 
     Attributes:
         solid: The box.
@@ -96,11 +96,11 @@ class PlacedSolid:
 
     @property
     def distance(self) -> float:
-        """From the scanner to its centre on the ground, metres."""
+        """Return the distance from the scanner to its centre on the ground, metres."""
         return hypot(self.centre[0], self.centre[1])
 
     def footprint(self) -> tuple[tuple[float, float], ...]:
-        """The four corners (x, y) in velo_link, counter-clockwise."""
+        """Return the four corners (x, y) in velo_link, counter-clockwise."""
         length, width, _ = self.solid.size
         c, s = cos(self.yaw), sin(self.yaw)
         corners = ((length, width), (-length, width), (-length, -width), (length, -width))
@@ -116,7 +116,7 @@ class PlacedSolid:
 def place_solids(
     solids: tuple[Solid, ...], time: float, street_T_car: Transform
 ) -> list[PlacedSolid]:
-    """The solids within reach of the scanner at a time, nearest first."""
+    """Return the solids within range of the scanner at a time, nearest first."""
     velo_t_street = (street_T_car @ CAR_T_VELO).inverse()
     ego = street_T_car.translation[0]
     placed = []
@@ -131,7 +131,7 @@ def place_solids(
 
 
 def build_street(seed: int, duration: float) -> tuple[Solid, ...]:
-    """Everything that is met in a drive of a duration in seconds; track ids count from 0."""
+    """Return all objects of a drive of a duration in seconds; track ids count from 0."""
     rng = np.random.default_rng([seed, 1])
     end = SPEED * duration + _AHEAD
     solids = [*_traffic(rng, end, duration), *_parked(rng, end), *_people(rng, end, duration)]
@@ -146,7 +146,7 @@ def _numbered(solid: Solid, track_id: int) -> Solid:
 def _every(
     rng: np.random.Generator, start: float, end: float, gap: float, chance: float
 ) -> Iterator[float]:
-    """Places from about start to end, gap apart, each taken with a chance."""
+    """Yield positions from about start to end, gap apart, each with a probability."""
     for x in np.arange(start + rng.uniform(0.0, gap), end, gap):
         if rng.random() < chance:
             yield float(x)
@@ -162,7 +162,7 @@ def _vehicle(rng: np.random.Generator, kind: str) -> tuple[Look, tuple[float, fl
 
 
 def _traffic(rng: np.random.Generator, end: float, duration: float) -> Iterator[Solid]:
-    """A car ahead of the ego car, and oncoming ones in the other lane."""
+    """Make a car ahead of the ego car, and oncoming ones in the other lane."""
     look, size = _vehicle(rng, 'Car')
     yield Solid(look, size, x=19.0, lane=0.0, leads=True, kind='Car')
     for x in _every(rng, -100.0, end + _ONCOMING_SPEED * duration, 29.0, 0.8):
@@ -174,7 +174,7 @@ def _traffic(rng: np.random.Generator, end: float, duration: float) -> Iterator[
 
 
 def _parked(rng: np.random.Generator, end: float) -> Iterator[Solid]:
-    """Rows of parked cars on both sides, trucks only on the right."""
+    """Make rows of parked cars on both sides, trucks only on the right."""
     for lane, turn, chance in ((-3.3, 0.0, 0.55), (6.4, pi, 0.5)):
         for x in _every(rng, -_BEHIND, end, 8.4, chance):
             kind = str(rng.choice(['Car', 'Van', 'Truck'], p=[0.84, 0.12, 0.04]))
@@ -185,7 +185,7 @@ def _parked(rng: np.random.Generator, end: float) -> Iterator[Solid]:
 
 
 def _people(rng: np.random.Generator, end: float, duration: float) -> Iterator[Solid]:
-    """Pedestrians on four lanes of the pavements, cyclists on one."""
+    """Make pedestrians on four lanes of the pavements, cyclists on one."""
     spare = _CYCLING * duration
     for lane, speed in ((-7.0, _WALKING), (-7.8, -_WALKING), (9.3, _WALKING), (10.1, -_WALKING)):
         for x in _every(rng, -_BEHIND - spare, end + spare, 13.0, 0.45):
@@ -200,7 +200,7 @@ def _people(rng: np.random.Generator, end: float, duration: float) -> Iterator[S
 
 
 def _buildings(rng: np.random.Generator, end: float) -> Iterator[Solid]:
-    """Two rows of houses, some with a gap beside them; bays of 2.5 m, storeys of 3 m."""
+    """Make two rows of houses, some with a gap beside them; bays of 2.5 m, storeys of 3 m."""
     for face, side in ((-8.8, -1.0), (11.2, 1.0)):
         x = -_BEHIND
         while x < end:
@@ -216,7 +216,7 @@ def _buildings(rng: np.random.Generator, end: float) -> Iterator[Solid]:
 
 
 def _furniture(rng: np.random.Generator, end: float) -> Iterator[Solid]:
-    """Trees and lamp posts between the parked cars and the pavements."""
+    """Make trees and lamp posts between the parked cars and the pavements."""
     for lane in (-6.2, 8.3):
         for x in _every(rng, -_BEHIND, end, 11.0, 0.6):
             crown = rng.uniform(1.3, 1.6)

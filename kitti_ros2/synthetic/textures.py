@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the synthetic street is painted with: a texture for each face of each look.
+"""Textures of the synthetic street: one for each face of each look.
 
-A texture is a pyramid of uint8 BGR pictures, each half the size of the one before, drawn once. A
-face shows its texture from outside: left to right, top to bottom.
+A texture is a pyramid of uint8 BGR pictures, each half the size of the one before, drawn once.
+Textures are seen from outside: left to right, top to bottom.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _NOMINAL_SIZES = {
     'Trunk': (0.3, 0.3, 2.4),
     'Post': (0.2, 0.2, 6.0),
 }
-"""What all boxes of a style share one painting for; houses have their own."""
+"""Nominal size of a style, metres; its boxes share textures, houses have their own."""
 
 
 class Texture(NamedTuple):
@@ -67,16 +67,16 @@ class Texture(NamedTuple):
         return cls(tuple(levels))
 
     def grey(self) -> Texture:
-        """The same texture without colour."""
+        """Return the same texture without colour."""
         return Texture(tuple(without_colour(one) for one in self.levels))
 
 
 def paint(look: Look, size: tuple[float, float, float], seed: int) -> dict[str, Texture]:
-    """The textures of a box's faces, by the names of FACES.
+    """Return the textures of a box's faces, by the names of FACES.
 
     Args:
         look: Style and variant.
-        size: Length, width, height, metres: houses take as many bays and storeys as they hold.
+        size: Length, width, height, metres; a house gets as many bays and storeys as fit.
         seed: Of the grain.
     """
     rng = np.random.default_rng([seed, 2, look.variant])
@@ -93,18 +93,18 @@ def _plain(width: int, height: int, colour: Colour) -> Picture:
 
 
 def grained(rng: np.random.Generator, picture: Picture, strength: float = 5.0) -> Picture:
-    """A picture with grey noise of a standard deviation added."""
+    """Return a picture with grey noise of a standard deviation added."""
     grain = rng.standard_normal(picture.shape[:2], np.float32) * np.float32(strength)
     return as_picture(cv2.add(picture, np.dstack([grain] * 3), dtype=cv2.CV_8U))
 
 
 def as_picture(picture: npt.NDArray[Any]) -> Picture:
-    """An array as contiguous uint8; no copy where it is that already."""
+    """Return an array as contiguous uint8; no copy if it is that already."""
     return np.ascontiguousarray(picture, dtype=np.uint8)
 
 
 def without_colour(picture: Picture) -> Picture:
-    """The grey (height, width) of a BGR picture."""
+    """Return the grey (height, width) of a BGR picture."""
     return as_picture(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
 
 
@@ -130,7 +130,7 @@ def _disc(picture: Picture, at: tuple[float, float], radius: float, colour: Colo
 
 
 def _vehicle(variant: int, size: tuple[float, float, float], windows: float) -> list[Picture]:
-    """A car: windows reach down to a fraction of its height; the front is on the right."""
+    """Draw a car: windows reach down to a fraction of its height; the front is on the right."""
     body = _BODIES[variant % len(_BODIES)]
     dark: Colour = (body[0] * 2 // 3, body[1] * 2 // 3, body[2] * 2 // 3)
     length, width, height = (round(metres * 60) for metres in size)
@@ -197,7 +197,7 @@ def _cyclist(variant: int, size: tuple[float, float, float]) -> list[Picture]:
 
 
 def _house(variant: int, size: tuple[float, float, float]) -> list[Picture]:
-    """Storeys of windows over a ground floor with doors, brick or plaster."""
+    """Draw storeys of windows over a ground floor with doors, brick or plaster."""
     plaster = _PLASTERS[variant % len(_PLASTERS)]
     bay = _plain(_PIXELS_PER_BAY, _PIXELS_PER_BAY * 6 // 5, plaster)
     if variant % 2 == 0:
@@ -225,7 +225,7 @@ def _house(variant: int, size: tuple[float, float, float]) -> list[Picture]:
 
 
 def _bulk(colour: Colour, mottle: int) -> Callable[..., list[Picture]]:
-    """One colour on all faces, mottled: leaves, bark, metal."""
+    """Draw one mottled colour on all faces: leaves, bark, metal."""
 
     def painter(variant: int, size: tuple[float, float, float]) -> list[Picture]:
         rng = np.random.default_rng([variant, 5])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the synthetic recording to disk, in any of the four layouts."""
+"""Writing of the synthetic recording to disk, in any layout."""
 
 from __future__ import annotations
 
@@ -9,12 +9,9 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
-from ..kitti.write_object import ObjectWriter
-from ..kitti.write_odometry import OdometryWriter
-from ..kitti.write_raw import RawWriter
-from ..kitti.write_tracking import TrackingWriter
+from ..kitti.layouts import make_writer
 from ..model.errors import OutputExistsError
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from .drive import SyntheticDrive
 
 if TYPE_CHECKING:
@@ -22,21 +19,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.writer import LayoutWriter
+    from ..model.streams import Layout
     from .options import SyntheticOptions
 
 DATE = '2011_09_26'
-_CAMERAS = {
-    Layout.RAW: (0, 1, 2, 3),
-    Layout.OBJECT: (2, 3),
-    Layout.ODOMETRY: (0, 1, 2, 3),
-    Layout.TRACKING: (2, 3),
-}
-_WRITERS: dict[Layout, Callable[[Path], LayoutWriter]] = {
-    Layout.RAW: lambda root: RawWriter(root, DATE, drive=1),
-    Layout.OBJECT: ObjectWriter,
-    Layout.ODOMETRY: OdometryWriter,
-    Layout.TRACKING: TrackingWriter,
-}
 
 
 def write_synthetic(
@@ -48,21 +34,21 @@ def write_synthetic(
 ) -> Path:
     """Write a synthetic recording.
 
-    Everything is written beside root and moved there when it is complete, so an interrupted run
-    leaves no half recording under its name.
+    Everything is written beside root and moved there when complete, so an interrupted run leaves
+    no incomplete recording under its name.
 
     Args:
-        root: A folder that is not there yet, or is empty.
-        layout: Which of the four layouts.
-        options: What to make.
+        root: A folder that does not exist, or is empty.
+        layout: The layout to write.
+        options: Options of the recording.
         progress: Called with the number of frames done after each frame.
 
     Returns:
         The folder to convert: the drive (raw), else root.
 
     Raises:
-        OutputExistsError: root is taken.
-        OSError: The disk refuses.
+        OutputExistsError: root exists and is not empty.
+        OSError: A file cannot be written.
     """
     root = root.resolve()
     if root.exists() and not (root.is_dir() and not any(root.iterdir())):
@@ -78,14 +64,21 @@ def write_synthetic(
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
-    return root / DATE / f'{DATE}_drive_0001_sync' if layout is Layout.RAW else root
+    return root / DATE / _name(layout) if layout.traits.dated else root
+
+
+def _name(layout: Layout) -> str:
+    return layout.traits.default_name.format(date=DATE, kind='sync')
 
 
 def _write(
     root: Path, layout: Layout, drive: SyntheticDrive, progress: Callable[[int], None] | None
 ) -> None:
-    cameras = _CAMERAS[layout]
-    with ThreadPoolExecutor(os.cpu_count()) as pool, _WRITERS[layout](root) as writer:
+    cameras = layout.traits.cameras
+    with (
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+        make_writer(layout, root, _name(layout)) as writer,
+    ):
         for frame in range(len(drive)):
             images = [pool.submit(drive.image, frame, camera) for camera in cameras]
             _write_frame(writer, drive, frame)
@@ -97,9 +90,9 @@ def _write(
 
 
 def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> None:
-    """All samples of a frame that the layout has a place for, but the images."""
+    """Write the samples of a frame that the layout has, without the images."""
     stamps = drive.stamps(frame)
-    if frame == 0 or writer.layout is Layout.OBJECT:
+    if frame == 0 or writer.layout.traits.calibration_per_frame:
         writer.write_calibration(frame, drive.calibration)
     writer.write_scan(frame, stamps.scan, drive.scan(frame))
     if Stream.OXTS in writer.accepts:

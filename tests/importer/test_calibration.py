@@ -28,7 +28,7 @@ from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.naming import make_frames
 from kitti_ros2.messages.ros_types import CameraInfo, RegionOfInterest
 from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
-from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
@@ -335,7 +335,7 @@ def test_the_files_of_a_raw_drive_tell_the_same(recordings, tmp_path):
     rig = replace(open_recording(recordings[Layout.RAW]).calibration(0), rectified=False)
     made, _ = through_messages(rig, rectified=False, only=(2, 3))
     again = parse_raw_calibration(format_raw(made), tmp_path, rectified=False)
-    assert again.lacks == {}
+    assert again.missing == {}
     for index in (2, 3):
         np.testing.assert_allclose(pixels_of(again, index), pixels_of(rig, index), rtol=1e-4)
 
@@ -554,19 +554,19 @@ def test_the_reference_is_where_the_calibration_says(lidar):
 
 
 def test_no_camera_is_no_calibration():
-    with pytest.raises(LackingError, match='no camera has a CameraInfo'):
+    with pytest.raises(MissingDataError, match='no camera has a CameraInfo'):
         make([], {})
 
 
 @pytest.mark.parametrize(('lidar', 'imu'), [('velo', None), ('lidar', 'unit')])
 def test_a_frame_that_is_not_joined_is_an_error_that_shows_the_tree(lidar, imu):
-    with pytest.raises(LackingError, match=r'left -> \{lidar\}'):
+    with pytest.raises(MissingDataError, match=r'left -> \{lidar\}'):
         make([('left', 'lidar', LEFT_T_LIDAR)], {0: model()}, lidar, imu)
 
 
 def test_a_second_camera_that_is_not_joined_is_an_error_unless_p_places_it():
     links = [('left', 'lidar', LEFT_T_LIDAR)]
-    with pytest.raises(LackingError, match='there is no frame elsewhere'):
+    with pytest.raises(MissingDataError, match='there is no frame elsewhere'):
         make(links, {0: model(), 1: model('elsewhere')})
 
 
@@ -606,7 +606,9 @@ def test_a_rational_polynomial_without_a_denominator_is_plumb_bob():
 )
 def test_other_distortion_has_no_place_in_unrectified_files(name, d):
     camera = model(d=d, model=name)
-    with pytest.raises(LackingError, match=f'camera 0 is distorted by {name} of {len(d)} numbers'):
+    with pytest.raises(
+        MissingDataError, match=f'camera 0 is distorted by {name} of {len(d)} numbers'
+    ):
         make([], {0: camera}, None, rectified=False)
     made, _ = make([], {0: camera}, None, rectified=True)
     assert made.cameras[0].k is None

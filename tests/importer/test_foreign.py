@@ -21,7 +21,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.model.boxes import box_corners, box_of, project_corners
-from kitti_ros2.model.errors import BadFileError, LackingError, UsageError
+from kitti_ros2.model.errors import BadFileError, MissingDataError, UsageError
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.bag import BagOptions
@@ -302,7 +302,7 @@ def test_a_calibration_that_lacks_a_camera_is_refused(bag, tmp_path):
 
 def test_a_camera_that_is_not_joined_is_an_error_that_shows_the_tree(tmp_path):
     path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, 'mcap', '/tf_static')
-    with pytest.raises(LackingError, match='there is no frame cam_left_optical'):
+    with pytest.raises(MissingDataError, match='there is no frame cam_left_optical'):
         convert(path, tmp_path / 'out', Layout.OBJECT)
 
 
@@ -320,7 +320,7 @@ def test_without_boxes_fix_or_odometry_the_rest_is_made(tmp_path):
 def test_a_bag_without_scan_camera_and_pose_says_what_it_has(tmp_path):
     topics = {topic for topic, *_ in foreign.messages(TRUTH)} - {'/imu/data'}
     path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, 'mcap', *topics)
-    with pytest.raises(LackingError, match='no point cloud and no image; it has /imu/data'):
+    with pytest.raises(MissingDataError, match='no point cloud and no image; it has /imu/data'):
         convert(path, tmp_path / 'out', Layout.OBJECT)
 
 

@@ -14,7 +14,7 @@ from kitti_ros2.importer import survey as types
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey, TopicSurvey
-from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
 
@@ -107,7 +107,7 @@ def test_of_one_cameras_topics_the_best_is_taken(topics, best):
 
 
 def test_depth_images_are_no_pictures():
-    with pytest.raises(LackingError, match='no point cloud and no image'):
+    with pytest.raises(MissingDataError, match='no point cloud and no image'):
         guess(
             image('/c/aligned', '32FC1'),
             compressed('/c/raw/compressedDepth', '16UC1; compressedDepth png'),

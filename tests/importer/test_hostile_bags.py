@@ -22,7 +22,7 @@ from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
 from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.model.errors import KittiRos2Error, LackingError, UsageError
+from kitti_ros2.model.errors import KittiRos2Error, MissingDataError, UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
@@ -142,7 +142,7 @@ def test_a_link_that_moves_does_not_calibrate(tmp_path):
         return TFMessage([make_transform(pose, 1, parent, child) for parent, child, pose in joined])
 
     foreign.write_foreign(path, TRUTH, change=change)
-    with pytest.raises(LackingError, match='os_sensor') as caught:
+    with pytest.raises(MissingDataError, match='os_sensor') as caught:
         convert(path, tmp_path / 'out')
     assert 'base_link -> ' in str(caught.value)
     assert '\n' not in str(caught.value)

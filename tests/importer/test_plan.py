@@ -18,10 +18,9 @@ from kitti_ros2.importer.plan import (
     PosePlan,
     ScanPlan,
     format_plan,
-    parse_drive,
     parse_plan,
-    parse_sequence,
 )
+from kitti_ros2.kitti.names import parse_drive, parse_sequence
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout
 

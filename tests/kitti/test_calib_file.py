@@ -62,7 +62,7 @@ def test_object_and_tracking_text_and_back(write, calibration):
     text = write(calibration)
     again = parse_calibration(text, PATH, PATH.name)
     assert_same(again, calibration)
-    assert not again.lacks
+    assert not again.missing
     assert not again.nominal
     assert write(again) == text
 
@@ -119,7 +119,7 @@ def test_tracking_keys_have_no_colon_and_lines_end_in_blanks():
     calibration = parse_calibration(text, PATH, PATH.name)
     assert calibration.cam0_T_velo.translation.tolist() == [5, 6, 7]
     assert set(calibration.cameras) == {2}
-    assert set(calibration.lacks) == {'P0', 'P1', 'P3'}
+    assert set(calibration.missing) == {'P0', 'P1', 'P3'}
 
 
 def test_waymo_cameras_stand_on_their_own():
@@ -130,7 +130,7 @@ def test_waymo_cameras_stand_on_their_own():
     calibration = parse_calibration('\n'.join(lines), PATH, PATH.name)
     assert calibration.independent_cameras
     assert [calibration.cameras[i].cam_T_velo.translation[0] for i in range(5)] == [0, 1, 2, 3, 4]
-    assert not calibration.lacks
+    assert not calibration.missing
 
 
 GOOD = format_object(
@@ -164,7 +164,7 @@ def break_line(key: str, line: str) -> str:
 )
 def test_a_bad_part_costs_that_part_only(text, part, said):
     calibration = parse_calibration(text, PATH, PATH.name)
-    assert said in calibration.lacks[part]
+    assert said in calibration.missing[part]
     others = {0, 1, 2, 3} - ({2} if part == 'P2' else set())
     assert set(calibration.cameras) == others
 

@@ -19,7 +19,7 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.node.message_types import message_class
 
 LOOK_EVERY_S = 0.1
@@ -39,7 +39,7 @@ class Recorder:
                 continue
             try:
                 kind = message_class(msgtype, TYPESTORE)
-            except LackingError:
+            except MissingDataError:
                 continue
             self.counts[topic] = 0
             profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)

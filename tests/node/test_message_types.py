@@ -20,7 +20,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.node import rosidl_structs as structs
 from kitti_ros2.node.message_fields import defined_hash, references_of
 from kitti_ros2.node.message_types import _runtime_class, message_class, type_hash
@@ -314,14 +314,14 @@ def test_another_kind_of_type_support_is_not_had():
 
 
 def test_an_unknown_type_is_named():
-    with pytest.raises(LackingError, match=f'{STRANGE}: no definition of this message type'):
+    with pytest.raises(MissingDataError, match=f'{STRANGE}: no definition of this message type'):
         message_class(STRANGE, TYPESTORE)
-    with pytest.raises(LackingError, match='No/msg/Such: no definition'):
+    with pytest.raises(MissingDataError, match='No/msg/Such: no definition'):
         message_class(STRANGE, described_by_hand(('field', (Nodetype.NAME, 'No/msg/Such'))))
 
 
 def test_a_field_that_cannot_be_described_is_named():
-    with pytest.raises(LackingError, match='its field odd is a float128'):
+    with pytest.raises(MissingDataError, match='its field odd is a float128'):
         message_class(STRANGE, described_by_hand(('odd', (Nodetype.BASE, ('float128', 0)))))
 
 
@@ -358,7 +358,7 @@ def test_a_package_that_is_none_of_ros_2_is_one_clear_error(monkeypatch, metacla
     module.Strange = metaclass('Strange', (), {'__module__': 'kitti_ros2_tests.msg'})
     monkeypatch.setitem(sys.modules, 'kitti_ros2_tests', ModuleType('kitti_ros2_tests'))
     monkeypatch.setitem(sys.modules, 'kitti_ros2_tests.msg', module)
-    with pytest.raises(LackingError) as caught:
+    with pytest.raises(MissingDataError) as caught:
         message_class(STRANGE, define('int8 in_a_broken_package'))
     assert str(caught.value).startswith('kitti_ros2_tests.msg.Strange: the installed package')
     assert complaint in str(caught.value)
@@ -370,7 +370,7 @@ def test_a_package_of_an_older_ros_is_one_clear_error(monkeypatch):
     for name in ('kitti_ros2_tests', 'kitti_ros2_tests.msg'):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     monkeypatch.setitem(sys.modules, 'type_description_interfaces', None)
-    with pytest.raises(LackingError, match='is of a ROS 2 older than Jazzy'):
+    with pytest.raises(MissingDataError, match='is of a ROS 2 older than Jazzy'):
         message_class(STRANGE, define('int8 of_an_older_ros'))
 
 
@@ -381,7 +381,7 @@ def test_a_package_that_misses_another_is_one_clear_error(monkeypatch, tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     for name in ('kitti_ros2_tests', 'kitti_ros2_tests.msg'):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    with pytest.raises(LackingError, match=r'cannot be imported \(No module .*no_such_package'):
+    with pytest.raises(MissingDataError, match=r'cannot be imported \(No module .*no_such_package'):
         message_class(STRANGE, define('int8 misses_another'))
     sys.modules.pop('kitti_ros2_tests', None)
 
@@ -422,7 +422,7 @@ def test_an_installed_class_that_differs_is_one_clear_error():
     for known in store.fielddefs:
         types.pop(known, None)
     store.register(types)
-    with pytest.raises(LackingError) as caught:
+    with pytest.raises(MissingDataError) as caught:
         message_class(IMU, store)
     message = str(caught.value)
     assert message.startswith(f'{IMU}: the installed package sensor_msgs defines it differently')

@@ -12,7 +12,7 @@ import pytest
 
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
-from kitti_ros2.model.errors import LackingError, UsageError
+from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.samples import FrameLabels
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.pictures import BirdOptions, PictureOptions
@@ -98,19 +98,23 @@ def test_the_streams_of_the_modes():
         ('boxes', {'calibration': replace(DRIVE.calibration, cameras={})}, 'camera 2'),
         ('boxes', {'calibration': replace(DRIVE.calibration, cam0_T_velo=None)}, 'Tr_velo_to_cam'),
         ('lidar', {'points': None}, 'no scan'),
-        ('lidar', {'points': None, 'lacks': {'scan': '0.bin: cut off'}}, 'no scan: 0.bin: cut off'),
+        (
+            'lidar',
+            {'points': None, 'missing': {'scan': '0.bin: cut off'}},
+            'no scan: 0.bin: cut off',
+        ),
         ('lidar', {'calibration': None}, 'no calibration'),
         ('bev', {'points': None, 'objects': ()}, 'no scan'),
     ],
 )
 def test_what_a_frame_lacks_is_named_in_a_line(mode, changes, reason):
-    with pytest.raises(LackingError, match=f'^synthetic: frame 0: .*{reason}') as caught:
+    with pytest.raises(MissingDataError, match=f'^synthetic: frame 0: .*{reason}') as caught:
         MODES[mode].draw(make_frame(**changes), ANY)
     assert '\n' not in str(caught.value)
 
 
 def test_a_camera_without_an_image_is_named():
-    with pytest.raises(LackingError, match='no image of camera 4'):
+    with pytest.raises(MissingDataError, match='no image of camera 4'):
         MODES['camera'].draw(FRAME, PictureOptions(camera=4))
 
 
@@ -175,11 +179,11 @@ def test_parts_of_the_panel_do_not_overlap():
         {'points': None, 'images': {}, 'calibration': None, 'objects': (), 'packet': None},
         {'images': {2: np.zeros((1, 1, 3), np.uint8)}},
         {'images': {2: np.zeros((900, 30, 3), np.uint8)}},
-        {'lacks': {f'thing {number}': 'bad' for number in range(99)}},
+        {'missing': {f'thing {number}': 'bad' for number in range(99)}},
         {'source': 'x' * 999, 'timed': False},
         {'objects': [LabelledObject(f'class {number}', None) for number in range(99)]},
     ],
-    ids=['images', 'calibration', 'scan', 'motion', 'all', 'dot', 'strip', 'lacks', 'name', 'many'],
+    ids=['images', 'calibration', 'scan', 'motion', 'all', 'dot', 'strip', 'gap', 'name', 'many'],
 )
 def test_the_panel_of_a_frame_with_parts_missing_or_odd(changes):
     page = MODES['panel'].draw(make_frame(**changes), ANY)

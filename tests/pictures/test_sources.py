@@ -58,8 +58,8 @@ def test_a_bag_shows_what_its_folder_shows(recording_path, tmp_path, storage, im
     assert bag.cameras == folder.cameras
     for number in (0, int(folder.numbers[-1])):
         there, here = bag.frame(number), folder.frame(number)
-        assert not there.lacks
-        assert not here.lacks
+        assert not there.missing
+        assert not here.missing
         assert there.stamp_ns == here.stamp_ns
         assert_same(there, here)
         solid = sorted(each.kind for each in here.objects if each.cuboid is not None)
@@ -109,7 +109,7 @@ def test_what_cannot_be_read_costs_itself(drive):
     (drive / 'image_02/data/0000000001.png').write_bytes(b'no picture')
     frame = open_frames(drive, ANY).frame(1)
     assert set(frame.images) == {0, 1, 3}
-    assert '0000000001.png' in frame.lacks['image_2']
+    assert '0000000001.png' in frame.missing['image_2']
 
 
 def test_an_extract_is_put_together_by_time(recordings, tmp_path):
@@ -144,7 +144,7 @@ def test_a_calibration_that_cannot_be_had_is_noted(tmp_path):
     assert frame.images
     assert frame.calibration is None
     assert any(note.startswith('no calibration: ') for note in source.cautions)
-    assert frame.lacks['calibration']
+    assert frame.missing['calibration']
 
 
 LINE = 'Car 0.00 0 -1.57 100.00 50.00 200.00 90.00 1.50 1.60 3.90 1.00 1.60 12.00 -1.57 0.91\n'
@@ -162,7 +162,7 @@ class TestPredictions:
         assert first.cuboid is not None
         frame = found.add_to(source.frame(2))
         assert not frame.predictions
-        assert frame.lacks['predictions'].endswith('no label file for frames {}')
+        assert frame.missing['predictions'].endswith('no label file for frames {}')
 
     def test_a_file_of_tracks(self, recordings, tmp_path):
         path = tmp_path / '0000.txt'
@@ -176,7 +176,7 @@ class TestPredictions:
         (tmp_path / '000000.txt').write_text(f'Car 1 2\n{LINE}')
         frame = Predictions(tmp_path).add_to(open_frames(recordings[Layout.OBJECT], ANY).frame(0))
         assert len(frame.predictions) == 1
-        assert '000000.txt:1: 3 columns' in frame.lacks['predictions 0']
+        assert '000000.txt:1: 3 columns' in frame.missing['predictions 0']
 
     def test_a_folder_of_something_else(self, tmp_path):
         (tmp_path / '0003.txt').touch()

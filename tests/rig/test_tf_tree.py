@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.model.errors import LackingError
+from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.rig.tf_tree import FrameTree
 
@@ -36,7 +36,7 @@ CAR = [
 
 def complaint(tree: FrameTree, target: str, source: str) -> str:
     assert tree.find(target, source) is None
-    with pytest.raises(LackingError) as caught:
+    with pytest.raises(MissingDataError) as caught:
         tree.transform(target, source)
     text = str(caught.value)
     assert '\n' not in text

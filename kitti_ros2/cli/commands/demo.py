@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ...model.streams import LAYOUT_NAMES
 from .shared import QuietOption
 
 
@@ -14,7 +15,7 @@ def demo(
     out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(
         'kitti_ros2_demo'
     ),
-    layout: Annotated[str, typer.Option(help='raw, object, odometry or tracking')] = 'raw',
+    layout: Annotated[str, typer.Option(help=LAYOUT_NAMES)] = 'raw',
     frames: Annotated[int, typer.Option(help='How many frames to make.')] = 20,
     seed: Annotated[
         int, typer.Option(help='Which street; the same seed gives the same bytes.')

@@ -6,9 +6,11 @@ from typing import Annotated, Optional
 
 import typer
 
+from ...model.streams import LAYOUT_NAMES
+
 LayoutOption = Annotated[
     Optional[str],
-    typer.Option('--layout', help='raw, object, odometry or tracking [default: guess]'),
+    typer.Option('--layout', help=f'{LAYOUT_NAMES} [default: guess]'),
 ]
 SequenceOption = Annotated[
     Optional[str], typer.Option('--sequence', help='Which drive, split or sequence of SRC, e.g. 00')

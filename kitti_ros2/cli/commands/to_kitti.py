@@ -7,6 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from ...model.streams import LAYOUT_NAMES
 from .shared import QuietOption
 
 
@@ -19,7 +20,7 @@ def to_kitti(  # noqa: PLR0913, PLR0917 - each is an option of the command
     ],
     layout: Annotated[
         Optional[str],
-        typer.Option(help="raw, object, odometry or tracking [default: a to-bag bag's own]"),
+        typer.Option(help=f"{LAYOUT_NAMES} [default: a to-bag bag's own]"),
     ] = None,
     plan: Annotated[
         bool, typer.Option('--plan', help='Print which topic is which stream, and stop; no OUT.')

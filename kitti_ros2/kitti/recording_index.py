@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The index of a recording: file numbers and stamps of each stream, and what is missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.losses import Loss
+from ..model.recording import StreamIndex
+from ..model.stamps import LAST_NS, NS_PER_S
+from ..model.streams import Stream
+from .turns import find_turns, scan_stamps
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from ..model.samples import Int64Array, Turn
+    from ..options.read import ReadOptions
+    from .store import Listing
+    from .text_file import Lines
+
+
+class RecordingIndex:
+    """The streams of a recording and its losses, filled by the constructors of the readers."""
+
+    def __init__(self, root: Path, options: ReadOptions) -> None:
+        self.root = root
+        self.options = options
+        self.streams: dict[Stream, StreamIndex] = {}
+        self.losses: list[Loss] = []
+        self.notes: list[str] = []
+        self.turns: dict[int, Turn] = {}
+        self._late_losses: dict[tuple[Stream, str], Loss] = {}
+        self._listings: dict[Stream, Listing] = {}
+
+    @property
+    def late_losses(self) -> list[Loss]:
+        """Losses of passes over many samples so far; see model.recording."""
+        return list(self._late_losses.values())
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """Return the file that a sample is read from."""
+        listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
+        return self.root if listing is None else listing.path(number)
+
+    def _add(
+        self, stream: Stream, numbers: Int64Array, stamps_ns: Int64Array, listing: Listing | None
+    ) -> None:
+        """Add a stream to the index, unless it is empty."""
+        if listing is not None:
+            self._listings[stream] = listing
+            if listing.strays:
+                self.notes.append(
+                    f'{listing.folder}: {_some(listing.strays)} passed over, not named like'
+                    f' {"0" * listing.digits}{listing.suffix}'
+                )
+        if len(numbers):
+            self.streams[stream] = StreamIndex(numbers, stamps_ns)
+
+    def _add_stamped(
+        self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
+    ) -> None:
+        """Add a stream with the stamps of a file, line n for file number n."""
+        have = set(listing.numbers.tolist())
+        absent = [number for number in range(len(stamps)) if number not in have]
+        self._lose(
+            stream,
+            absent,
+            f'{listing.folder}: no file for frames {{}}, which {stamps_path.name} lists',
+        )
+        beyond = [number for number in sorted(have) if number >= len(stamps)]
+        self._lose(
+            stream, beyond, f'{stamps_path}: {len(stamps)} lines, so no stamp for frames {{}}'
+        )
+        for line, error in stamps.errors.items():
+            if line in have:
+                self._lose(stream, [line], str(error))
+        good = [n for n in sorted(have) if n < len(stamps) and stamps.values[n] is not None]
+        values = np.array([stamps.values[number] for number in good], dtype=np.int64)
+        backward = np.flatnonzero(np.diff(values) < 0)
+        if len(backward):
+            self.notes.append(
+                f'{stamps_path}:{good[backward[0] + 1] + 1}: {len(backward)} stamps earlier than'
+                f' the line before; written in order of time, each with its own stamp'
+            )
+        self._add(stream, np.array(good, dtype=np.int64), values, listing)
+
+    def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
+        """Add a stream without time stamps: epoch plus file number times period, of the options."""
+        epoch_ns, period_ns = self.options.epoch_ns, self.options.period_ns
+        beyond = numbers > (LAST_NS - epoch_ns) // period_ns
+        self._lose(
+            stream, numbers[beyond].tolist(), f'{self.root}: no stamp in ROS 2 for frames {{}}'
+        )
+        numbers = numbers[~beyond]
+        self._add(stream, numbers, epoch_ns + numbers * period_ns, listing)
+
+    @property
+    def _nominal_time(self) -> str:
+        """The stamping of frames without time stamps, for notes."""
+        return f'stamps are nominal, {self.options.period_ns / NS_PER_S:g} s a frame from the epoch'
+
+    def _add_turns(
+        self,
+        starts_ns: Mapping[int, int] | None = None,
+        ends_ns: Mapping[int, int] | None = None,
+    ) -> None:
+        """Compute the turn of each scan, and stamp the scans by the options."""
+        index = self.streams.get(Stream.SCAN)
+        if index is None:
+            return
+        numbers: list[int] = index.numbers.tolist()
+        forward = dict(zip(numbers, index.stamps_ns.tolist(), strict=True))
+        self.turns = find_turns(forward, starts_ns or {}, ends_ns or {}, self.options.period_ns)
+        stamps = scan_stamps(forward, self.turns, self.options.scan_stamp)
+        stamps_ns = np.array([stamps[number] for number in numbers], dtype=np.int64)
+        self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
+
+    def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
+        """Report missing frames of a stream; {} in the reason stands for their numbers."""
+        if numbers:
+            self.losses.append(Loss(stream.value, len(numbers), reason, tuple(numbers)))
+
+    def _lose_late(self, stream: Stream, reason: str) -> None:
+        """Report once a failure of a pass over many samples."""
+        reason = reason.replace('{', '(').replace('}', ')')
+        self._late_losses[stream, reason] = Loss(stream.value, 1, reason)
+
+    def _lose_lines(self, stream: Stream, reason: str, count: int = 1) -> None:
+        """Report missing samples without frame numbers."""
+        self.losses.append(Loss(stream.value, count, reason.replace('{', '(').replace('}', ')')))
+
+    def _find_gaps(self, streams: Iterable[Stream]) -> None:
+        """Report the frames that one of these streams has and another has not."""
+        present = [stream for stream in streams if stream in self.streams]
+        known: set[int] = set()
+        for stream in present:
+            known.update(self.streams[stream].numbers.tolist())
+        for stream in present:
+            absent = sorted(known.difference(self.streams[stream].numbers.tolist()))
+            folder = self.path(stream, 0).parent
+            self._lose(
+                stream,
+                absent,
+                f'{folder}: no {stream.value} for frames {{}}, which other streams have',
+            )
+
+
+def _some(names: Sequence[str]) -> str:
+    """Format the first few of many names."""
+    return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')
