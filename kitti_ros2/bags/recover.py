@@ -82,7 +82,7 @@ def recover(
     chosen = storage or (None if out.suffix in {'.mcap', '.bag'} else bag.storage)
     storage = guess_storage(out, chosen)
     verbatim = bag.storage != 'ros1' or storage == 'ros1'
-    with BagMessages([bag], as_stored=verbatim) as messages:
+    with BagMessages([path], as_stored=verbatim) as messages:
         options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
         with _open_copy(bag, out, options, messages) as writer:
             copy = _Copy(writer, messages, storage)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..kitti.names import SPLITS
 from ..model.errors import UsageError
 from ..model.streams import Layout
@@ -22,22 +22,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from ..bags.reader import BagSource
     from ..options.importing import ImportOptions
     from .plan import Plan
     from .report import ImportReport
 
 
-def look(paths: Sequence[Path]) -> Survey:
+def look(bags: Sequence[BagSource]) -> Survey:
     """Pass over bags to see what is in them.
 
     Raises:
         BadBagError: One cannot be read.
     """
-    with open_messages(paths) as messages:
+    with open_messages(bags) as messages:
         return survey_bag(messages)
 
 
-def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Guess:
+def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> Guess:
     """The plan that makes most of bags.
 
     Raises:
@@ -46,8 +47,8 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
     """
     if options.layout is None:
         known = ', '.join(layout.value for layout in Layout)
-        raise UsageError(f'{paths[0]}: which layout is wanted? give --layout {known}')
-    found = guess_plan(survey, options.layout, paths[0])
+        raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
+    found = guess_plan(survey, options.layout, path_of(bags[0]))
     plan, remarks = adapt(found.plan, options), found.remarks
     if plan.labels is not None and plan.calibration == NONE:
         remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
@@ -91,7 +92,7 @@ def adapt(plan: Plan, options: ImportOptions) -> Plan:
 
 
 def convert_by_plan(
-    paths: Sequence[Path],
+    bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
     out: Path,
@@ -101,7 +102,7 @@ def convert_by_plan(
     """Write what a plan makes of bags.
 
     Args:
-        paths: The bags of one recording.
+        bags: Those of one recording.
         plan: What becomes of them.
         survey: What is in them.
         out: The data set's folder, absent or empty unless the options append.
@@ -117,8 +118,8 @@ def convert_by_plan(
     """
     if options.append:
         with appended(out, plan.name) as place:
-            report = build(paths, plan, survey, place.stage, options, place.first, progress)
+            report = build(bags, plan, survey, place.stage, options, place.first, progress)
         return replace(report, path=out, notes=(*place.notes, *report.notes))
     with staged(out) as stage:
-        report = build(paths, plan, survey, stage, options, 0, progress)
+        report = build(bags, plan, survey, stage, options, 0, progress)
     return replace(report, path=out)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map
 from ..kitti.write_object import ObjectWriter
 from ..kitti.write_odometry import OdometryWriter
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..kitti.writer import LayoutWriter
     from ..options.importing import ImportOptions
     from .pose_track import PoseTrack
@@ -64,7 +64,7 @@ class _Done:
 
 
 def build(
-    paths: Sequence[Path],
+    bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
     stage: Path,
@@ -75,7 +75,7 @@ def build(
     """Write what a plan makes of bags below a folder.
 
     Args:
-        paths: The bags of one recording.
+        bags: Those of one recording.
         plan: What becomes of them.
         survey: What is in them.
         stage: The folder to fill.
@@ -88,18 +88,18 @@ def build(
         OSError: A file cannot be written.
     """
     losses = LossTally()
-    track = read_track(paths, plan, survey, losses)
+    track = read_track(bags, plan, survey, losses)
     frames = choose_frames(plan, survey, track)
     rigging = Rigging(plan, survey)
     with _make_writer(plan, stage, options) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
-        with open_messages(paths, builder.topics) as messages:
+        with open_messages(bags, builder.topics) as messages:
             workers = min(_MOST_WORKERS, len(os.sched_getaffinity(0)))
             for count, done in enumerate(ordered_map(_do, builder.jobs(messages), workers), 1):
                 builder.take(done)
                 progress(count, builder.size_bytes)
-            damaged = damage({**messages.losses, **survey.losses}, paths[0].name)
+            damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
         if track is not None:
             builder.write_poses(track)
     named = {loss.stream for loss in losses.losses()}

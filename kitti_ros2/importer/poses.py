@@ -23,8 +23,8 @@ from .pose_track import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
+    from ..bags.reader import BagSource
     from ..kitti.writer import LayoutWriter
     from ..model.geometry import Transform
     from ..model.samples import Int64Array
@@ -39,7 +39,7 @@ _SINGLE: dict[str, Callable[[Any], list[StampedPose]]] = {
 
 
 def read_track(
-    paths: Sequence[Path], plan: Plan, survey: Survey, losses: LossTally
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
 ) -> PoseTrack | None:
     """The poses that a plan names, None where it names none.
 
@@ -51,7 +51,7 @@ def read_track(
     topic = topic_of(survey, plan.pose.topic)
     found: list[StampedPose] = []
     reason = ''
-    with open_messages(paths, {topic.name}) as messages:
+    with open_messages(bags, {topic.name}) as messages:
         decode = Decoder(messages.typestore)
         for message in messages:
             try:

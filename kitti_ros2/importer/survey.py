@@ -16,7 +16,7 @@ import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
 from ..messages.topics import LARGE_TYPES
@@ -25,10 +25,9 @@ from .sync import usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
     from typing import TypeAlias
 
-    from ..bags.reader import BagMessage, BagMessages, LeftOut
+    from ..bags.reader import BagMessage, BagMessages, BagSource, LeftOut
     from ..model.geometry import Transform
     from ..model.samples import Int64Array, TextFile
 
@@ -181,25 +180,26 @@ def survey_bag(messages: BagMessages) -> Survey:
     return Survey(taken.topics, *found)
 
 
-def glance(path: Path) -> Survey:
+def glance(source: BagSource) -> Survey:
     """Survey what describes a bag's sensors; of topics with large messages the first one alone.
 
     Raises:
         BadBagError: It cannot be read.
     """
-    with open_messages(path) as every:
-        types = dict(every.channels)
-        taken = _Pass(every)
-        losses, left_out = every.losses, every.left_out
-    wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
-    if wanted:
-        with open_messages(path, wanted) as messages:
-            for message in messages:
-                taken.take(message)
-    for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
-        with open_messages(path, {topic}) as messages:
-            for message in islice(messages, 1):
-                taken.take(message)
+    with opened(source) as bag:
+        with open_messages(bag) as every:
+            types = dict(every.channels)
+            taken = _Pass(every)
+            losses, left_out = every.losses, every.left_out
+        wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
+        if wanted:
+            with open_messages(bag, wanted) as messages:
+                for message in messages:
+                    taken.take(message)
+        for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
+            with open_messages(bag, {topic}) as messages:
+                for message in islice(messages, 1):
+                    taken.take(message)
     found = *taken.links.sorted(), taken.calibrations, (), losses, left_out
     return Survey(taken.topics, *found)
 
