@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Anyone's bag -> KITTI: look into it, make a plan, go by the plan."""
+"""Any bag -> KITTI: survey it, make a plan, convert by the plan."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def look(bags: Sequence[BagSource]) -> Survey:
-    """Pass over bags to see what is in them.
+    """Survey bags in one pass.
 
     Raises:
         BadBagError: One cannot be read.
@@ -39,10 +39,10 @@ def look(bags: Sequence[BagSource]) -> Survey:
 
 
 def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> Guess:
-    """The plan that makes most of bags.
+    """Make the most complete plan for bags.
 
     Raises:
-        LackingError: They hold nothing that the layout could begin with.
+        LackingError: They contain no data that the layout requires.
         UsageError: The options name no layout.
     """
     if options.layout is None:
@@ -57,7 +57,7 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
 
 
 def _label_remarks(plan: Plan) -> tuple[str, ...]:
-    """What those who load or evaluate the labels stumble over."""
+    """Return remarks on pitfalls in loading or evaluating the labels."""
     if plan.labels is None:
         if plan.layout is Layout.OBJECT and plan.name == SPLITS[0]:
             return ('loaders read label_2 of training frames; without labels say --name testing',)
@@ -72,7 +72,7 @@ def _label_remarks(plan: Plan) -> tuple[str, ...]:
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:
-    """The plan with what the options say about it.
+    """Override a plan by options.
 
     Raises:
         UsageError: The options contradict it.
@@ -99,21 +99,21 @@ def convert_by_plan(
     options: ImportOptions,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> ImportReport:
-    """Write what a plan makes of bags.
+    """Convert bags by a plan.
 
     Args:
         bags: Those of one recording.
-        plan: What becomes of them.
-        survey: What is in them.
+        plan: The rules of the conversion.
+        survey: Their content.
         out: The data set's folder, absent or empty unless the options append.
-        options: How it is written.
+        options: Of the output.
         progress: Called with the samples and the bytes written so far.
 
     Raises:
         BadBagError: A bag cannot be read.
-        UsageError: The plan names what is not there.
-        LackingError: The calibration cannot be had.
-        OutputExistsError: The folder holds something.
+        UsageError: The plan names a missing topic.
+        LackingError: The calibration is missing.
+        OutputExistsError: The folder is not empty.
         OutputError: It cannot be written.
     """
     if options.append:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan makes of bags: one pass over them, each sample written when it comes."""
+"""Conversion of bags by a plan: one pass, each sample written when it is read."""
 
 from __future__ import annotations
 
@@ -72,19 +72,19 @@ def build(
     first: int,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    """Write what a plan makes of bags below a folder.
+    """Convert bags by a plan, below a folder.
 
     Args:
         bags: Those of one recording.
-        plan: What becomes of them.
-        survey: What is in them.
+        plan: The rules of the conversion.
+        survey: Their content.
         stage: The folder to fill.
-        options: How the layout is written.
+        options: Of the output.
         first: The number of the first frame.
         progress: Called with the samples and the bytes written so far.
 
     Raises:
-        BadBagError, UsageError, LackingError: As planned.convert_by_plan.
+        BadBagError, UsageError, LackingError: As apply_plan.convert_by_plan.
         OSError: A file cannot be written.
     """
     losses = LossTally()
@@ -166,7 +166,7 @@ class _Builder:
         return set(self._streams) | self._packets.topics
 
     def write_calibration(self) -> None:
-        """The calibration of every frame, or of all."""
+        """Write the calibration of every frame, or of all."""
         stamps_ns = self._frames.stamps_ns.tolist()
         if self._plan.layout is not Layout.OBJECT:
             del stamps_ns[1:]
@@ -177,7 +177,7 @@ class _Builder:
                 self.counts[Stream.CALIBRATION.value] += 1
 
     def jobs(self, messages: BagMessages) -> Iterator[_Job]:
-        """What is to be written of the samples that frames took, in the order of reading."""
+        """Yield the files of the samples in frames, in the order of reading."""
         seen: Counter[str] = Counter()
         decode = Decoder(messages.typestore)
         for message in messages:
@@ -228,7 +228,7 @@ class _Builder:
         return _Job(stream, number, message.topic, message.stamp_ns, write)
 
     def _stamp_ns(self, topic: str, number: int, place: int) -> int:
-        """A sample's own stamp where the layout has one for it, else the frame's."""
+        """Return a sample's own stamp where the layout stores it, else the frame's."""
         if self._plan.layout is Layout.RAW:
             return int(self._frames.stamps[topic][place])
         return int(self._frames.stamps_ns[number - self._first])
@@ -261,19 +261,19 @@ class _Builder:
         self.size_bytes += done.size_bytes
 
     def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
-        """A frame that lacks a sample it should have is named in no list of frames."""
+        """Exclude frames with a missing sample from the lists of frames."""
         if isinstance(self._writer, ObjectWriter):
             for number in numbers:
                 self._writer.leave_out(number)
 
     def write_poses(self, track: PoseTrack) -> None:
-        """The poses of the frames."""
+        """Write the poses of the frames."""
         body_t_rect = self._rigging.body_t_rect()
         stamps_ns = self._frames.stamps_ns
         self.counts[Stream.POSE.value] = write_poses(self._writer, track, stamps_ns, body_t_rect)
 
     def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
-        """What was written."""
+        """Return the report of the conversion."""
         notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
             notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
@@ -290,6 +290,6 @@ class _Builder:
 
 
 def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int64Array
-    """Place in the topic to frame number."""
+    """Map places in a topic to frame numbers."""
     frames = np.flatnonzero(samples != NONE)
     return dict(zip(samples[frames].tolist(), (frames + first).tolist(), strict=True))
