@@ -4,18 +4,24 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from ..model.errors import BadBagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
+from .locate import locate_bag, reindex_advice
 from .storages import STORAGES
 from .summary import BagIndex
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
+    from typing_extensions import Self
+
     from .locate import BagFiles
     from .pieces import BagFile
 
@@ -58,22 +64,99 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
     return found
 
 
-def index_files(bag: BagFiles) -> BagIndex:
-    """The stamps of a bag's messages without their payloads.
+class OpenBag:
+    """A bag open for reading: its index and all messages are read from one set of open files.
+
+    The files are closed when the bag is closed, and everything that was opened from it.
+
+    Args:
+        path: A file or folder.
+
+    Attributes:
+        path: The same.
+        located: What it holds.
 
     Raises:
-        BadBagError: It cannot be read at all.
-        OSError: A file cannot be opened.
+        BadBagError: The path holds no bag, or one that cannot be read at all.
+        OSError: It cannot be read.
     """
-    index, findings = BagIndex(), Findings()
-    with ExitStack() as stack:
-        for _, file in open_files(bag, findings, stack):
-            index.merge(file.index())
-    if bag.compression_mode:
-        index.compressions.add('zstd')
-    index.complete = findings.complete
-    index.warnings += findings.warnings
-    return index
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.located = locate_bag(path)
+        self._findings = Findings()
+        self._users = 1
+        self._is_open = True
+        with ExitStack() as stack:
+            self._files = open_files(self.located, self._findings, stack)
+            self._stack = stack.pop_all()
+
+    def files(self, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+        """Return the open files with their paths.
+
+        Args:
+            findings: What was found damaged is entered there, and what these files will find.
+            stack: Ends their use.
+        """
+        self._users += 1
+        stack.callback(self._leave)
+        findings.add(self._findings)
+        return [(path, file.reporting_to(findings)) for path, file in self._files]
+
+    @cached_property
+    def index(self) -> BagIndex:
+        """The stamps of the messages without their payloads."""
+        index, findings = BagIndex(), Findings()
+        with ExitStack() as stack:
+            for _, file in self.files(findings, stack):
+                index.merge(file.index())
+        if self.located.compression_mode:
+            index.compressions.add('zstd')
+        index.complete = findings.complete
+        index.warnings += findings.warnings
+        expected = self.located.message_count
+        if expected is not None and expected != index.total:
+            index.warnings.append(
+                f'{self.path}: metadata.yaml counts {expected} messages, the files hold'
+                f' {index.total}; {reindex_advice(self.path, self.located.files)}'
+            )
+        return index
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files once nothing else uses them; nothing happens the second time."""
+        if self._is_open:
+            self._is_open = False
+            self._leave()
+
+    def _leave(self) -> None:
+        self._users -= 1
+        if not self._users:
+            self._stack.close()
+
+
+BagSource: TypeAlias = Path | OpenBag
+"""A bag by its path, or open already."""
+
+
+def opened(bag: BagSource) -> AbstractContextManager[OpenBag]:
+    """Return a context with the open bag; at its end one that was given open stays open."""
+    return nullcontext(bag) if isinstance(bag, OpenBag) else OpenBag(bag)
+
+
+def path_of(bag: BagSource) -> Path:
+    """Return the path of a bag."""
+    return bag.path if isinstance(bag, OpenBag) else bag
 
 
 def _unpacked(path: Path, stack: ExitStack) -> Path:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
+from copy import copy
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     import numpy as np
     import numpy.typing as npt
+    from typing_extensions import Self
 
     from .findings import Findings
     from .pieces import FileBytes, Piece, SourceChannel, StoredMessage
@@ -97,6 +99,12 @@ class ChunkedFile(ABC):
                 index.add((channel.topic, channel.msgtype), found)
         index.compressions |= self.compressions
         return index
+
+    def reporting_to(self, findings: Findings) -> Self:
+        """As BagFile has it."""
+        other = copy(self)
+        other._findings = findings  # noqa: SLF001 - of the same class
+        return other
 
     def close(self) -> None:
         """Let go of the file."""

@@ -32,6 +32,11 @@ class Findings:
         """Enter one more message that is lost for the same reason as others."""
         self.losses[text] = (self.losses.get(text) or 0) + 1
 
+    def add(self, other: Findings) -> None:
+        """Enter what others hold so far."""
+        self.notes |= other.notes
+        self.losses |= other.losses
+
     @property
     def complete(self) -> bool:
         """Whether nothing is damaged, as far as is known."""

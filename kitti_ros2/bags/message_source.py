@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..model.errors import BadBagError
-from .bag_files import open_files
+from .bag_files import opened, path_of
 from .decompressors import ZSTD_MAGIC, decompress_message
 from .definitions import Definitions
 from .findings import Findings
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from .locate import BagFiles
+    from .bag_files import BagSource
     from .pieces import BagFile, Buffer, SourceChannel
 
 _READ = ('cdr', 'ros1')
@@ -75,7 +75,7 @@ class BagMessages:
     may be while messages are read.
 
     Args:
-        bags: What to read; several are merged by time.
+        bags: What to read; several are merged by time. Those that are open already stay open.
         topics: The topics to read; all of them by default.
         as_stored: For copies: ROS 1 messages stay as they are, types without definition are read,
             and the typestore tells definitions in the bags' own words.
@@ -95,33 +95,34 @@ class BagMessages:
 
     def __init__(
         self,
-        bags: Sequence[BagFiles],
+        bags: Sequence[BagSource],
         topics: Collection[str] | None = None,
         *,
         as_stored: bool = False,
     ) -> None:
-        self._path = bags[0].path
+        self._path = path_of(bags[0])
         self._findings = Findings()
         self._topics = topics
         self._as_stored = as_stored
         self.left_out: list[LeftOut] = []
         self._first_lost: dict[tuple[_Reading, str], int] = {}
         with ExitStack() as stack:
-            opened = [
+            entered = [stack.enter_context(opened(bag)) for bag in bags]
+            found = [
                 (bag.path, path, file)
-                for bag in bags
-                for path, file in open_files(bag, self._findings, stack)
+                for bag in entered
+                for path, file in bag.files(self._findings, stack)
             ]
-            self._files = [file for _, _, file in opened]
+            self._files = [file for _, _, file in found]
             self._readings = [
                 {
                     channel_id: _Reading(bag, path, channel)
                     for channel_id, channel in file.channels.items()
                     if topics is None or channel.topic in topics
                 }
-                for bag, path, file in opened
+                for bag, path, file in found
             ]
-            self.compressions = {'zstd' for bag in bags if bag.compression_mode}.union(
+            self.compressions = {'zstd' for bag in entered if bag.located.compression_mode}.union(
                 *(file.compressions for file in self._files)
             )
             self._leave_out_encodings()

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from typing_extensions import Self
+
+    from .findings import Findings
     from .record_walk import Record
     from .summary import BagIndex
 
@@ -121,6 +124,10 @@ class BagFile(Protocol):
 
     def index(self) -> BagIndex:
         """The stamps of all messages, by topic and type."""
+        ...
+
+    def reporting_to(self, findings: Findings) -> Self:
+        """Return the same open file, which enters what it finds damaged into other findings."""
         ...
 
     def close(self) -> None:

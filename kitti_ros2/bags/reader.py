@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from ..model.errors import UsageError
-from .bag_files import index_files
-from .locate import locate_bag, reindex_advice
+from .bag_files import BagSource, OpenBag, opened, path_of
 from .message_source import BagMessage, BagMessages, LeftOut
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
@@ -19,73 +19,72 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from ..model.samples import Int64Array
-    from .locate import BagFiles
 
 __all__ = [
     'BagIndex',
     'BagMessage',
     'BagMessages',
+    'BagSource',
     'BagSummary',
     'LeftOut',
+    'OpenBag',
     'TopicSummary',
     'bag_stamps',
     'index_bag',
     'open_messages',
+    'opened',
+    'path_of',
     'summarize_bag',
 ]
 
-Bags: TypeAlias = Path | Sequence[Path]
-"""An .mcap, .db3 or .bag file or a directory of rosbag2, or several of them."""
+Bags: TypeAlias = BagSource | Sequence[BagSource]
+"""An .mcap, .db3 or .bag file or a directory of rosbag2, or several of them; or opened ones."""
 
 
-def summarize_bag(paths: Bags) -> BagSummary:
+def summarize_bag(bags: Bags) -> BagSummary:
     """Topics, counts, times, rates and gaps of a bag, from its index where it has one.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: It cannot be read.
     """
-    bags = _locate(paths)
-    index = index_bag(paths)
-    containers = ', '.join(dict.fromkeys(bag.container for bag in bags))
-    return summarize(containers, tuple(file for bag in bags for file in bag.files), index)
+    with ExitStack() as stack:
+        found = [stack.enter_context(opened(bag)) for bag in _each_once(bags)]
+        located = [bag.located for bag in found]
+        containers = ', '.join(dict.fromkeys(bag.container for bag in located))
+        files = tuple(file for bag in located for file in bag.files)
+        return summarize(containers, files, index_bag(found))
 
 
-def index_bag(paths: Bags) -> BagIndex:
+def index_bag(bags: Bags) -> BagIndex:
     """The stamps of a bag's messages, and what is wrong with it.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: It cannot be read.
     """
-    bags = _locate(paths)
     index = BagIndex()
-    for bag in bags:
-        found = index_files(bag)
-        if bag.message_count is not None and bag.message_count != found.total:
-            found.warnings.append(
-                f'{bag.path}: metadata.yaml counts {bag.message_count} messages,'
-                f' the files hold {found.total}; {reindex_advice(bag.path, bag.files)}'
-            )
-        index.merge(found)
+    for each in _each_once(bags):
+        with opened(each) as bag:
+            index.merge(bag.index)
     return index
 
 
-def bag_stamps(paths: Bags) -> dict[str, Int64Array]:
+def bag_stamps(bags: Bags) -> dict[str, Int64Array]:
     """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: It cannot be read.
     """
-    return index_bag(paths).by_topic()
+    return index_bag(bags).by_topic()
 
 
-def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMessages:
+def open_messages(bags: Bags, topics: Collection[str] | None = None) -> BagMessages:
     """Open bags to read their messages; a context manager, and then an iterable.
 
     Args:
-        paths: What to read; the messages of several are merged by time.
+        bags: What to read; the messages of several are merged by time.
         topics: The topics to read; all of them by default.
 
     Raises:
@@ -94,16 +93,16 @@ def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMess
         UsageError: A path is given twice.
         OSError: It cannot be read.
     """
-    return BagMessages(_locate(paths), topics)
+    return BagMessages(_each_once(bags), topics)
 
 
-def _locate(paths: Bags) -> list[BagFiles]:
-    if isinstance(paths, Path):
-        return [locate_bag(paths)]
+def _each_once(bags: Bags) -> Sequence[BagSource]:
+    if isinstance(bags, (Path, OpenBag)):
+        return [bags]
     known: set[str] = set()
-    for path in paths:
+    for path in map(path_of, bags):
         place = os.path.realpath(path)
         if place in known:
             raise UsageError(f'{path}: is given twice; give each bag once')
         known.add(place)
-    return [locate_bag(path) for path in paths]
+    return bags

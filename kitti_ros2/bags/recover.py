@@ -77,7 +77,7 @@ def recover(
     _refuse_itself(path, out)
     storage = guess_storage(out, storage, default=bag.storage)
     as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
-    with BagMessages([bag], as_stored=as_stored) as messages:
+    with BagMessages([path], as_stored=as_stored) as messages:
         options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
         with open_bag(out, options, messages.typestore) as writer:
             copy = _Copy(writer, messages, storage)

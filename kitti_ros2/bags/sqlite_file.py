@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from contextlib import suppress
+from copy import copy
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
+    from typing_extensions import Self
 
     from .findings import Findings
     from .pieces import StoredMessage
@@ -106,6 +108,12 @@ class SqliteFile:
             stamps = self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
             index.add((channel.topic, channel.msgtype), stamps)
         return index
+
+    def reporting_to(self, findings: Findings) -> Self:
+        """As BagFile has it."""
+        other = copy(self)
+        other._findings = findings  # noqa: SLF001 - of the same class
+        return other
 
     def close(self) -> None:
         """Let go of the file."""

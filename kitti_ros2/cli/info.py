@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
+from ..bags.reader import OpenBag
 from ..kitti.layouts import open_recording
 from ..messages.source import RECORDING
 from ..model.stamps import format_stamp
@@ -55,9 +56,10 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
     if is_bag(path, read.layout):
         from ..own_bags.recorded_layout import missing_from
 
-        overview = inspect_bag(path)
-        counts = {series.name: series.count for series in overview.series}
-        losses = missing_from(path, counts) if RECORDING in counts else ()
+        with OpenBag(path) as bag:
+            overview = inspect_bag(bag)
+            counts = {series.name: series.count for series in overview.series}
+            losses = missing_from(bag, counts) if RECORDING in counts else ()
         return replace(overview, losses=(*overview.losses, *losses))
     return inspect_recording(open_recording(path, read), path)
 

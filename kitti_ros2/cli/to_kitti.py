@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ..bags.reader import OpenBag, bag_stamps
 from ..files.staging import refuse_inside
 from ..messages.source import RECORDING
 from ..model.errors import UsageError
@@ -64,7 +66,9 @@ def run_to_kitti(
         refuse_inside(bag, out)
     keep_freed_memory()
     started = time.monotonic()
-    reports = _convert(bags, out, options, plan_file, quiet=quiet)
+    with ExitStack() as stack:
+        opened = _open(bags, stack)
+        reports = _convert(opened, out, options, plan_file, quiet=quiet)
     elapsed = time.monotonic() - started
     for report in () if quiet else reports:
         _summarize(report, elapsed)
@@ -73,8 +77,13 @@ def run_to_kitti(
     return EXIT_LOSSES if losses else EXIT_OK
 
 
+def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
+    """Open bags until the end of a stack."""
+    return [stack.enter_context(OpenBag(path)) for path in paths]
+
+
 def _convert(
-    bags: Sequence[Path],
+    bags: Sequence[OpenBag],
     out: Path,
     options: ImportOptions,
     plan_file: Path | None,
@@ -119,8 +128,7 @@ def _convert(
     return [replace(report, losses=(*losses, *report.losses), notes=notes)]
 
 
-def _count_frames(bag: Path, blueprint: Blueprint) -> int:
-    from ..bags.reader import bag_stamps
+def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
     from ..own_bags.numbering import number_bag
 
     numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
@@ -128,8 +136,8 @@ def _count_frames(bag: Path, blueprint: Blueprint) -> int:
 
 
 def _own(
-    bags: Sequence[Path], options: ImportOptions, *, planned: bool = False
-) -> tuple[list[tuple[Path, Blueprint]], tuple[Loss, ...]]:
+    bags: Sequence[OpenBag], options: ImportOptions, *, planned: bool = False
+) -> tuple[list[tuple[OpenBag, Blueprint]], tuple[Loss, ...]]:
     """Bags with how their recordings were laid out, and descriptions that are damaged.
 
     Args:
@@ -159,8 +167,14 @@ def _own(
     return found if len(found) == len(bags) else [], tuple(losses)
 
 
-def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
-    """The plan as YAML on standard output, with what is missing as comments."""
+def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
+    """Print the plan as YAML, with what is missing as comments."""
+    with ExitStack() as stack:
+        sys.stdout.write(_make_plan(_open(paths, stack), options))
+    return EXIT_OK
+
+
+def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
     from ..importer.apply_plan import guess, look
     from ..importer.plan import format_plan
 
@@ -178,8 +192,7 @@ def _print_plan(bags: Sequence[Path], options: ImportOptions) -> int:
     remarks += (*found.remarks, *(loss.text() for loss in (*damaged, *found.losses)))
     remarks += (*survey.notes, *survey.losses)
     remarks = tuple(dict.fromkeys(remarks))
-    sys.stdout.write(format_plan(found.plan, remarks))
-    return EXIT_OK
+    return format_plan(found.plan, remarks)
 
 
 def _summarize(report: ImportReport, elapsed: float) -> None:

@@ -1,12 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Continues an object set so that it is, at any moment, as before or as after.
+"""Append frames to an object set atomically.
 
-The new frames are built in a folder of the set that loaders do not look at. Then a journal is
-written, the files are moved to their places, the lists of frames last, and the journal is renamed:
-that completes the append. Where a process ended before, however it ended, the next run undoes what
-the journal names. This holds for processes that are killed and for full disks; files are not
-flushed, so it does not hold for a loss of power.
+The new frames are built in a folder of the set that loaders ignore. Then a journal is written, the
+files are moved to their places, the lists of frames last, and the journal is renamed: that commits
+the append. If the process ends earlier, the next run undoes what the journal lists. This covers
+killed processes and full disks; files are not flushed, so it does not cover a loss of power.
 """
 
 from __future__ import annotations
@@ -46,12 +45,12 @@ _OURS = {CONTENT, BEFORE, JOURNAL, COMMITTED, _NEW_JOURNAL}
 
 @dataclass(frozen=True)
 class Appending:
-    """An append that is under way.
+    """An append in progress.
 
     Attributes:
         stage: The folder to build the new frames in, as if it were the set.
         first: The number of the first new frame.
-        notes: What was done about an append that had been interrupted.
+        notes: What was done about an earlier, interrupted append.
     """
 
     stage: Path
@@ -61,16 +60,16 @@ class Appending:
 
 @contextmanager
 def appended(out: Path, split: str) -> Iterator[Appending]:
-    """Build frames that are in an object set when all went well, and else not at all.
+    """Build frames that are added to an object set on success only.
 
     Args:
         out: The set's folder; a new set is made where it is absent or empty.
         split: training or testing.
 
     Raises:
-        OutputExistsError: out is no folder, or a file of a new frame appeared meanwhile.
-        OutputError: Another run is writing to it, or the disk refuses.
-        UsageError: out holds no object set, or has symbolic links where frames go.
+        OutputExistsError: out is not a folder, or a file of a new frame appeared meanwhile.
+        OutputError: Another run is writing to it, or it cannot be written.
+        UsageError: out contains no object set, or has symbolic links where frames go.
     """
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
         with staged(out) as stage:
@@ -103,7 +102,7 @@ def mend(out: Path) -> tuple[str, ...]:
         What was done, a line each.
 
     Raises:
-        OutputError: Another run is writing to the set, or the disk refuses.
+        OutputError: Another run is writing to the set, or it cannot be written.
         BadFileError: The journal is damaged.
     """
     if out.is_symlink() or not os.path.lexists(out / FOLDER):
@@ -113,10 +112,10 @@ def mend(out: Path) -> tuple[str, ...]:
 
 
 def next_number(out: Path, split: str) -> int:
-    """The number after the last frame of an object set.
+    """Return the number after the last frame of an object set.
 
     Raises:
-        UsageError: The folder holds something else.
+        UsageError: The folder contains something else.
     """
     folders = [out / split / name for name in STORE.names(out / split)]
     found = [
@@ -132,7 +131,7 @@ def next_number(out: Path, split: str) -> int:
 
 @contextmanager
 def _locked(out: Path) -> Iterator[None]:
-    """Hold the lock of a set, which goes with the process however it ends."""
+    """Hold the lock of a set; the system releases it when the process ends."""
     folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         lock_exclusively(folder, out)
@@ -149,7 +148,7 @@ def _refuse_no_folder(out: Path) -> None:
 
 
 def _refuse_links(out: Path, split: str) -> None:
-    """Keep to the set: behind a link may be the files of another.
+    """Refuse symbolic links, which may lead to the files of another set.
 
     Raises:
         UsageError: The split or the lists of frames are, or hold, a symbolic link.
@@ -174,7 +173,7 @@ def _refuse_links(out: Path, split: str) -> None:
 
 
 def _commit(out: Path, split: str) -> None:
-    """Move what is staged into the set, so that it can be undone until all is there."""
+    """Move the staged files into the set; can be undone until all are moved."""
     work = out / FOLDER
     journal = _plan(out, split)
     STORE.write_text(work / _NEW_JOURNAL, format_journal(journal))
@@ -187,14 +186,14 @@ def _commit(out: Path, split: str) -> None:
 
 
 def _plan(out: Path, split: str) -> AppendJournal:
-    """What is to be moved; the lists are staged whole, and kept as they were."""
+    """Make the journal of all moves; lists are staged whole, and backed up."""
     content = out / FOLDER / CONTENT
     staged_files = [
         PurePosixPath(path.relative_to(content).as_posix())
         for path in content.rglob('*')
         if path.is_file()
     ]
-    # Frame by frame: a list is named after no number.
+    # Frame by frame; lists have no number in their name.
     staged_files.sort(key=lambda path: (path.parts[0] == names.IMAGE_SETS, path.name, path))
     _refuse_links(out, split)
     lists = [
@@ -213,7 +212,7 @@ def _plan(out: Path, split: str) -> AppendJournal:
 
 
 def _continue_list(out: Path, path: PurePosixPath) -> bool:
-    """Put what a list names already before what is staged of it; whether it changes at all."""
+    """Prepend the existing entries of a list to the staged ones; return whether any were added."""
     staged_list = out / FOLDER / CONTENT / path
     earlier, added = STORE.read_text(out / path), STORE.read_text(staged_list)
     STORE.write_text(out / FOLDER / BEFORE / path, earlier)
@@ -224,7 +223,7 @@ def _continue_list(out: Path, path: PurePosixPath) -> bool:
 
 
 def _recover(out: Path) -> tuple[str, ...]:
-    """Undo an append that is not complete, and remove what is left of any.
+    """Undo an incomplete append, and remove the remains of any append.
 
     Returns:
         What was done, a line each.
@@ -255,7 +254,7 @@ def _recover(out: Path) -> tuple[str, ...]:
 
 
 def _undo(out: Path, journal: AppendJournal) -> None:
-    """Bring a set back to how it was before an append; may be repeated from any point."""
+    """Restore a set to its state before an append; may be repeated from any point."""
     work = out / FOLDER
     _refuse_links(out, journal.split)
     for path in journal.lists:
@@ -265,6 +264,6 @@ def _undo(out: Path, journal: AppendJournal) -> None:
         if not (work / CONTENT / path).exists():
             (out / path).unlink(missing_ok=True)
     for folder in reversed(journal.folders):
-        with suppress(OSError):  # somebody else's files are in it
+        with suppress(OSError):  # contains files of others
             (out / folder).rmdir()
     (work / JOURNAL).unlink()

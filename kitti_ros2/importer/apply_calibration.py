@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A plan's calibration, and what it makes of samples: points moved, images rectified, boxes."""
+"""A plan's calibration, applied to samples: points, images and boxes."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ if TYPE_CHECKING:
     from ..model.boxes import Box, Cuboid
     from .survey import Survey
 
-_WORTH_A_WORD_RAD = np.radians(10)
+_REPORTED_TILT_RAD = np.radians(10)
 
 
 class Rigging:
-    """What a plan makes of single messages; safe to call from several threads, but for boxes.
+    """Converts single messages by a plan; thread-safe except for boxes.
 
     Attributes:
         calibrations: Of all frames.
         imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
-        boxes_left_out: Boxes that became no label so far, by reason.
+        boxes_left_out: Number of boxes without a label so far, by reason.
     """
 
     def __init__(self, plan: Plan, survey: Survey) -> None:
-        """Work out the calibration.
+        """Make the calibration.
 
         Raises:
-            UsageError: The plan names what is not there.
-            MissingDataError: Frames that are needed are not joined by static transforms.
+            UsageError: The plan names a missing topic.
+            MissingDataError: Required frames are not connected by static transforms.
             BadFileError: A calibration file cannot be read.
         """
         self._plan = plan
@@ -84,7 +84,7 @@ class Rigging:
         self._scores = self._check_labels(survey)
 
     def _scan_transform(self, survey: Survey) -> Transform | None:
-        """velo_T_cloud, None where the messages are in KITTI's frame already."""
+        """Return velo_T_cloud, None where the messages are in KITTI's frame already."""
         scan = self._plan.scan
         if scan is None:
             return None
@@ -101,7 +101,7 @@ class Rigging:
         return found
 
     def _check_labels(self, survey: Survey) -> bool:
-        """Whether labels have scores."""
+        """Check the options of labels; return whether they have scores."""
         plan = self._plan.labels
         if plan is None:
             return False
@@ -121,7 +121,7 @@ class Rigging:
 
     @cached_property
     def _to_velo(self) -> dict[str, Transform]:
-        """velo_T_frame of every frame that is joined to the scans' (or to the camera's) frame."""
+        """velo_T_frame of every frame connected to the scans' (or to the camera's) frame."""
         if self._plan.scan is not None:
             base, velo_t_base = self._plan.scan.frame, Transform.identity()
         else:
@@ -135,7 +135,7 @@ class Rigging:
         return joined
 
     def scan(self, cloud: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
-        """A PointCloud2 as a scan, and how many points were dropped.
+        """Convert a PointCloud2 to a scan; also return the number of dropped points.
 
         Raises:
             ValueError: It cannot be read.
@@ -148,10 +148,10 @@ class Rigging:
         return Scan(points), dropped
 
     def png(self, camera: int, message: Any) -> bytes:  # noqa: ANN401 - of the bag's types
-        """An Image or CompressedImage as a PNG file, rectified where the plan says so.
+        """Convert an Image or CompressedImage to a PNG file, rectified where the plan requests it.
 
         Raises:
-            ValueError: It cannot be decoded, or is of another size than the rest of its camera.
+            ValueError: It cannot be decoded, or its size differs from other images of the camera.
         """
         rectifier = self._rectifiers.get(camera)
         compressed = hasattr(message, 'format')
@@ -167,7 +167,7 @@ class Rigging:
         return encode_png(self.pixels(camera, message))
 
     def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
-        """An Image or CompressedImage decoded, rectified where the plan says so.
+        """Decode an Image or CompressedImage, rectified where the plan requests it.
 
         Returns:
             (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
@@ -190,7 +190,7 @@ class Rigging:
             )
 
     def boxes(self, message: Any, stamp_ns: int) -> list[Box]:  # noqa: ANN401 - of the bag's types
-        """The labels of a frame.
+        """Make the labels of a frame.
 
         Raises:
             ValueError: They cannot be read.
@@ -219,7 +219,7 @@ class Rigging:
         return boxes
 
     def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
-        """The boxes of a Detection3DArray or MarkerArray in velo_link; why others are left out.
+        """Decode a Detection3DArray or MarkerArray to boxes in velo_link; why others are skipped.
 
         Raises:
             ValueError: They cannot be read.
@@ -229,13 +229,13 @@ class Rigging:
         return cuboids_of_markers(message, self._to_velo)
 
     def body_t_rect(self) -> Transform:
-        """The rectified camera 0 on the body whose poses the plan has.
+        """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
 
-        Without a camera it is where KITTI's camera would be on the scanner; without a scanner
-        either it stands in the body's origin and looks ahead.
+        Without a camera it is at the nominal place of KITTI's camera on the scanner; without a
+        scanner too, at the body's origin, looking ahead.
 
         Raises:
-            MissingDataError: The static transforms do not tell.
+            MissingDataError: The static transforms do not connect the frames.
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._models and self._plan.calibration == TF:
@@ -249,7 +249,7 @@ class Rigging:
         return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
     def notes(self) -> list[str]:
-        """What is worth a word of the samples so far."""
+        """Return non-fatal remarks on the samples so far."""
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
@@ -258,7 +258,7 @@ class Rigging:
             for reason, count in self.boxes_left_out.items()
             if count and reason != ABSURD
         ]
-        if self._max_tilt > _WORTH_A_WORD_RAD:
+        if self._max_tilt > _REPORTED_TILT_RAD:
             found.append(
                 f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
                 f' axis, about which alone labels turn: their heading was kept'
@@ -266,7 +266,7 @@ class Rigging:
         return [*found, *self._changing, *self.calibrations.notes]
 
     def losses(self) -> tuple[Loss, ...]:
-        """Boxes so far that no label can hold."""
+        """Return the boxes so far that a label cannot represent."""
         count, plan = self.boxes_left_out[ABSURD], self._plan.labels
         if not count or plan is None:
             return ()
@@ -274,9 +274,9 @@ class Rigging:
 
 
 def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
-    """The models of the cameras that have a CameraInfo.
+    """Return the models of the cameras with a CameraInfo.
 
-    One that tells none is an error only where something hangs on it.
+    An invalid CameraInfo is an error only where the plan needs it.
     """
     models = {}
     for index, camera in plan.cameras.items():
@@ -291,7 +291,7 @@ def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
 
 
 def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
-    """(width, height) of each camera's images, by the first of them that tells."""
+    """Return (width, height) of each camera, from the first of its images with a known size."""
     found = {}
     for index, camera in plan.cameras.items():
         sizes = (size_of(look) for look in topic_of(survey, camera.topic).looks)

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Anyone's bag -> KITTI: look into it, make a plan, go by the plan."""
+"""Any bag -> KITTI: survey it, make a plan, convert by the plan."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..kitti.names import SPLITS
 from ..model.errors import UsageError
 from ..model.streams import Layout
@@ -22,32 +22,33 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from ..bags.reader import BagSource
     from ..options.importing import ImportOptions
     from .plan import Plan
     from .report import ImportReport
 
 
-def look(paths: Sequence[Path]) -> Survey:
-    """Pass over bags to see what is in them.
+def look(bags: Sequence[BagSource]) -> Survey:
+    """Survey bags in one pass.
 
     Raises:
         BadBagError: One cannot be read.
     """
-    with open_messages(paths) as messages:
+    with open_messages(bags) as messages:
         return survey_bag(messages)
 
 
-def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Guess:
-    """The plan that makes most of bags.
+def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> Guess:
+    """Make the most complete plan for bags.
 
     Raises:
-        MissingDataError: They hold nothing that the layout could begin with.
+        MissingDataError: They contain no data that the layout requires.
         UsageError: The options name no layout.
     """
     if options.layout is None:
         known = ', '.join(layout.value for layout in Layout)
-        raise UsageError(f'{paths[0]}: which layout is wanted? give --layout {known}')
-    found = guess_plan(survey, options.layout, paths[0])
+        raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
+    found = guess_plan(survey, options.layout, path_of(bags[0]))
     plan, remarks = adapt(found.plan, options), found.remarks
     if plan.labels is not None and plan.calibration == NONE:
         remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
@@ -56,7 +57,7 @@ def guess(paths: Sequence[Path], survey: Survey, options: ImportOptions) -> Gues
 
 
 def _label_remarks(plan: Plan) -> tuple[str, ...]:
-    """What those who load or evaluate the labels stumble over."""
+    """Return remarks on pitfalls in loading or evaluating the labels."""
     if plan.labels is None:
         if plan.layout.traits.frame_set and plan.name == SPLITS[0]:
             return ('loaders read label_2 of training frames; without labels say --name testing',)
@@ -71,7 +72,7 @@ def _label_remarks(plan: Plan) -> tuple[str, ...]:
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:
-    """The plan with what the options say about it.
+    """Override a plan by options.
 
     Raises:
         UsageError: The options contradict it.
@@ -91,34 +92,34 @@ def adapt(plan: Plan, options: ImportOptions) -> Plan:
 
 
 def convert_by_plan(
-    paths: Sequence[Path],
+    bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
     out: Path,
     options: ImportOptions,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> ImportReport:
-    """Write what a plan makes of bags.
+    """Convert bags by a plan.
 
     Args:
-        paths: The bags of one recording.
-        plan: What becomes of them.
-        survey: What is in them.
+        bags: Those of one recording.
+        plan: The rules of the conversion.
+        survey: Their content.
         out: The data set's folder, absent or empty unless the options append.
-        options: How it is written.
+        options: Of the output.
         progress: Called with the samples and the bytes written so far.
 
     Raises:
         BadBagError: A bag cannot be read.
-        UsageError: The plan names what is not there.
-        MissingDataError: The calibration cannot be had.
-        OutputExistsError: The folder holds something.
+        UsageError: The plan names a missing topic.
+        MissingDataError: The calibration is missing.
+        OutputExistsError: The folder is not empty.
         OutputError: It cannot be written.
     """
     if options.append:
         with appended(out, plan.name) as place:
-            report = build(paths, plan, survey, place.stage, options, place.first, progress)
+            report = build(bags, plan, survey, place.stage, options, place.first, progress)
         return replace(report, path=out, notes=(*place.notes, *report.notes))
     with staged(out) as stage:
-        report = build(paths, plan, survey, stage, options, 0, progress)
+        report = build(bags, plan, survey, stage, options, 0, progress)
     return replace(report, path=out)

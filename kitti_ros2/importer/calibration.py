@@ -31,7 +31,7 @@ __all__ = ['CameraModel', 'camera_model', 'make_calibration', 'rect_in_frame']
 
 # R of seven digits, as KITTI's files have it, makes turns of up to 2e-7 of cameras that have none.
 _PARALLEL_RAD = 1e-6
-_WORTH_A_WORD_RAD = np.radians(0.01)
+_REPORTED_TURN_RAD = np.radians(0.01)
 _PLUMB_BOB = 'plumb_bob'
 _PLUMB_BOB_NUMBERS = 5
 _RATIONAL = 'rational_polynomial'
@@ -46,20 +46,20 @@ def make_calibration(
     rectified: bool,
     straightened: Collection[int] = (),
 ) -> tuple[Calibration, tuple[str, ...]]:
-    """The calibration of a rig, and what its user should know, a line each.
+    """Make the calibration of a rig; also return remarks for the user, a line each.
 
     Args:
         tree: The static transforms.
         lidar_frame: KITTI's velodyne frame; None for a rig without scanner.
         cameras: By KITTI index.
         imu_frame: KITTI's imu frame; None for a rig without one.
-        rectified: Whether the images are; without, KITTI must have a place for their distortion.
+        rectified: Whether the images are; if not, KITTI's files must support their distortion.
         straightened: Cameras whose images are rectified among others that are not: KITTI's
             unrectified camera is then the rectified one, with its K and without distortion.
 
     Raises:
-        MissingDataError: There is no camera; the tree does not join the frames; a distortion has no
-            place in KITTI's files.
+        MissingDataError: There is no camera; the tree does not connect the frames; KITTI's files do
+            not support a distortion.
     """
     if not cameras:
         raise MissingDataError(
@@ -78,7 +78,7 @@ def make_calibration(
         p_rect = _projection(views[index].p, Transform(turn, model.r @ cam_t_cam0.translation))
         k, d = _distorted(index, model, rectified=rectified or index in straightened)
         found[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
-        if angle_of(turn) > _WORTH_A_WORD_RAD:
+        if angle_of(turn) > _REPORTED_TURN_RAD:
             notes.append(
                 f'camera {index} is turned by {np.degrees(angle_of(turn)):.3g} degrees against'
                 f' camera {first}: P{index} holds the turn, so its left part is no plain K'
@@ -99,7 +99,7 @@ def make_calibration(
 def _straightened(
     rig: Calibration, models: Mapping[int, CameraModel], which: Collection[int]
 ) -> Calibration:
-    """The rig with rectified cameras in place of some unrectified ones: their images are those."""
+    """Return the rig with some unrectified cameras replaced by the rectified ones."""
     image_t_cam = {
         index: Transform(model.r if index in which else np.eye(3), np.zeros(3))
         for index, model in models.items()
@@ -122,7 +122,7 @@ def _straightened(
 
 
 def rect_in_frame(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> tuple[str, Transform]:
-    """A frame of the tree, and KITTI's rectified camera 0 in it (frame_T_rect)."""
+    """Return a frame of the tree, and KITTI's rectified camera 0 in it (frame_T_rect)."""
     first = min(cameras)
     view = viewpoints(tree, cameras)[0][first]
     cam_t_rect = Transform(cameras[first].r.T.copy(), np.zeros(3))
@@ -132,9 +132,9 @@ def rect_in_frame(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> tuple[
 def _mountings(
     tree: FrameTree, view: Viewpoint, lidar_frame: str | None, imu_frame: str | None
 ) -> tuple[Transform, Transform, tuple[str, ...]]:
-    """cam0_T_velo, velo_T_imu, and which of them are nominal.
+    """Return cam0_T_velo, velo_T_imu, and which of them are nominal.
 
-    Without a scanner its nominal place stands for it, and the imu is placed against that.
+    Without a scanner its nominal place is used, and the imu is placed relative to that.
     """
     nominal = []
     cam0_t_velo, velo_t_imu = NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
@@ -153,13 +153,13 @@ def _mountings(
 
 
 def _between(tree: FrameTree, view: Viewpoint, first: Viewpoint) -> Transform:
-    """cam_T_cam0 of two viewpoints."""
+    """Return cam_T_cam0 of two viewpoints."""
     frame_t_first = tree.transform(view.frame, first.frame)
     return view.cam_T_frame @ frame_t_first @ first.cam_T_frame.inverse()
 
 
 def _projection(p: Float64Array, rect_T_rect0: Transform) -> Float64Array:
-    """(3, 4) P for points of the rectified camera 0; where nothing turns, K stays to the bit."""
+    """Return (3, 4) P for points of the rectified camera 0; without a rotation, K is unchanged."""
     k = p[:, :3]
     fourth = k @ rect_T_rect0.translation + p[:, 3]
     if angle_of(rect_T_rect0.rotation) > _PARALLEL_RAD:
@@ -170,10 +170,10 @@ def _projection(p: Float64Array, rect_T_rect0: Transform) -> Float64Array:
 def _distorted(
     index: int, model: CameraModel, *, rectified: bool
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """K and D as KITTI has them: plumb_bob of five numbers; None where the images need neither.
+    """Return K and D as KITTI has them: plumb_bob of five numbers; None where neither is needed.
 
     Raises:
-        MissingDataError: The images are distorted otherwise.
+        MissingDataError: The images have another distortion.
     """
     # The rational polynomial's denominator is 1 where its last three numbers are 0.
     plain = model.model == _PLUMB_BOB or (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a plan's calibration comes from, and which one holds at a frame."""
+"""The calibrations of a plan, from their source, and selection of the one valid at a frame."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Calibrations:
     """The calibrations of a recording.
 
     Attributes:
-        since_ns: From which stamp each holds, ascending.
+        since_ns: The stamp from which each is valid, ascending.
         values: The calibrations; none where the plan has none.
-        notes: What is worth a word.
+        notes: Non-fatal remarks.
     """
 
     since_ns: Sequence[int]
@@ -42,14 +42,14 @@ class Calibrations:
     notes: tuple[str, ...] = ()
 
     def at(self, stamp_ns: int) -> Calibration | None:
-        """The one that holds at a stamp; before the first it is the first."""
+        """Return the one valid at a stamp; before the first it is the first."""
         if not self.values:
             return None
         return self.values[max(bisect_right(self.since_ns, stamp_ns) - 1, 0)]
 
     @property
     def first(self) -> Calibration | None:
-        """The one that holds first."""
+        """The first, None without any."""
         return self.values[0] if self.values else None
 
 
@@ -61,12 +61,12 @@ def is_extract(plan: Plan) -> bool:
 def make_calibrations(
     plan: Plan, survey: Survey, tree: FrameTree, cameras: Mapping[int, CameraModel]
 ) -> Calibrations:
-    """The calibrations of a plan.
+    """Make the calibrations of a plan.
 
     Raises:
-        UsageError: The plan names none that is there.
-        MissingDataError: The static transforms, or the files of the bag, lack what is needed.
-        BadFileError: A calibration file cannot be read, or lacks what is needed.
+        UsageError: The calibration that the plan names does not exist.
+        MissingDataError: Static transforms or entries of the bag's files are missing.
+        BadFileError: A calibration file cannot be read, or required entries are missing.
     """
     if plan.calibration == NONE:
         return Calibrations((), ())
@@ -99,7 +99,7 @@ def make_calibrations(
 
 
 def _from_source(plan: Plan, survey: Survey) -> Calibrations:
-    """The files that a bag of our own carries: one a frame, one a sequence, or the raw three."""
+    """Read the files in a bag written by to-bag: one a frame, one a sequence, or the raw three."""
     if not survey.calibrations:
         raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
     by_name = {PurePosixPath(file.name).name: file.text for _, file in survey.calibrations}
@@ -128,7 +128,7 @@ def _from_source(plan: Plan, survey: Survey) -> Calibrations:
 
 
 def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]]:
-    """The files that tell something new."""
+    """Return the files that differ from the one before."""
     texts = ['', *(file.text for _, file in files)]
     return [entry for before, entry in zip(texts, files, strict=False) if entry[1].text != before]
 
@@ -150,7 +150,7 @@ def _from_path(path: Path, plan: Plan) -> Calibration:
 
 
 def _lacking(calibration: Calibration, plan: Plan) -> str:
-    """The first part that a plan's streams need and a calibration lacks."""
+    """Return the reason why the first required part is missing, empty where none is."""
     needed = [f'P{index}' for index in plan.cameras]
     needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
     return next((calibration.missing[part] for part in needed if part in calibration.missing), '')

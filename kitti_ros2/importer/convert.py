@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan makes of bags: one pass over them, each sample written when it comes."""
+"""Conversion of bags by a plan: one pass, each sample written when it is read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map, worker_count
 from ..kitti.layouts import WriteOptions, make_writer
 from ..model.errors import KittiRos2Error
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..kitti.writer import LayoutWriter
     from ..options.importing import ImportOptions
     from .plan import Plan
@@ -59,7 +59,7 @@ class _Done:
 
 
 def build(
-    paths: Sequence[Path],
+    bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
     stage: Path,
@@ -67,35 +67,35 @@ def build(
     first: int,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    """Write what a plan makes of bags below a folder.
+    """Convert bags by a plan, below a folder.
 
     Args:
-        paths: The bags of one recording.
-        plan: What becomes of them.
-        survey: What is in them.
+        bags: Those of one recording.
+        plan: The rules of the conversion.
+        survey: Their content.
         stage: The folder to fill.
-        options: How the layout is written.
+        options: Of the output.
         first: The number of the first frame.
         progress: Called with the samples and the bytes written so far.
 
     Raises:
-        BadBagError, UsageError, MissingDataError: As planned.convert_by_plan.
+        BadBagError, UsageError, MissingDataError: As apply_plan.convert_by_plan.
         OSError: A file cannot be written.
     """
     losses = LossTally()
-    track = read_track(paths, plan, survey, losses)
+    track = read_track(bags, plan, survey, losses)
     frames = choose_frames(plan, survey, track)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, stage, plan.name, written) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
-        with open_messages(paths, builder.topics) as messages:
+        with open_messages(bags, builder.topics) as messages:
             outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
             for count, done in enumerate(outcomes, 1):
                 builder.take(done)
                 progress(count, builder.size_bytes)
-            damaged = damage({**messages.losses, **survey.losses}, paths[0].name)
+            damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
         if track is not None:
             builder.write_poses(track)
     named = {loss.stream for loss in losses.losses()}
@@ -148,7 +148,7 @@ class _Builder:
         return set(self._streams) | self._packets.topics
 
     def write_calibration(self) -> None:
-        """The calibration of every frame, or of all."""
+        """Write the calibration of every frame, or of all."""
         stamps_ns = self._frames.stamps_ns.tolist()
         if not self._plan.layout.traits.calibration_per_frame:
             del stamps_ns[1:]
@@ -159,7 +159,7 @@ class _Builder:
                 self.counts[Stream.CALIBRATION.value] += 1
 
     def jobs(self, messages: BagMessages) -> Iterator[_Job]:
-        """What is to be written of the samples that frames took, in the order of reading."""
+        """Yield the files of the samples in frames, in the order of reading."""
         seen: Counter[str] = Counter()
         decode = Decoder(messages.typestore)
         for message in messages:
@@ -210,7 +210,7 @@ class _Builder:
         return _Job(stream, number, message.topic, message.stamp_ns, write)
 
     def _stamp_ns(self, topic: str, number: int, place: int) -> int:
-        """A sample's own stamp where the layout has one for it, else the frame's."""
+        """Return a sample's own stamp where the layout stores it, else the frame's."""
         if self._plan.layout.traits.stamps_per_stream:
             return int(self._frames.stamps[topic][place])
         return int(self._frames.stamps_ns[number - self._first])
@@ -243,18 +243,18 @@ class _Builder:
         self.size_bytes += done.size_bytes
 
     def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
-        """A frame that lacks a sample it should have is named in no list of frames."""
+        """Exclude frames with a missing sample from the lists of frames."""
         for number in numbers:
             self._writer.leave_out(number)
 
     def write_poses(self, track: PoseTrack) -> None:
-        """The poses of the frames."""
+        """Write the poses of the frames."""
         body_t_rect = self._rigging.body_t_rect()
         stamps_ns = self._frames.stamps_ns
         self.counts[Stream.POSE.value] = write_poses(self._writer, track, stamps_ns, body_t_rect)
 
     def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
-        """What was written."""
+        """Return the report of the conversion."""
         notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
             notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
@@ -271,6 +271,6 @@ class _Builder:
 
 
 def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int64Array
-    """Place in the topic to frame number."""
+    """Map places in a topic to frame numbers."""
     frames = np.flatnonzero(samples != NONE)
     return dict(zip(samples[frames].tolist(), (frames + first).tolist(), strict=True))

@@ -24,7 +24,7 @@ _FARTHEST_M = 1e5  # from the scanner; no sensor sees it, and no box is so large
 
 
 def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a Detection3DArray holds predictions: scores that are all 0 or 1 are truth."""
+    """Whether a Detection3DArray holds predictions: scores that are all 0 or 1 are ground truth."""
     return any(
         _score(result) not in _TRUTH_SCORES
         for detection in getattr(message, 'detections', ())
@@ -38,15 +38,15 @@ def cuboids_of_detections(
     *,
     scores: bool = False,
 ) -> tuple[list[Cuboid], list[str]]:
-    """The boxes of a vision_msgs/Detection3DArray in velo_link, and why others were left out.
+    """Decode a vision_msgs/Detection3DArray to boxes in velo_link; also why others were skipped.
 
-    The result with the best score counts. The definitions of ROS 1 and of Foxy are understood: a
+    The result with the best score is used. The definitions of ROS 1 and of Foxy are supported: a
     result without hypothesis, its id the class, no id or a tracking_id of the detection.
 
     Args:
         message: Of the bag's own types.
         to_velo: velo_T_frame by frame name.
-        scores: Whether the recording has scores, even if these look like truth.
+        scores: Whether the recording has scores, even if these look like ground truth.
 
     Raises:
         ValueError: A box is in a frame that is not joined.
@@ -74,10 +74,10 @@ def cuboids_of_markers(
     message: Any,  # noqa: ANN401 - of the bag's types
     to_velo: Mapping[str, Transform],
 ) -> tuple[list[Cuboid], list[str]]:
-    """The cubes that a visualization_msgs/MarkerArray shows, and why others were left out.
+    """Decode the cubes of a visualization_msgs/MarkerArray; also why others were skipped.
 
-    A cube in namespace ego is the recording car. Boxes of lines, and lists of cubes, cannot be read
-    and are left out, but for those that frame a cube of the same id.
+    A cube in namespace ego is the recording car. Boxes drawn as lines, and lists of cubes, are not
+    supported and skipped, except for those that frame a cube of the same id.
 
     Raises:
         ValueError: A box is in a frame that is not joined.
@@ -117,7 +117,7 @@ def _joined(to_velo: Mapping[str, Transform], frame: str) -> Transform:
 
 
 def _pose(pose: Any) -> Transform:  # noqa: ANN401 - of the bag's types
-    """As RViz: an orientation of zeros was never set and turns nothing."""
+    """Convert a pose; as in RViz, an orientation of zeros is unset and means no rotation."""
     p, q = pose.position, pose.orientation
     place, xyzw = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
     if not np.isfinite([*place, *xyzw]).all():

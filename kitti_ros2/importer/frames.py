@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which frames a plan makes, and which sample of each stream is in which."""
+"""The frames of a plan, and the sample of each stream in each."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Frames:
     Attributes:
         stamps_ns: (N,) of the reference stream.
         samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
-        stamps: By topic the stamps to go by, in the order of reading.
+        stamps: By topic the stamps used, in the order of reading.
         notes: How well the streams matched, and what was dropped; a line each.
     """
 
@@ -51,7 +51,7 @@ class Frames:
 
 
 def frame_topics(plan: Plan) -> dict[Stream, str]:
-    """The topics whose samples make a frame, by stream."""
+    """Return the topics whose samples make up a frame, by stream."""
     topics = {Stream(f'image_{index}'): camera.topic for index, camera in plan.cameras.items()}
     if plan.scan is not None:
         topics[Stream.SCAN] = plan.scan.topic
@@ -61,15 +61,15 @@ def frame_topics(plan: Plan) -> dict[Stream, str]:
 
 
 def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames:
-    """The frames of a plan.
+    """Choose the frames of a plan.
 
     Args:
-        plan: Names the reference stream and what becomes of incomplete frames.
+        plan: Names the reference stream and the treatment of incomplete frames.
         survey: The stamps of all topics.
-        track: The poses, where each frame needs one: none is made where they do not tell.
+        track: The poses, where each frame needs one: frames without a pose are dropped.
 
     Raises:
-        UsageError: The plan names a topic that is not there, or no frame is left.
+        UsageError: The plan names a missing topic, or no frame is left.
     """
     topics = frame_topics(plan)
     notes: list[str] = []
@@ -110,7 +110,7 @@ def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames
 
 
 def topic_of(survey: Survey, name: str) -> TopicSurvey:
-    """The survey of a topic that a plan names.
+    """Return the survey of a topic that a plan names.
 
     Raises:
         UsageError: The bag has no such topic, or it has no messages.
@@ -145,9 +145,9 @@ def _matching(stream: str, topic: str, match: StreamMatch) -> str:
     )
 
 
-def _without(lacking: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt.NDArray[np.bool_]:
-    """The frames that have something; those that lack it are noted."""
-    count = int(np.count_nonzero(lacking))
+def _without(missing: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt.NDArray[np.bool_]:
+    """Return the frames where a sample is not missing; note the others."""
+    count = int(np.count_nonzero(missing))
     if count:
-        notes.append(f'{_DROPPED} {count} of {len(lacking)} frames: no {what}')
-    return ~lacking
+        notes.append(f'{_DROPPED} {count} of {len(missing)} frames: no {what}')
+    return ~missing

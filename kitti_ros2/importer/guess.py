@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic of a bag is which stream of KITTI: by type, name, frame and neighbours."""
+"""Detection of the KITTI stream of each topic: by type, name, frame and neighbours."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class Guess:
-    """A plan, and what its reader should know.
+    """A plan with remarks.
 
     Attributes:
         plan: The plan.
-        remarks: What is missing, what was passed over; a line each.
-        losses: Topics that the plan would name if one of their messages could be decoded.
+        remarks: Missing and skipped topics; a line each.
+        losses: Topics that the plan would name if any of their messages could be decoded.
     """
 
     plan: Plan
@@ -58,10 +58,10 @@ class Guess:
 
 
 def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
-    """The plan that makes most of a bag.
+    """Make the most complete plan for a bag.
 
     Raises:
-        MissingDataError: It has nothing that the layout could begin with.
+        MissingDataError: It contains no data that the layout requires.
     """
     guesser, traits = _Guesser(survey, layout), layout.traits
     scan, cameras = guesser.scan(), guesser.cameras()
@@ -97,7 +97,7 @@ class _Guesser:
         self.remarks: list[str] = []
 
     def scan(self) -> ScanPlan | None:
-        """The lidar: by name, with intensity, with most points."""
+        """Choose the lidar: by name, with intensity, with most points."""
         clouds = [each for each in self._survey.of_type(types.CLOUD) if _with_points(each)]
         if not clouds:
             self.remarks.append('missing: scans (no PointCloud2 with x, y and z)')
@@ -112,7 +112,7 @@ class _Guesser:
         return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
 
     def cameras(self) -> dict[int, CameraPlan]:
-        """Up to four cameras, the best image topic of each, under KITTI's numbers."""
+        """Choose up to four cameras, the best image topic of each, by KITTI's numbers."""
         rigs = _image_topics(self._survey)
         names = _numbered(rigs)
         for name in sorted(set(rigs) - set(names.values())):
@@ -139,7 +139,7 @@ class _Guesser:
         return same[0].name if len(same) == 1 else ''
 
     def _rectify(self, topic: str, info: str) -> bool:
-        """Rectified layouts need it for distorted images; raw keeps what its K and D describe."""
+        """Whether to rectify: distorted images, except in raw where K and D describe them."""
         looks = self._survey.topics[info].looks if info else []
         if not looks or 'rect' in topic.rsplit('/', 2)[-1 - topic.endswith(_COMPRESSED)]:
             return False
@@ -162,7 +162,7 @@ class _Guesser:
         return False
 
     def ego(self) -> dict[str, str]:
-        """The topics of the GPS/IMU unit."""
+        """Choose the topics of the GPS/IMU unit."""
         found: dict[str, str] = {}
         for key, msgtype, avoid in (
             ('imu', types.IMU, 'raw'),
@@ -184,7 +184,7 @@ class _Guesser:
         return found
 
     def imu_frame(self, scan: ScanPlan | None) -> str:
-        """The frame of the Imu, where static transforms join it to the scans'."""
+        """Return the frame of the Imu if static transforms connect it to the scans'."""
         frames = [each.frame for each in self._survey.of_type(types.IMU)]
         if not frames or scan is None:
             return ''
@@ -199,7 +199,7 @@ class _Guesser:
         return ''
 
     def pose(self) -> PosePlan | None:
-        """Odometry before PoseStamped, Path and a moving link of the tree; ground truth first."""
+        """Choose poses: Odometry, PoseStamped, Path, then a moving link; ground truth first."""
         for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
             topics = self._survey.of_type(msgtype)
             if topics:
@@ -220,7 +220,7 @@ class _Guesser:
         return next((name for name in _BODIES if name in known), _BODIES[0])
 
     def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
-        """Detections before markers."""
+        """Choose labels: detections before markers."""
         own = self._survey.topics.get(types.LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
             return LabelPlan(own.name, _labelled(cameras)) if cameras else None
@@ -235,7 +235,7 @@ class _Guesser:
         return LabelPlan(best.name, _labelled(cameras))
 
     def calibration(self, cameras: dict[int, CameraPlan]) -> str:
-        """From the files that a bag of our own carries, else from the cameras where they tell."""
+        """Choose the calibration: the files in a bag written by to-bag, else the CameraInfos."""
         if self._survey.calibrations and cameras:
             return SOURCE
         if any(plan.info for plan in cameras.values()):
@@ -251,7 +251,7 @@ class _Guesser:
 
 
 def _nothing(survey: Survey, layout: Layout) -> str:
-    """What a bag has instead of what a layout could begin with."""
+    """Describe the content of a bag that has no data that a layout requires."""
     there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
     reasons = [loss.text() for loss in _unreadable(survey, layout)]
     reasons += [*survey.losses, *survey.notes]
@@ -266,7 +266,7 @@ def _nothing(survey: Survey, layout: Layout) -> str:
 
 
 def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
-    """The topics of types that a layout takes of which no message can be read."""
+    """Return the topics of types that a layout supports of which no message can be read."""
     wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
@@ -282,7 +282,7 @@ def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
 
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types
-    """The first of the looks that has places of points, None where none has."""
+    """Return the first sampled message with x, y and z, None where none has them."""
     for look in topic.looks:
         if {'x', 'y', 'z'} <= {field.name for field in look.fields}:
             return look
@@ -297,7 +297,7 @@ def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, int, int]:
 
 
 def _image_topics(survey: Survey) -> dict[str, TopicSurvey]:
-    """The best image topic of each camera, by the camera's name (the topics' common part)."""
+    """Return the best image topic of each camera, by its name (the topics' common part)."""
     cameras: dict[str, list[TopicSurvey]] = {}
     for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
         if topic.looks and not _is_depth(topic):
@@ -313,7 +313,7 @@ def _is_depth(topic: TopicSurvey) -> bool:
 
 
 def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
-    """Rectified and coloured first; of one image, the PNG files before pixels before JPEG."""
+    """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
     name = _base(topic.name).rpartition('/')[2]
     known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
     if topic.msgtype == types.IMAGE:
@@ -326,16 +326,16 @@ def _base(topic: str) -> str:
 
 
 def _numbered(cameras: Iterable[str]) -> dict[int, str]:
-    """KITTI's number to camera name: left colour is 2, right colour 3, then the grey pair."""
+    """Map KITTI's numbers to cameras: left colour is 2, right colour 3, then the grey pair."""
     names = sorted(cameras, key=lambda name: (bool(_RIGHT.search(name)), 'front' not in name, name))
-    ours = {
+    found = {
         index: name
         for index, own in CAMERA_NAMES.items()
         for name in names
         if name.endswith(f'camera_{own}')
     }
-    if len(ours) == len(names):
-        return ours
+    if len(found) == len(names):
+        return found
     left = [name for name in names if _LEFT.search(name)]
     if left and names[0] not in left:
         names.remove(left[0])
@@ -344,7 +344,7 @@ def _numbered(cameras: Iterable[str]) -> dict[int, str]:
 
 
 def _labelled(cameras: dict[int, CameraPlan]) -> int:
-    """KITTI's labels are drawn in the left colour image."""
+    """Return the camera of the labels: the left colour camera, as in KITTI, if there is one."""
     return 2 if 2 in cameras else min(cameras)
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The labels of a bag, drawn on its camera images.
 
-Which topics are cameras and labels is what the plan of a conversion would say. An image has the
-labels that are nearest to it in time, at most half of their period away. In a bag of our own, whose
-labels are of a frame, they are also at most half of the images' period away.
+Cameras and labels are detected as for a conversion (see guess). An image has the labels nearest to
+it in time, at most half of their period away. In a bag written by to-bag, whose labels belong to
+frames, they are also at most half of the images' period away.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 _ADVICE = re.compile(r' \([^()]*--calib\)')
-"""What a conversion could do about it."""
+"""The part of an error that advises on options of the conversion."""
 
 _KEPT = 4  # of the labels that were decoded last: several cameras show the same
 
@@ -62,7 +62,7 @@ class LabelledImages:
         notes: Remarks for the user, a line each.
 
     Raises:
-        UsageError: The bag has no camera images, no labels, or no calibration that they need.
+        UsageError: The bag has no camera images, no labels, or not the calibration they need.
         BadBagError: It cannot be read.
     """
 
@@ -76,7 +76,7 @@ class LabelledImages:
         self._labels = _Labels(path, survey, _label_topic(plan))
         if plan.calibration == SOURCE:
             self._labels.be_of_one_frame(path, self.topics)
-        # What changes in a calibration of our own is drawn as it changes.
+        # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
 
@@ -88,14 +88,14 @@ class LabelledImages:
         stamp_ns: int,
         log_ns: int,
     ) -> Picture:
-        """A copy of an image with its labels drawn on it, (H, W, 3) uint8 BGR.
+        """Draw labels on a copy of an image; returns (H, W, 3) uint8 BGR.
 
         Args:
             topic: Of the image; one of the topics.
             image: The Image or CompressedImage.
             pixels: The same decoded.
             stamp_ns: Of its header, nanoseconds since 1970.
-            log_ns: When it was recorded, nanoseconds since 1970.
+            log_ns: Log time, nanoseconds since 1970.
 
         Raises:
             ValueError: The labels cannot be read, or the image cannot be rectified.
@@ -122,7 +122,7 @@ class LabelledImages:
 
 
 class _Labels:
-    """The messages of the labels' topic: which is nearest to an image, and what it holds."""
+    """Finds and reads the message of the labels' topic nearest to an image."""
 
     def __init__(self, path: Path, survey: Survey, topic: str) -> None:
         found = topic_of(survey, topic)
@@ -139,13 +139,13 @@ class _Labels:
         self._next = 0
 
     def be_of_one_frame(self, path: Path, images: Collection[str]) -> None:
-        """Let labels belong to one image of each camera, as those of KITTI's frames do."""
+        """Match labels to one image of each camera only, as in KITTI's frames."""
         stamps = bag_stamps(path)
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
-        """Which message belongs to an image, None where none is near."""
+        """Return the index of the message of an image, None where none is near."""
         at = log_ns if self._by_log else stamp_ns
         after = int(np.searchsorted(self._stamps, at))
         near = [each for each in (after - 1, after) if 0 <= each < len(self._stamps)]
@@ -155,7 +155,7 @@ class _Labels:
         return int(self._order[best])
 
     def read(self, place: int) -> Any:  # noqa: ANN401 - of the bag's types
-        """A decoded message.
+        """Read and decode a message.
 
         Raises:
             ValueError: It cannot be read.
@@ -183,7 +183,7 @@ class _Labels:
 
 
 def _plan(path: Path, survey: Survey) -> Plan:
-    """The plan of a bag, of layout raw: its images keep their distortion as far as it is known."""
+    """Make the plan of a bag, of layout raw: a known distortion of images is kept."""
     try:
         plan = guess_plan(survey, Layout.RAW, path).plan
     except KittiRos2Error as error:
@@ -202,7 +202,7 @@ def _plan(path: Path, survey: Survey) -> Plan:
 
 
 def _rigged(path: Path, plan: Plan, survey: Survey) -> tuple[Plan, Rigging]:
-    """The rigging of a plan; label lines have 2D boxes, which need no calibration."""
+    """Make the rigging of a plan; label lines have 2D boxes, which need no calibration."""
     try:
         rigging = Rigging(plan, survey)
         for look in topic_of(survey, _label_topic(plan)).looks:

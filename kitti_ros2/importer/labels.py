@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boxes in velo_link -> KITTI labels.
 
-A label's box stands upright in the rectified camera 0 and turns about its y axis alone: the heading
-is kept, a tilt is lost. Its 2D box is the projection of its corners cut to the image, truncated is
-the part that the image cuts off; occluded is what the plan says, for boxes do not tell.
+A label's box is upright in the rectified camera 0 and turns about its y axis alone: the heading is
+kept, a tilt is lost. Its 2D box is the projection of its corners clipped to the image, truncated is
+the part outside of the image; occluded is set by the plan, since boxes have none.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ _LONGEST_NUMBER = 9  # ids of markers are int32
 
 
 def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
-    """The labels of a frame as a bag of our own carries them; those without a track get one.
+    """Parse the label lines of a frame in a bag written by to-bag; a missing track is added.
 
     Raises:
-        ValueError: A line is no label.
+        ValueError: A line is not a label.
     """
     boxes = []
     for place, line in enumerate(text.splitlines()):
@@ -65,16 +65,16 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
 
 
 def own_number(identity: str) -> int | None:
-    """The number that a track's name is, perhaps behind a namespace (box/7); None for a word."""
+    """Parse a track's name that is a number, also after a namespace (box/7); None for a word."""
     word = identity.rpartition('/')[2]
     return int(word) if word.isdecimal() and len(word) <= _LONGEST_NUMBER else None
 
 
 class TrackIds:
-    """Whole numbers for the names of tracks, each the same all the time.
+    """Assigns a stable integer to each name of a track.
 
-    A number is itself where no other name took it before, so is one behind a namespace (box/7);
-    a word is the next that is free; boxes without a name are a track each.
+    A number is kept unless another name took it before, also one after a namespace (box/7); a word
+    gets the next free number; each box without a name is a track of its own.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class TrackIds:
         self._taken: set[int] = set()
 
     def number(self, identity: str) -> int:
-        """The number of a track."""
+        """Return the number of a track."""
         if identity in self._numbers:
             return self._numbers[identity]
         number = own_number(identity)
@@ -95,10 +95,10 @@ class TrackIds:
 
 
 def max_tilt(cuboids: Sequence[Cuboid], calibration: Calibration) -> float:
-    """How far boxes lean from the camera's y axis at most, radians, 0 without a box.
+    """Return the maximum tilt of boxes against the camera's y axis, radians, 0 without a box.
 
     Raises:
-        ValueError: The calibration lacks what is needed.
+        ValueError: A required part of the calibration is missing.
     """
     if not cuboids:
         return 0.0
@@ -108,9 +108,9 @@ def max_tilt(cuboids: Sequence[Cuboid], calibration: Calibration) -> float:
 
 
 def _upright(cuboid: Cuboid, velo_down: Float64Array) -> Cuboid:
-    """The same box with its z axis the one that points up or down.
+    """Reorder the axes of a box so that z points up or down.
 
-    Its x axis is the heading, as long as that is not the one.
+    Its x axis stays the heading unless that is the vertical one.
 
     Args:
         cuboid: In velo_link.
@@ -138,19 +138,19 @@ def make_boxes(
     out_of_view: bool = False,
     occluded: int = UNKNOWN_OCCLUSION,
 ) -> tuple[list[Box], int]:
-    """Labels of boxes, and how many were left out because the camera does not see them.
+    """Make labels of boxes; also return how many were skipped because they are out of view.
 
     Args:
         cuboids: In velo_link.
-        calibration: Holds the camera and where the scanner is.
+        calibration: Contains the camera and the place of the scanner.
         camera: KITTI index of the camera whose pixels the 2D boxes are.
         size: (width, height) of its rectified image.
         tracks: Gives track ids.
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
-        occluded: What the labels say of all of them, 0 to 3 (readme.txt of the object devkit).
+        occluded: The occlusion of all labels, 0 to 3 (readme.txt of the object devkit).
 
     Raises:
-        ValueError: The calibration lacks what is needed.
+        ValueError: A required part of the calibration is missing.
     """
     if not cuboids:
         return [], 0
@@ -187,7 +187,7 @@ def make_boxes(
 
 
 def class_name(kind: str) -> str:
-    """A class as a word of a label line: blanks become underscores, no name Misc."""
+    """Format a class as a word of a label line: blanks become underscores, an empty one Misc."""
     return _BLANKS.sub('_', kind.strip()) or _OTHERS
 
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a visualization_msgs/MarkerArray shows, and which class its cubes are of.
+"""The visible markers of a visualization_msgs/MarkerArray, and the classes of its cubes.
 
-Markers are drawn for people: the class of a box stands in a caption, or in a namespace, or nowhere.
+Markers are drawn for people: the class of a box is in a caption, in a namespace, or missing.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _GENERIC = re.compile(
 
 
 def shown_markers(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
-    """The markers that are on view after an array, if none were before.
+    """Return the visible markers after an array, if none were visible before.
 
-    Those of namespace ego are the recording car and no object.
+    Those of namespace ego are the recording car, not an object, and excluded.
     """
     shown: dict[tuple[str, int], Any] = {}
     for marker in message.markers:
@@ -44,15 +44,15 @@ def shown_markers(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's typ
 
 
 def is_list(marker: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether it draws boxes as edges, or many cubes in one."""
+    """Whether a marker draws boxes as edges, or several cubes."""
     return marker.type in {_LINE_LIST, _CUBE_LIST}
 
 
 def class_of_marker(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of the bag's types
-    """The class of a cube, empty where nothing tells.
+    """Return the class of a cube, empty if unknown.
 
-    It is in the cube's own text, or in a text marker with the cube's id and a namespace that begins
-    alike or that only this cube can mean, or it is the cube's namespace.
+    It is in the cube's own text, or in a text marker with the cube's id (its namespace begins with
+    the cube's, or the cube is the only one with this id), or it is the cube's namespace.
     """
     texts = [each for each in shown if each.type == _TEXT and each.id == cube.id]
     near = [each for each in texts if cube.ns and each.ns.startswith(cube.ns)]
@@ -63,7 +63,7 @@ def class_of_marker(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of th
 
 
 def _class_in(text: str) -> str:
-    """The words of a caption up to its first number, such as Person (sitting) 5 or car: 0.87."""
+    """Return the words of a caption up to its first number: Person (sitting) 5, car: 0.87."""
     words: list[str] = []
     for token in text.partition('\n')[0].split():
         word = token.strip(_EDGES)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a data set is built: beside its folder, and moved there when it is whole."""
+"""Staging of a data set: built beside its folder, and moved there when complete."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @contextmanager
 def staged(out: Path) -> Iterator[Path]:
-    """A folder to build a data set in, whose content is in out when all went well.
+    """Yield a folder to build a data set in; its content is moved to out on success.
 
     Args:
         out: The data set's folder.
 
     Raises:
-        OutputExistsError: out holds something.
-        OutputError: The disk refuses.
+        OutputExistsError: out is not empty.
+        OutputError: It cannot be written.
     """
     staging = Staging(out, _refuse_content)
     try:

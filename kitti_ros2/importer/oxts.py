@@ -19,13 +19,13 @@ posmode                 of the NavSatFix's status: 3 (SPS), 4 (differential) or 
 velmode orimode         -1, as KITTI itself writes them where they are not known
 ======================  ============================================================================
 
-A number that a message declares unknown (-1 at the head of its covariance), or that is not finite
-or 1e9 and more, counts as not there. All 30 columns are numbers and the last five whole ones,
+A number that a message declares unknown (first element of its covariance -1), that is not finite or
+that is 1e9 or more is treated as missing. All 30 columns are numbers and the last five whole ones,
 whatever is missing.
 
 Levelling is a turn by Ry(pitch) Rx(roll) into axes that lie on the earth's surface. Of KITTI's own
 packets (2011_09_26, 108 of drive 0001; 154 of drive 0005) this gives af al au to 0.025 and 0.06
-m/s^2, wf wl wu to 7e-5 and 8e-4 rad/s; any other sign of roll, pitch, al or wl is worse by far. vf
+m/s^2, wf wl wu to 7e-5 and 8e-4 rad/s; any other sign of roll, pitch, al or wl is far worse. vf
 is ve cos(yaw) + vn sin(yaw) to 0.0005 and 0.003 m/s, and vl is ve sin(yaw) - vn cos(yaw), positive
 to the right, to 0.03 and 0.08 m/s.
 """
@@ -65,15 +65,15 @@ def make_packet(
     imu_t_frame: Transform = _IDENTITY,
     imu_t_velocity: Transform = _IDENTITY,
 ) -> OxtsPacket | None:
-    """The packet of messages of one moment; None where the NavSatFix has no fix.
+    """Make the packet of messages of one moment; None where the NavSatFix has no fix.
 
     Args:
-        imu: None where the recording has no such stream; so are the others.
-        fix: Of the imu unit; an antenna's offset is not accounted for.
+        imu: None where the recording has no such stream, as are the others.
+        fix: Of the imu unit; an antenna's offset is ignored.
         velocity: Along the axes of its frame, as encode_velocity writes it.
         imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
-            orientation, rates and accelerations are brought there.
-        imu_t_velocity: The same of the TwistStamped; the lever arm is accounted for.
+            orientation, rates and accelerations are transformed to it.
+        imu_t_velocity: The same of the TwistStamped; the lever arm is compensated.
     """
     if fix is not None and not has_fix(fix):
         return None
@@ -100,9 +100,9 @@ def make_packet(
 
 
 def has_orientation(imu: Imu) -> bool:
-    """Whether an Imu tells its orientation; without it a packet's attitude is 0.
+    """Whether an Imu has an orientation; without it a packet's attitude is 0.
 
-    Imu.msg: -1 at the head of the covariance declares it unknown. Some drivers leave the
+    Imu.msg: -1 as the first element of the covariance declares it unknown. Some drivers leave the
     quaternion all zeros instead.
     """
     q = imu.orientation
@@ -111,14 +111,14 @@ def has_orientation(imu: Imu) -> bool:
 
 
 def has_fix(fix: NavSatFix) -> bool:
-    """Whether a NavSatFix tells a position (NavSatStatus.msg: below 0 is no fix) KITTI can hold."""
-    # NaN is within no limit and beyond none: it is no latitude, but a missing altitude will do.
+    """Whether a NavSatFix has a position (status below 0 is no fix) within KITTI's limits."""
+    # Comparisons with NaN are false: a NaN latitude is refused, a NaN altitude accepted.
     on_earth = abs(fix.latitude) <= _MAX_LAT_DEG and abs(fix.longitude) <= _MAX_LON_DEG
     return bool(fix.status.status >= 0 and on_earth and not abs(fix.altitude) > _MAX_ALT_M)
 
 
 def _attitude(imu: Imu | None, imu_t_frame: Transform) -> Float64Array:
-    """(3, 3) rotation of KITTI's imu frame in east-north-up."""
+    """Return the (3, 3) rotation of KITTI's imu frame in east-north-up."""
     if imu is None or not has_orientation(imu):
         return np.eye(3)
     q = imu.orientation
@@ -134,13 +134,13 @@ def _rates(
     imu_t_frame: Transform,
     imu_t_velocity: Transform,
 ) -> Float64Array:
-    """(3,) rad/s about the axes of KITTI's imu frame."""
+    """Return (3,) rad/s about the axes of KITTI's imu frame."""
     if imu is not None:
         sensed = _known(imu.angular_velocity, imu.angular_velocity_covariance)
         if sensed is not None:
             return np.asarray(imu_t_frame.rotation @ sensed)
-    told = None if velocity is None else _known(velocity.twist.angular)
-    return np.zeros(3) if told is None else np.asarray(imu_t_velocity.rotation @ told)
+    turning = None if velocity is None else _known(velocity.twist.angular)
+    return np.zeros(3) if turning is None else np.asarray(imu_t_velocity.rotation @ turning)
 
 
 def _velocity_columns(east_north_up: Float64Array, yaw: float) -> dict[str, float]:
@@ -164,7 +164,7 @@ def _fix_columns(fix: NavSatFix) -> dict[str, float]:
 
 
 def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Array | None:
-    """(3,) of a vector; None where it is declared unknown or not finite."""
+    """Return (3,) of a vector; None where it is declared unknown or not finite."""
     values = vector_of(vector)
     declared_unknown = covariance is not None and covariance[0] == _NOT_KNOWN
     return None if declared_unknown or not (np.abs(values) < _IMPOSSIBLE).all() else values

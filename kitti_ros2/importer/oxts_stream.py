@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The oxts packets of a plan: one a frame, of the Imu, fix and velocity around its stamp."""
+"""The oxts packets of a plan: one a frame, from the Imu, fix and velocity near its stamp."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 _MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
-"""Receivers tell their position once a second or more often; one lost fix is bridged."""
+"""Receivers send their position once a second or more often; one lost fix is bridged."""
 
 _HALF_TURN_DEG = 180.0
 _OR = ', or messages that cannot be decoded,'
@@ -34,23 +34,23 @@ _OR = ', or messages that cannot be decoded,'
 
 @dataclass
 class _Pending:
-    """What a frame's packet is made of, as far as it has come."""
+    """The messages of a frame's packet so far."""
 
     missing: set[tuple[str, int]]
     found: dict[tuple[str, int], Any] = field(default_factory=dict)
 
 
 class PacketMaker:
-    """Makes packets while a bag is read, and holds no more than a few frames of messages.
+    """Makes packets while a bag is read; keeps only a few frames of messages in memory.
 
-    Imu and velocity are the nearest to the frame's stamp, within the plan's tolerance or their own
-    period; a position lies on the line between the fixes before and after it.
+    Imu and velocity are those nearest to the frame's stamp, within the plan's tolerance or their
+    own period; a position is interpolated linearly between the fixes before and after it.
     """
 
     def __init__(
         self, plan: Plan, survey: Survey, frames: Frames, turns: Mapping[str, Transform]
     ) -> None:
-        """Find out which messages are wanted.
+        """Select the required messages.
 
         Args:
             plan: Names the topics.
@@ -59,7 +59,7 @@ class PacketMaker:
             turns: By topic its frame in KITTI's imu frame.
 
         Raises:
-            UsageError: A topic is not there.
+            UsageError: A topic is missing.
         """
         self._notes: list[str] = []
         self._lacking = 0
@@ -95,7 +95,7 @@ class PacketMaker:
         return {topic for topic, _ in self._frames_of}
 
     def notes(self) -> list[str]:
-        """What is worth a word of the packets so far."""
+        """Return non-fatal remarks on the packets so far."""
         if self._lacking and not self._gapless:
             return [*self._notes, f'{self._lacking} frames have no fix{_OR} and get no packet']
         return self._notes
@@ -105,7 +105,7 @@ class PacketMaker:
         return (topic, place) in self._frames_of
 
     def take(self, topic: str, place: int, message: Any) -> None:  # noqa: ANN401 - of the bag
-        """Take a message that is wanted; None where it cannot be decoded."""
+        """Take a required message; None where it cannot be decoded."""
         part = (topic, place)
         for frame in self._frames_of.pop(part):
             wanted = self._wanted[frame] or set()
@@ -116,7 +116,7 @@ class PacketMaker:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame).found)
 
     def write(self, writer: LayoutWriter, first: int) -> int:
-        """Write the packets that are ready and whose turn it is; returns how many."""
+        """Write the packets that are ready, in order; returns how many."""
         count = 0
         while self._next < len(self._wanted):
             if self._wanted[self._next] is not None and self._next not in self._ready:
@@ -132,7 +132,7 @@ class PacketMaker:
         return count
 
     def _lack(self) -> None:
-        """A frame whose messages have no fix, or cannot be decoded."""
+        """Count a frame whose messages have no fix, or cannot be decoded."""
         self._lacking += 1
         if self._gapless:
             left = len(self._wanted) - self._next
@@ -168,7 +168,7 @@ class PacketMaker:
         return wanted
 
     def _forbid_gaps(self) -> None:
-        """In the tracking layout line n is frame n: packets of all frames, or none."""
+        """Require packets of all frames in the tracking layout, where line n is frame n."""
         lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
         if not lacking or not self._wanted:
             return
@@ -198,7 +198,7 @@ class PacketMaker:
         )
 
     def _mountings(self) -> dict[str, Transform]:
-        """Where the messages' frames are, where the static tree tells."""
+        """Return the known transforms of the messages' frames."""
         names = {'imu_t_frame': self._topics['imu'], 'imu_t_velocity': self._topics['velocity']}
         return {name: self._turns[topic] for name, topic in names.items() if topic in self._turns}
 
@@ -224,7 +224,7 @@ class PacketMaker:
 
 
 def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:
-    """(M,) index of the stamp nearest to each of (M,) wanted ones."""
+    """Return (M,) index of the stamp nearest to each of (M,) requested ones."""
     after = np.clip(np.searchsorted(stamps, wanted), 1, max(len(stamps) - 1, 1))
     before = after - 1
     later = np.minimum(after, len(stamps) - 1)

@@ -25,7 +25,7 @@ UNKNOWN_OCCLUSION = 3
 
 
 class Incomplete(str, Enum):
-    """What becomes of a frame that one of its streams has no sample for."""
+    """The treatment of a frame in which a stream has no sample."""
 
     DROP = 'drop'
     KEEP = 'keep'
@@ -33,13 +33,13 @@ class Incomplete(str, Enum):
 
 @dataclass(frozen=True)
 class ScanPlan:
-    """Where scans come from.
+    """The source of the scans.
 
     Attributes:
         topic: A PointCloud2.
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
-        intensity_scale: What intensities are divided by to become 0..1.
+        intensity_scale: Divisor that scales intensities to 0..1.
     """
 
     topic: str
@@ -49,12 +49,12 @@ class ScanPlan:
 
 @dataclass(frozen=True)
 class CameraPlan:
-    """Where a camera's images come from.
+    """The source of a camera's images.
 
     Attributes:
         topic: An Image or CompressedImage.
         info: Its CameraInfo, empty for none.
-        rectify: Whether the images are rectified on their way.
+        rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
     """
 
@@ -66,7 +66,7 @@ class CameraPlan:
 
 @dataclass(frozen=True)
 class PosePlan:
-    """Where the vehicle's poses come from.
+    """The source of the vehicle's poses.
 
     Attributes:
         topic: An Odometry, PoseStamped, Path or TFMessage.
@@ -81,16 +81,16 @@ class PosePlan:
 
 @dataclass(frozen=True)
 class LabelPlan:
-    """Where labels come from.
+    """The source of the labels.
 
     Attributes:
         topic: A Detection3DArray, a MarkerArray whose cubes are the boxes, or the label lines that
-            a bag of our own carries.
+            a bag written by to-bag contains.
         camera: The KITTI camera whose pixels the 2D boxes are.
-        out_of_view: Whether boxes that this camera does not see are kept.
-        occluded: What labels say of boxes, whose messages do not tell: 0 visible, 1 partly, 2
+        out_of_view: Whether boxes outside of the camera's view are kept.
+        occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
-            Label lines tell their own.
+            Label lines have their own.
     """
 
     topic: str
@@ -101,19 +101,19 @@ class LabelPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """How bags become a KITTI recording.
+    """The rules by which bags are converted to a KITTI recording.
 
     Attributes:
         layout: Which of the four.
         name: Drive (2011_09_26_drive_0001_sync), split or sequence.
         reference: The stream whose samples are the frames: scan, image_N or pose.
-        tolerance_s: How far from a frame's stamp a sample of it may be, seconds.
-        incomplete: Whether frames that lack a sample are dropped or kept.
-        scan, cameras, pose, labels: Where these come from; cameras by KITTI index.
+        tolerance_s: Maximum distance of a sample from the stamp of its frame, seconds.
+        incomplete: Whether frames with a missing sample are dropped or kept.
+        scan, cameras, pose, labels: The sources of these; cameras by KITTI index.
         imu, fix, velocity: Topics of the packets of the GPS/IMU unit, empty for none.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
-        calibration: tf (CameraInfo and static transforms), source (the files that a bag of our own
-            carries), none, or a KITTI calibration file or folder.
+        calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
+            to-bag), none, or a KITTI calibration file or folder.
     """
 
     layout: Layout
@@ -133,7 +133,7 @@ class Plan:
 
 
 def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
-    """The plan as YAML, with remarks as comments above; the inverse of parse_plan."""
+    """Format the plan as YAML, with remarks as comments above; the inverse of parse_plan."""
     values = asdict(plan)
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
@@ -144,17 +144,17 @@ def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
 
 
 def parse_plan(text: str, path: Path) -> Plan:
-    """The plan in a YAML text.
+    """Parse a plan from YAML.
 
     Raises:
-        UsageError: It is no plan; the error names the key.
+        UsageError: It is not a valid plan; the error names the key.
     """
     try:
         values = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise UsageError(f'{path}: is no YAML ({" ".join(str(error).split())})') from error
+        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
     if not isinstance(values, dict):
-        raise UsageError(f'{path}: is no plan; expected what to-kitti --plan prints')
+        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
     made = dict(values)
     cameras = made.pop('cameras', None) or {}
     if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
@@ -184,14 +184,14 @@ def _choose(kind: type[Enum], value: object, where: str) -> Enum:
 
 
 def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
-    """An object of a dataclass from a mapping, its values checked against the fields' types."""
+    """Make a dataclass from a mapping, its values checked against the types of the fields."""
     place = f'{path}: {where}: ' if where else f'{path}: '
     if not isinstance(values, dict):
         raise UsageError(f'{place}expected {", ".join(f.name for f in fields(kind))}')
     known = {each.name: each for each in fields(kind)}
     unknown = [str(key) for key in values if key not in known]
     if unknown:
-        raise UsageError(f'{place}no key {unknown[0]!r}; there are {", ".join(known)}')
+        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {", ".join(known)}')
     hints = _scalars(kind)
     checked = {}
     for name, value in values.items():
@@ -205,8 +205,8 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
     try:
         return kind(**checked)
     except TypeError:
-        lacking = [name for name, each in known.items() if name not in checked and _needed(each)]
-        raise UsageError(f'{place}lacks {", ".join(lacking)}') from None
+        missing = [name for name, each in known.items() if name not in checked and _needed(each)]
+        raise UsageError(f'{place}missing {", ".join(missing)}') from None
 
 
 _WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the vehicle was at each frame: messages -> a track of poses -> KITTI's camera poses."""
+"""The vehicle's pose at each frame: messages -> a track of poses -> KITTI's camera poses."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _FARTHEST_M = 1e9
 
 @dataclass(frozen=True, eq=False)
 class StampedPose:
-    """A pose as a message tells it.
+    """A pose in a message.
 
     Attributes:
         parent: The frame it is given in.
-        child: The frame whose pose it is, None where the message does not tell.
+        child: The frame whose pose it is, None where the message does not name it.
         parent_T_child: The pose.
         stamp_ns: Nanoseconds.
     """
@@ -51,10 +51,10 @@ class StampedPose:
 
 
 class PoseTrack:
-    """Poses of one frame in another over time, and what lies between them.
+    """Poses of one frame in another over time, interpolated.
 
-    Between two poses the translation is linear and the rotation turns evenly about one axis the
-    short way round (slerp). Nothing is extrapolated.
+    Between two poses the translation is linear and the rotation is spherical linear (slerp).
+    Nothing is extrapolated.
     """
 
     def __init__(
@@ -63,15 +63,15 @@ class PoseTrack:
         transforms: Sequence[Transform],
         max_gap_ns: int = MAX_GAP_NS,
     ) -> None:
-        """Take poses in any order; of several with one stamp the first counts.
+        """Take poses in any order; of several with one stamp the first is used.
 
         Args:
             stamps_ns: (N,) nanoseconds.
             transforms: N of them.
-            max_gap_ns: Two poses further apart have nothing known between them.
+            max_gap_ns: Between two poses further apart no pose is known.
 
         Raises:
-            ValueError: Not as many stamps as transforms.
+            ValueError: The numbers of stamps and transforms differ.
         """
         stamps = np.asarray(stamps_ns, dtype=np.int64)
         if stamps.shape != (len(transforms),):
@@ -84,7 +84,7 @@ class PoseTrack:
         return len(self._transforms)
 
     def at(self, stamps_ns: Int64Array) -> list[Transform | None]:
-        """The pose at each of (M,) stamps; None before, after, and in too large a gap."""
+        """Return the pose at each of (M,) stamps; None before, after, and in too large a gap."""
         if not self._transforms:
             return [None] * len(stamps_ns)
         wanted = np.asarray(stamps_ns, dtype=np.int64)
@@ -106,11 +106,11 @@ class PoseTrack:
 
 
 def interpolate(start: Transform, end: Transform, share: float) -> Transform:
-    """The pose a share (0..1) of the way from start to end: linear, and slerp."""
+    """Interpolate between start (share 0) and end (share 1): linear, and slerp."""
     q_start, q_end = start.quaternion(), end.quaternion()
     if q_start @ q_end < 0:
         q_end = -q_end
-    # Not the arc cosine of the product: it knows small angles to 1e-8 only.
+    # Not the arc cosine of the product: it is precise to 1e-8 only for small angles.
     angle = 2 * np.arctan2(np.linalg.norm(q_end - q_start), np.linalg.norm(q_end + q_start))
     quaternion = _sine_share(1 - share, angle) * q_start + _sine_share(share, angle) * q_end
     step = end.translation - start.translation
@@ -118,29 +118,29 @@ def interpolate(start: Transform, end: Transform, share: float) -> Transform:
 
 
 def _sine_share(share: float, angle: float) -> float:
-    """sin(share * angle) / sin(angle), also for an angle of 0."""
+    """Return sin(share * angle) / sin(angle), also for an angle of 0."""
     return float(share * np.sinc(share * angle / np.pi) / np.sinc(angle / np.pi))
 
 
 def camera_poses(
     track: PoseTrack, frames_ns: Int64Array, body_t_cam0: Transform
 ) -> list[Float64Array | None]:
-    """The poses of a data set's frames as KITTI odometry has them.
+    """Convert the poses of a data set's frames to those of KITTI odometry.
 
     Args:
         track: Poses of the body in a fixed frame.
         frames_ns: (N,) stamps, nanoseconds.
-        body_t_cam0: Where the rectified camera 0 is on the body.
+        body_t_cam0: The rectified camera 0 in the body frame.
 
     Returns:
-        For each frame (3, 4) float64: the rectified camera 0 in that of the first frame that has a
-        pose, metres; None where there is no pose.
+        For each frame (3, 4) float64: the rectified camera 0 in that of the first frame with a
+        pose, metres; None without a pose.
     """
     poses = track.at(frames_ns)
     start = next((pose for pose in poses if pose is not None), None)
     if start is None:
         return [None] * len(poses)
-    # Maps may be far from their origin (UTM); the difference first keeps all the digits there are.
+    # Maps may be far from their origin (UTM); subtracting first keeps all digits.
     near = Transform.from_translation(-start.translation)
     first_cam0_t_near = (near @ start @ body_t_cam0).inverse()
     return [
@@ -150,29 +150,29 @@ def camera_poses(
 
 
 def poses_from_odometry(message: Odometry) -> list[StampedPose]:
-    """The one pose of a nav_msgs/Odometry.
+    """Decode the pose of a nav_msgs/Odometry.
 
     Raises:
-        ValueError: It is no pose: NaN, or an orientation of all zeros.
+        ValueError: It is invalid: NaN, or an orientation of all zeros.
     """
     child = _frame(message.child_frame_id) or None
     return [_stamped(message.header, child, message.pose.pose)]
 
 
 def poses_from_pose_stamped(message: PoseStamped) -> list[StampedPose]:
-    """The one pose of a geometry_msgs/PoseStamped, which does not say of what frame.
+    """Decode the pose of a geometry_msgs/PoseStamped, which does not name the child frame.
 
     Raises:
-        ValueError: It is no pose.
+        ValueError: It is invalid.
     """
     return [_stamped(message.header, None, message.pose)]
 
 
 def poses_from_path(message: Path) -> list[StampedPose]:
-    """The poses of a nav_msgs/Path, each with its own stamp.
+    """Decode the poses of a nav_msgs/Path, each with its own stamp.
 
     Raises:
-        ValueError: One of them is no pose.
+        ValueError: One of them is invalid.
     """
     return [
         _stamped(stamped.header, None, stamped.pose, message.header.frame_id)
@@ -181,10 +181,10 @@ def poses_from_path(message: Path) -> list[StampedPose]:
 
 
 def poses_from_tf(message: TFMessage, links: Collection[tuple[str, str]]) -> list[StampedPose]:
-    """The poses of some links (parent, child) that a tf2_msgs/TFMessage holds.
+    """Decode the poses of some links (parent, child) in a tf2_msgs/TFMessage.
 
     Raises:
-        ValueError: One of them is no pose.
+        ValueError: One of them is invalid.
     """
     wanted = [
         stamped
@@ -213,5 +213,5 @@ def _checked(transform: Transform) -> Transform:
 
 
 def _frame(name: str) -> str:
-    """A frame's name; ROS 1 may lead it with a slash, which is no part of it to tf2."""
+    """Return a frame's name without the leading slash of ROS 1, which tf2 does not allow."""
     return name.lstrip('/')

@@ -23,8 +23,8 @@ from .pose_track import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
+    from ..bags.reader import BagSource
     from ..kitti.writer import LayoutWriter
     from ..model.geometry import Transform
     from ..model.samples import Int64Array
@@ -39,19 +39,19 @@ _SINGLE: dict[str, Callable[[Any], list[StampedPose]]] = {
 
 
 def read_track(
-    paths: Sequence[Path], plan: Plan, survey: Survey, losses: LossTally
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
 ) -> PoseTrack | None:
-    """The poses that a plan names, None where it names none.
+    """Read the poses that a plan names, None where it names none.
 
     Raises:
-        UsageError: The topic is not there, or of no type that tells poses.
+        UsageError: The topic is missing, or its type has no poses.
     """
     if plan.pose is None:
         return None
     topic = topic_of(survey, plan.pose.topic)
     found: list[StampedPose] = []
     reason = ''
-    with open_messages(paths, {topic.name}) as messages:
+    with open_messages(bags, {topic.name}) as messages:
         decode = Decoder(messages.typestore)
         for message in messages:
             try:
@@ -61,7 +61,7 @@ def read_track(
                 losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
                 continue
             if message.msgtype == types.PATH:
-                found.clear()  # a path is told anew as it grows: the last one has all
+                found.clear()  # each path repeats the earlier poses: the last one has all
             found.extend(poses)
     stamps = [pose.stamp_ns for pose in found]
     if topic.msgtype in _SINGLE and len(found) == topic.count:
@@ -88,7 +88,7 @@ def _poses(decoded: Any, msgtype: str, plan: PosePlan, survey: Survey) -> list[S
 def write_poses(
     writer: LayoutWriter, track: PoseTrack, frames_ns: Int64Array, body_t_cam0: Transform
 ) -> int:
-    """Write the pose of each frame, all of which must have one; returns how many."""
+    """Write the poses of frames, each of which must have one; returns how many."""
     poses = [pose for pose in camera_poses(track, frames_ns, body_t_cam0) if pose is not None]
     for number, (stamp_ns, pose) in enumerate(zip(frames_ns.tolist(), poses, strict=True)):
         writer.write_pose(number, stamp_ns, pose)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a conversion from a bag to KITTI did, and what it lost."""
+"""The results and losses of a conversion from a bag to KITTI."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What was written, and what was not.
+    """The result of a conversion.
 
     Attributes:
         path: The data set's folder.
         layout: Which of the four.
         name: Drive, sequence or split.
         counts: Files, or lines of a common file, by stream.
-        frames: How many frames were written.
+        frames: Number of frames written.
         size_bytes: Of all files with samples.
         losses: What was skipped.
-        notes: What is worth a word and no loss.
+        notes: Non-fatal remarks.
     """
 
     path: Path
@@ -47,19 +47,19 @@ class ImportReport:
 
 
 class LossTally:
-    """Messages that could not be used, those of one topic and reason counted together."""
+    """Counts unusable messages by topic and reason."""
 
     def __init__(self) -> None:
         self._counts: Counter[tuple[str, str]] = Counter()
         self._first_ns: dict[tuple[str, str], int] = {}
 
     def lose(self, topic: str, stamp_ns: int, reason: str) -> None:
-        """Count one."""
+        """Count a message."""
         self._counts[topic, reason] += 1
         self._first_ns.setdefault((topic, reason), stamp_ns)
 
     def losses(self) -> tuple[Loss, ...]:
-        """Each with the stamp of its first message."""
+        """Return the losses, each with the stamp of its first message."""
         return tuple(
             Loss(topic, count, f'{topic} at {self._first_ns[topic, reason]}: {reason}')
             for (topic, reason), count in self._counts.items()
@@ -67,12 +67,12 @@ class LossTally:
 
 
 def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
-    """What a bag lost, as far as it has been read; what is of unknown number counts once."""
+    """Return the damage of a bag as losses; an unknown number of messages counts as one."""
     return tuple(Loss(name, count or 1, text) for text, count in losses.items())
 
 
 def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
-    """What passes over different topics of a bag found damaged; None: an unknown count."""
+    """Add up the damage that passes over different topics of a bag found; None: unknown count."""
     total: dict[str, int | None] = {}
     for losses in found:
         for text, count in losses.items():
@@ -82,12 +82,12 @@ def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
 
 
 def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ...]:
-    """Messages of a plan's topics that the first pass could not decode.
+    """Return the messages of a plan's topics that the first pass could not decode.
 
     Args:
-        survey: What that pass found.
-        plan: Names topics; transforms are always among them.
-        named: Topics whose messages are named one by one already.
+        survey: The result of that pass.
+        plan: Names the topics; those of transforms are always included.
+        named: Topics whose messages are reported one by one already.
     """
     wanted = {camera.info for camera in plan.cameras.values()} | set(frame_topics(plan).values())
     wanted |= {plan.imu, plan.fix, plan.velocity}
@@ -103,7 +103,7 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
 
 
 def undecoded(topic: TopicSurvey) -> Loss:
-    """The messages of a topic that were tried and cannot be decoded, by the reason of the first."""
+    """Return the messages of a topic that failed to decode as a loss, with the first reason."""
     every = '' if topic.is_readable else 'not one of its messages can be read; the first '
     count = max(topic.failures, len(topic.headless))
     reason = topic.failure or 'a header cannot be decoded'

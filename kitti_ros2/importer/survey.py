@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a bag, from one pass over it: stamps, frames, calibration, and a look at each topic.
+"""Survey of a bag in one pass: stamps, frames, calibration, and a few messages of each topic.
 
-Of large messages the header alone is read, so the pass goes as fast as the bag can be read.
+Of large messages only the header is parsed, so the pass is as fast as reading the bag.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
 from ..messages.topics import LARGE_TYPES
@@ -25,10 +25,9 @@ from .sync import usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
     from typing import TypeAlias
 
-    from ..bags.reader import BagMessage, BagMessages, LeftOut
+    from ..bags.reader import BagMessage, BagMessages, BagSource, LeftOut
     from ..model.geometry import Transform
     from ..model.samples import Int64Array, TextFile
 
@@ -67,15 +66,14 @@ class TopicSurvey:
         name, msgtype: As the bag has them.
         log_ns: Log times in the order of reading, nanoseconds.
         header_ns: Header stamps of the same messages; empty where the type has no header.
-        frames: Header frames, with how often each comes.
-        looks: A few decoded messages, evenly spread by doubling distances.
-        failures: Messages that were to be looked at and could not be decoded.
-        failure: Why the first of them could not.
-        headless: Which messages have no header that can be read, by place.
-        changes: Of the camera_info type: how often its content changed from one to the next.
-        failure: Why a look could not be decoded, empty where all could.
+        frames: Header frames, with the number of messages of each.
+        looks: A few decoded messages, at doubling distances.
+        failures: Number of messages that failed to decode.
+        failure: The reason of the first failure, empty without one.
+        headless: Indices of the messages without a readable header.
+        changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
-        forward_ns: Header stamp to the moment of the frame, where they differ: see forward_stamps.
+        forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
     """
 
     name: str
@@ -93,30 +91,31 @@ class TopicSurvey:
 
     @property
     def count(self) -> int:
-        """Messages."""
+        """Number of messages."""
         return len(self.log_ns)
 
     @property
     def is_readable(self) -> bool:
-        """Whether there is a message that can be decoded, as far as it was tried."""
+        """Whether a message can be decoded, or was not tried."""
         return self.count > self.failures
 
     @property
     def frame(self) -> str:
-        """The frame of most of its messages, without a leading slash."""
+        """The frame of most messages, without a leading slash."""
         return max(self.frames, key=lambda name: self.frames[name]) if self.frames else ''
 
     def stamps(self) -> tuple[Int64Array, str | None]:
-        """The stamps to go by, (N,) nanoseconds in the order of reading, and why not the headers'.
+        """Select the stamps to use, (N,) nanoseconds in the order of reading.
 
-        Header stamps of 0 or out of order cannot be meant; log time takes their place.
+        Header stamps of 0 or out of order are invalid; log times are used instead, and the reason
+        is returned.
         """
         log = np.array(self.log_ns, dtype=np.int64)
         if len(self.header_ns) != len(self.log_ns) or len(self.headless) == len(log):
             return log, None
         header = np.array(self.header_ns, dtype=np.int64)
         if self.headless:
-            # One that is damaged comes as long after its neighbour as in the log.
+            # A damaged one gets the distance to its neighbour in the log.
             headed = np.setdiff1d(np.arange(len(log)), self.headless)
             nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
             header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
@@ -128,18 +127,18 @@ class TopicSurvey:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a pass found.
+    """The result of a pass.
 
     Attributes:
-        topics: By name; types that nothing is made of have counts only.
-        static: Static transforms (parent, child, parent_T_child), those of /tf that never move
-            among them.
+        topics: By name; unused types have counts only.
+        static: Static transforms (parent, child, parent_T_child), including those of /tf that never
+            move.
         moving: (parent, child) of the others.
-        changing: (parent, child) of static links that were told anew and differently.
-        calibrations: The calibration files that a bag of our own carries, each with the stamp from
-            which it holds, in order.
-        notes: What the bag's reader finds worth a word and no loss.
-        losses: What it finds damaged, and how many messages that costs; None: unknown.
+        changing: (parent, child) of static links that were published again with another value.
+        calibrations: The calibration files in a bag written by to-bag, each with the stamp from
+            which it is valid, in order.
+        notes: Non-fatal remarks of the bag's reader.
+        losses: Damage, and the number of messages lost by each; None: unknown.
         left_out: Topics that cannot be read.
     """
 
@@ -153,11 +152,11 @@ class Survey:
     left_out: Sequence[LeftOut] = ()
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
-        """The topics of some types that have messages which can be decoded, by name."""
+        """Return the topics of some types with messages that can be decoded, by name."""
         return [each for each in self._of_type(msgtypes) if each.is_readable]
 
     def unreadable(self, *msgtypes: str) -> list[TopicSurvey]:
-        """The topics of some types whose messages can none be decoded, by name."""
+        """Return the topics of some types without a message that can be decoded, by name."""
         return [each for each in self._of_type(msgtypes) if not each.is_readable]
 
     def _of_type(self, msgtypes: Sequence[str]) -> list[TopicSurvey]:
@@ -166,7 +165,7 @@ class Survey:
 
 
 def survey_bag(messages: BagMessages) -> Survey:
-    """Pass over a bag once.
+    """Survey a bag in one pass.
 
     Raises:
         BadBagError: It cannot be read.
@@ -181,31 +180,32 @@ def survey_bag(messages: BagMessages) -> Survey:
     return Survey(taken.topics, *found)
 
 
-def glance(path: Path) -> Survey:
-    """Survey what describes a bag's sensors; of topics with large messages the first one alone.
+def glance(source: BagSource) -> Survey:
+    """Survey the description of a bag's sensors, and the first message of topics of large ones.
 
     Raises:
         BadBagError: It cannot be read.
     """
-    with open_messages(path) as every:
-        types = dict(every.channels)
-        taken = _Pass(every)
-        losses, left_out = every.losses, every.left_out
-    wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
-    if wanted:
-        with open_messages(path, wanted) as messages:
-            for message in messages:
-                taken.take(message)
-    for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
-        with open_messages(path, {topic}) as messages:
-            for message in islice(messages, 1):
-                taken.take(message)
+    with opened(source) as bag:
+        with open_messages(bag) as every:
+            types = dict(every.channels)
+            taken = _Pass(every)
+            losses, left_out = every.losses, every.left_out
+        wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
+        if wanted:
+            with open_messages(bag, wanted) as messages:
+                for message in messages:
+                    taken.take(message)
+        for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
+            with open_messages(bag, {topic}) as messages:
+                for message in islice(messages, 1):
+                    taken.take(message)
     found = *taken.links.sorted(), taken.calibrations, (), losses, left_out
     return Survey(taken.topics, *found)
 
 
 class _Pass:
-    """What is kept of the messages that go by."""
+    """Collects the survey while messages are read."""
 
     def __init__(self, messages: BagMessages) -> None:
         self._decode = Decoder(messages.typestore)
@@ -242,7 +242,7 @@ class _Pass:
             topic.failure = topic.failure or str(error)
 
     def close(self) -> None:
-        """Enter what is known after the last message."""
+        """Complete the survey after the last message."""
         for topic in self.topics.values():
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
@@ -259,7 +259,7 @@ class _Pass:
                 topic.looks = [*topic.looks, look][:_LOOKS]
 
     def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
-        """Whether a message tells, behind its header, what the one before did not."""
+        """Whether a message differs from the one before, header apart."""
         body = body_after_header(message.data)
         known = self._bodies.get(topic.name)
         self._bodies[topic.name] = body
@@ -286,7 +286,7 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
 
 
 class _Links:
-    """Transforms by (parent, child): the first of each, and whether it ever moved."""
+    """Transforms by (parent, child): the first of each, and whether it moved."""
 
     def __init__(self) -> None:
         self._first: dict[tuple[str, str], Transform] = {}
@@ -301,7 +301,7 @@ class _Links:
             first = self._first.setdefault(key, transform)
             self._seen[key] += 1
             if still:
-                # The last word on a static link holds, as for any late subscriber.
+                # The last value of a static link is valid, as for late subscribers.
                 if _differ(first, transform):
                     self._changing.add(key)
                 self._first[key] = transform
@@ -310,7 +310,7 @@ class _Links:
                 self._moving.add(key)
 
     def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
-        """Static links, moving ones, static ones that changed; one seen once on /tf moves."""
+        """Return static, moving and changing static links; one seen only once on /tf is moving."""
         moving = {key for key in self._moving if key not in self._static}
         moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
         still = [(*key, pose) for key, pose in self._first.items() if key not in moving]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which sample of each stream belongs to which frame, by their stamps alone."""
+"""Assignment of the samples of each stream to frames, by their stamps alone."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _LONE_PERIOD_NS = 100_000_000
 
 @dataclass(frozen=True, eq=False)
 class StreamMatch:
-    """How a stream's samples went to the frames.
+    """The assignment of the samples of a stream to frames.
 
     Attributes:
         indices: (N,) int64, for each frame the index of its sample, NONE where it has none.
-        dropped: Samples that no frame took.
+        dropped: Number of samples without a frame.
         max_error_ns: Largest distance between a frame and its sample; 0 without matches.
         mean_error_ns: Their mean.
     """
@@ -38,29 +38,29 @@ class StreamMatch:
 
     @property
     def matched(self) -> int:
-        """Frames that have a sample."""
+        """Number of frames with a sample."""
         return int(np.count_nonzero(self.indices != NONE))
 
     @property
     def unmatched(self) -> int:
-        """Frames that have none."""
+        """Number of frames without a sample."""
         return len(self.indices) - self.matched
 
 
 def match_frames(
     reference_ns: Int64Array, streams: Mapping[str, Int64Array], tolerance_ns: int
 ) -> dict[str, StreamMatch]:
-    """The nearest sample of each stream for each frame.
+    """Assign the nearest sample of each stream to each frame.
 
-    Pairs are made from the nearest on: each sample goes to one frame at most, a pair is never
-    further apart than the tolerance, and pairs do not cross, so samples stay in their order. Where
-    two frames want one sample, the nearer has it, the earlier of two equally near ones; the other
-    takes the sample on its other side, or none.
+    Pairs are made in order of increasing distance: each sample goes to one frame at most, a pair is
+    never further apart than the tolerance, and pairs do not cross, so samples stay in their order.
+    Where two frames compete for a sample, the nearer one gets it (of two equally near ones the
+    earlier); the other gets the sample on its other side, or none.
 
     Args:
         reference_ns: (N,) stamps of the frames, nanoseconds, in any order.
         streams: (M,) stamps of each stream, by its name, in any order.
-        tolerance_ns: Nanoseconds, itself allowed.
+        tolerance_ns: Nanoseconds, inclusive.
     """
     reference = np.asarray(reference_ns, dtype=np.int64)
     return {
@@ -70,21 +70,21 @@ def match_frames(
 
 
 def default_tolerance_ns(reference_ns: Int64Array) -> int:
-    """Half the median period of the frames, nanoseconds; that of 10 Hz where there is no period."""
+    """Return half the median period of the frames, nanoseconds; of a single frame that of 10 Hz."""
     periods = np.diff(np.unique(reference_ns))
     return int(np.median(periods)) // 2 if len(periods) else _LONE_PERIOD_NS // 2
 
 
 def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array, str | None]:
-    """The stamps to go by: header stamps, or log times where those cannot be right.
+    """Select the stamps to use: header stamps, or log times where those are invalid.
 
     Args:
         header_ns: (N,) nanoseconds, in the order of the log.
         log_ns: (N,) nanoseconds.
 
     Returns:
-        The stamps, and why they are not the header's: some are 0, before 1970, or earlier than the
-        one before.
+        The stamps, and the reason for log times: header stamps that are 0, before 1970, or earlier
+        than the one before; None for header stamps.
     """
     zeros = np.flatnonzero(header_ns == 0)
     if len(zeros):
@@ -109,9 +109,8 @@ def _reason(wrong: npt.NDArray[np.intp], count: int, fault: str) -> str:
 def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -> StreamMatch:
     """Match one stream.
 
-    In the merged order of frames and samples, the nearest pair is always one of neighbours, and
-    once it is made nothing pairs across it. So the pairs from the nearest on are a choice among
-    neighbours alone.
+    In the merged order of frames and samples, the nearest pair always consists of neighbours, and
+    once it is made no pair crosses it. So all pairs are chosen among neighbours alone.
     """
     count = len(reference_ns)
     stamps = np.concatenate([reference_ns, stamps_ns])
@@ -137,13 +136,13 @@ def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -
 def _merged_order(
     reference_ns: Int64Array, stamps_ns: Int64Array, stamps: Int64Array
 ) -> npt.NDArray[np.intp]:
-    """The order in time of both; of equal stamps the first frame, the first sample, and so on."""
+    """Return the time order of both; equal stamps alternate, beginning with a frame."""
     turns = np.concatenate([_turns(reference_ns), _turns(stamps_ns)])
     return np.lexsort((turns, stamps))
 
 
 def _turns(stamps_ns: Int64Array) -> npt.NDArray[np.intp]:
-    """How many equal stamps stand before each."""
+    """Return for each stamp the number of equal stamps before it."""
     order = np.argsort(stamps_ns, kind='stable')
     ordered = stamps_ns[order]
     turns = np.empty(len(order), dtype=np.intp)
@@ -152,11 +151,11 @@ def _turns(stamps_ns: Int64Array) -> npt.NDArray[np.intp]:
 
 
 def _nearest_first(places: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArray[np.bool_]:
-    """Which of the possible pairs are made when the nearest goes first and excludes its neighbours.
+    """Select pairs in order of increasing gap, each of which excludes its neighbours.
 
     Pairs at consecutive places share a frame or a sample. A pair is made unless a nearer neighbour
-    is: along a slope of ever larger gaps, from its lowest pair up, every other one; the pair on top
-    of two slopes, if both leave it free.
+    is made: along a slope of increasing gaps, from its lowest pair up, every other one; the pair on
+    top of two slopes, if both leave it free.
 
     Args:
         places: (K,) ascending.
@@ -173,6 +172,6 @@ def _nearest_first(places: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArra
 
 
 def _steps_up(above: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """How many in a row, up to and with each, are above the one before."""
+    """Return for each the length of the run, including it, of values above the one before."""
     position = np.arange(len(above))
     return position - np.maximum.accumulate(np.where(above, 0, position))

@@ -33,6 +33,7 @@ from .topics import own_topics
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
+    from ..bags.reader import BagSource
     from ..model.boxes import Cuboid
     from ..model.samples import Int64Array, TextFile
     from .recorded_layout import Blueprint
@@ -149,7 +150,7 @@ def clock_of(blueprint: Blueprint) -> Clock:
 
 
 def number_bag(
-    path: Path,
+    bag: BagSource,
     log_ns: Mapping[str, Int64Array],
     *,
     blueprint: Blueprint | None = None,
@@ -158,7 +159,7 @@ def number_bag(
     """The messages of a bag under KITTI's numbers.
 
     Args:
-        path: The bag.
+        bag: Which.
         log_ns: Log times by topic, (N,) nanoseconds, ascending.
         blueprint: Its layout, where that has been read already.
         by_header: Whether a bag with other log times is read to find the stamps in its headers.
@@ -171,7 +172,7 @@ def number_bag(
         OSError: It cannot be read.
     """
     try:
-        blueprint = blueprint or find_blueprint(path)
+        blueprint = blueprint or find_blueprint(bag)
         if blueprint is None:
             return None
         streams = {
@@ -182,7 +183,7 @@ def number_bag(
         mapped = _Numbers(blueprint)
         found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
         if by_header and not _is_numbered(found):
-            found = _by_header(path, mapped, streams)
+            found = _by_header(bag, mapped, streams)
     except OSError:
         raise
     except Exception:  # noqa: BLE001 - a description may hold anything; reading the bag names damage
@@ -289,11 +290,11 @@ def _by_log(
 
 
 def _by_header(
-    path: Path, mapped: _Numbers, streams: Mapping[str, Stream]
+    bag: BagSource, mapped: _Numbers, streams: Mapping[str, Stream]
 ) -> dict[str, NumberedTopic]:
     """By the stamps in headers, and by what texts name."""
     found: dict[str, list[tuple[int, int, int]]] = {}
-    with open_messages(path, set(streams)) as messages:
+    with open_messages(bag, set(streams)) as messages:
         for message in messages:
             stamp_ns, number = message.stamp_ns, UNKNOWN
             try:

@@ -14,8 +14,8 @@ from ..model.errors import MissingDataError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
-    from pathlib import Path
 
+    from ..bags.reader import BagSource
     from ..model.samples import Int64Array
 
 
@@ -52,8 +52,8 @@ class PlacedMessages:
         BadBagError: The bag cannot be read.
     """
 
-    def __init__(self, path: Path, topics: Collection[str]) -> None:
-        self._messages = open_messages(path, topics)
+    def __init__(self, bag: BagSource, topics: Collection[str]) -> None:
+        self._messages = open_messages(bag, topics)
         self._lock = Lock()
 
     def close(self) -> None:

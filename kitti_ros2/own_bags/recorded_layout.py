@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, opened, path_of
 from ..importer.report import LossTally, damage
 from ..kitti import names
 from ..kitti.stamps_file import parse_times, parse_timestamps
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..bags.reader import BagMessages
+    from ..bags.reader import BagMessages, BagSource
     from ..model.samples import TextFile
     from ..model.streams import Layout
     from .description import RecordingDescription
@@ -167,44 +167,45 @@ class Blueprint:
         return tuple(losses)
 
 
-def find_blueprint(path: Path) -> Blueprint | None:
+def find_blueprint(source: BagSource) -> Blueprint | None:
     """How the recording in a bag was laid out, None where the bag is not of our own.
 
     Raises:
         UndescribedError: It is of our own, and its description is missing, invalid or too old.
         BadBagError: It is no bag, or its description names folders outside of its root.
     """
-    with open_messages(path) as messages:
-        topics = frozenset(topic for topic, _ in messages.channels)
-        left_out = [each for each in messages.left_out if each.topic in own_topics()]
-        damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
-        is_own = (RECORDING, _STRING) in messages.channels
-    if not is_own:
-        return None
-    with open_messages(path, {RECORDING, FILES, CALIBRATION} & topics) as messages:
-        source = _Source(messages, path)
-        damaged |= messages.losses
-    found = source.blueprint(topics, damaged)
+    with opened(source) as bag:
+        with open_messages(bag) as messages:
+            topics = frozenset(topic for topic, _ in messages.channels)
+            left_out = [each for each in messages.left_out if each.topic in own_topics()]
+            damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
+            is_own = (RECORDING, _STRING) in messages.channels
+        if not is_own:
+            return None
+        with open_messages(bag, {RECORDING, FILES, CALIBRATION} & topics) as messages:
+            texts = _Source(messages, bag.path)
+            damaged |= messages.losses
+    found = texts.blueprint(topics, damaged)
     unread = tuple(Loss(each.topic, each.messages, each.reason) for each in left_out)
     return replace(found, losses=(*unread, *found.losses))
 
 
-def missing_from(path: Path, counts: Mapping[str, int]) -> tuple[Loss, ...]:
+def missing_from(bag: BagSource, counts: Mapping[str, int]) -> tuple[Loss, ...]:
     """What a bag of our own should hold and does not; nothing for a bag of others.
 
     Args:
-        path: A bag that can be read.
+        bag: A bag that can be read.
         counts: Its messages by topic.
     """
     try:
-        found = find_blueprint(path)
+        found = find_blueprint(bag)
     except EarlierVersionError:
         return ()
     except BadBagError as error:
         return (Loss(RECORDING, 1, str(error)),)
     if found is None:
         return ()
-    return (*damage(found.damage, path.name), *found.losses, *found.shortfall(counts))
+    return (*damage(found.damage, path_of(bag).name), *found.losses, *found.shortfall(counts))
 
 
 class _Source:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN
 from ..files.png.header import parse_image
 from ..importer.report import damage
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import PurePosixPath
 
-    from ..bags.reader import BagMessage
+    from ..bags.reader import BagMessage, BagSource
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
     from ..model.geometry import Transform
@@ -66,7 +66,7 @@ class BagRecording:
     """The recording in a bag; what samples.Recording asks for, as far as frames need it.
 
     Args:
-        path: The bag.
+        source: The bag.
         bag: Its messages under KITTI's numbers.
         survey: What a pass over it found.
 
@@ -74,16 +74,17 @@ class BagRecording:
         BadBagError: The bag cannot be read.
     """
 
-    def __init__(self, path: Path, bag: NumberedBag, survey: Survey) -> None:
+    def __init__(self, source: BagSource, bag: NumberedBag, survey: Survey) -> None:
+        self._source = source
         self._bag = bag
         self._blueprint = bag.blueprint
-        self.root = path
+        self.root = path_of(source)
         self.layout = bag.blueprint.layout
         self.name = bag.blueprint.name
         self.common_numbers = bag.common
         self.clock: Clock = bag.clock
         self.start: Start | None = None  # poses are in the bag's map as they are
-        self.losses: tuple[Loss, ...] = damage(survey.losses, path.name)
+        self.losses: tuple[Loss, ...] = damage(survey.losses, self.root.name)
         self.notes: tuple[str, ...] = tuple(survey.notes)
         self._survey = survey
         self._topics = self._choose()
@@ -100,7 +101,7 @@ class BagRecording:
             if stream.camera is not None
         }
         self._places = {stream: _places(name, bag.topics[name]) for stream, name in large.items()}
-        self._messages = PlacedMessages(path, set(large.values()))
+        self._messages = PlacedMessages(source, set(large.values()))
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
 
     def _face_forward(self) -> None:
@@ -173,7 +174,7 @@ class BagRecording:
         }
         found: dict[Stream, dict[int, Any]] = {stream: {} for stream in topics.values()}
         turns: Counter[tuple[str, int]] = Counter()
-        with open_messages(self.root, set(topics)) as messages:
+        with open_messages(self._source, set(topics)) as messages:
             decode = Decoder(messages.typestore)
             for message in messages:
                 numbered = self._bag.topics[message.topic]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import bag_stamps, open_messages
+from ..bags.reader import bag_stamps, open_messages, opened, path_of
 from ..exporter.schedule import frames_of
 from ..files.png.header import parse_image
 from ..files.workers import ordered_map, worker_count
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, BagSource, OpenBag
     from ..model.streams import Layout
     from .recorded_layout import Blueprint
 
@@ -78,7 +78,7 @@ def _topics(present: Collection[str]) -> set[str]:
 
 
 def restore(
-    recordings: Sequence[tuple[Path, Blueprint]],
+    recordings: Sequence[tuple[BagSource, Blueprint]],
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> list[ImportReport]:
@@ -96,27 +96,31 @@ def restore(
         OutputError: It cannot be written.
     """
     known: dict[tuple[Layout, str], Path] = {}
-    for path, blueprint in recordings:
+    for bag, blueprint in recordings:
+        path = path_of(bag)
         other = known.setdefault((blueprint.layout, blueprint.name), path)
         if other is not path:
             raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
     with staged(out) as stage:
-        reports = [_restore(path, blueprint, stage, progress) for path, blueprint in recordings]
+        reports = [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
     return [replace(report, path=out) for report in reports]
 
 
 def _restore(
-    path: Path, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
+    source: BagSource, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
 ) -> ImportReport:
-    refused = write_texts(stage / blueprint.root, blueprint, path)
-    with open_messages(path, _topics(blueprint.topics)) as messages:
-        report = _write(path, messages, blueprint, stage, progress)
-        damaged = damage(merged(blueprint.damage, messages.losses), path.name)
+    refused = write_texts(stage / blueprint.root, blueprint, path_of(source))
+    with (
+        opened(source) as bag,
+        open_messages(bag, _topics(blueprint.topics)) as messages,
+    ):
+        report = _write(bag, messages, blueprint, stage, progress)
+        damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
     return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
 
 
 def _write(
-    bag: Path,
+    bag: OpenBag,
     messages: BagMessages,
     blueprint: Blueprint,
     stage: Path,
@@ -130,7 +134,9 @@ def _write(
 
 
 class _Writer:
-    def __init__(self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: Path) -> None:
+    def __init__(
+        self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: OpenBag
+    ) -> None:
         self._bag = bag
         self._messages = messages
         self._blueprint = blueprint

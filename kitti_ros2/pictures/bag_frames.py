@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..bags.reader import path_of
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..importer.apply_calibration import Rigging
@@ -38,6 +39,7 @@ from .frame import Frame
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from ..bags.reader import BagSource
     from ..importer.frames import Frames
     from ..importer.plan import Plan
     from ..importer.pose_track import PoseTrack
@@ -58,7 +60,7 @@ class BagFrames:
     them lies right.
 
     Args:
-        path: The bag.
+        bag: Which.
         survey: What a pass over it found.
 
     Raises:
@@ -66,9 +68,9 @@ class BagFrames:
         MissingDataError: It has neither point clouds nor images.
     """
 
-    def __init__(self, path: Path, survey: Survey) -> None:
+    def __init__(self, bag: BagSource, survey: Survey) -> None:
+        path = path_of(bag)
         self.name = path.name
-        self._path = path
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
         notes = list(guess.remarks)
@@ -79,7 +81,7 @@ class BagFrames:
         self.cautions: Sequence[str] = cautions
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
-        self._track = ego_track(path, survey, notes)
+        self._track = ego_track(bag, survey, notes)
         self._body_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self.stamps_ns = frames.stamps_ns
@@ -91,7 +93,7 @@ class BagFrames:
             stream: _places(topic, survey, frames, stream)
             for stream, topic in frame_topics(self._plan).items()
         }
-        self._messages = PlacedMessages(path, set(frame_topics(self._plan).values()))
+        self._messages = PlacedMessages(bag, set(frame_topics(self._plan).values()))
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
@@ -218,12 +220,12 @@ def _identified(cuboid: Cuboid) -> Cuboid:
     return replace(cuboid, kind=class_name(cuboid.kind), track_id=own_number(cuboid.identity))
 
 
-def ego_track(path: Path, survey: Survey, notes: list[str]) -> EgoTrack | None:
+def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """The poses that odometry would be made of, if any."""
     try:
-        plan = guess_plan(survey, Layout.ODOMETRY, path).plan
+        plan = guess_plan(survey, Layout.ODOMETRY, path_of(bag)).plan
         losses = LossTally()
-        track = read_track([path], plan, survey, losses)
+        track = read_track([bag], plan, survey, losses)
     except KittiRos2Error as error:
         notes.append(str(error))
         return None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..bags.locate import is_bag
-from ..bags.reader import bag_stamps
+from ..bags.reader import OpenBag, bag_stamps
 from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
@@ -77,7 +77,8 @@ def gather(
         KittiRos2Error: It is nothing that can be read.
     """
     if is_bag(path, options.layout):
-        return _gather_bag(path, _Steps(progress))
+        with OpenBag(path) as bag:
+            return _gather_bag(bag, _Steps(progress))
     return _gather_recording(open_recording(path, options), path, _Steps(progress))
 
 
@@ -114,29 +115,29 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
     return _report(overview, streams, findings, seen)
 
 
-def _gather_bag(path: Path, steps: _Steps) -> Report:
-    overview = inspect_bag(path)
+def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
+    overview = inspect_bag(bag)
     findings: list[Finding] = []
     if not any(series.count for series in overview.series):
         findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
         return _report(overview, [], findings, _Frames())
     steps.expect(2)
-    survey = look([path])
+    survey = look([bag])
     steps.step()
-    own = open_own_recording(path, survey)
-    streams = bag_streams(overview.series, bag_stamps(path), survey, overview.clock, findings)
+    own = open_own_recording(bag, survey)
+    streams = bag_streams(overview.series, bag_stamps(bag), survey, overview.clock, findings)
     steps.step()
     counts = {series.name: series.count for series in overview.series}
-    absent = (loss for loss in missing_from(path, counts) if loss.text() not in survey.losses)
+    absent = (loss for loss in missing_from(bag, counts) if loss.text() not in survey.losses)
     findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
     findings += _of_transforms(overview, survey, own)
     try:
-        source = BagFrames(path, survey) if own is None else RecordingFrames(own, path.name)
+        source = BagFrames(bag, survey) if own is None else RecordingFrames(own, bag.path.name)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
-        seen = _Frames(route=_route_alone(path, survey))
+        seen = _Frames(route=_route_alone(bag, survey))
     else:
         findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
         with closing(source):
@@ -168,9 +169,9 @@ def _route_along(source: BagFrames) -> Route | None:
     return route_of(found.stamps_ns.tolist(), places)
 
 
-def _route_alone(path: Path, survey: Survey) -> Route | None:
+def _route_alone(bag: OpenBag, survey: Survey) -> Route | None:
     """The poses of a bag that has nothing else to make frames of."""
-    found = ego_track(path, survey, [])
+    found = ego_track(bag, survey, [])
     if found is None:
         return None
     stamps_ns = found.track.stamps_ns

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..bags.reader import bag_stamps, open_messages, summarize_bag
+from ..bags.reader import bag_stamps, open_messages, opened, summarize_bag
 from ..bags.summary import TopicSummary, summarize_topic
 from ..exporter.schedule import frames_of
 from ..messages.camera_info import (
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagSummary
+    from ..bags.reader import BagSource, BagSummary
     from ..kitti.recording import KittiRecording
     from ..model.geometry import Transform
     from ..model.losses import Loss
@@ -139,22 +139,23 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
     )
 
 
-def inspect_bag(path: Path) -> Overview:
+def inspect_bag(source: BagSource) -> Overview:
     """What a bag holds: its index, and the first camera_info and static transforms.
 
     Raises:
         BadBagError: It is no bag, or cannot be read at all.
     """
-    summary = summarize_bag(path)
-    own = any(topic.name == RECORDING and topic.count for topic in summary.topics)
-    numbered = number_bag(path, bag_stamps(path), by_header=False) if own else None
+    with opened(source) as bag:
+        summary = summarize_bag(bag)
+        own = any(topic.name == RECORDING and topic.count for topic in summary.topics)
+        numbered = number_bag(bag, bag_stamps(bag), by_header=False) if own else None
+        cameras, links, notes = _bag_calibration(bag, summary)
     clock = Clock.UTC if numbered is None else numbered.clock
     times = _times(summary.topics, clock)
-    cameras, links, notes = _bag_calibration(path, summary)
     incomplete = 'parts of the bag are missing or damaged; whole messages are counted'
     cut = () if summary.complete else (incomplete,)
     return Overview(
-        path=path,
+        path=bag.path,
         kind=summary.container,
         name=', '.join(file.name for file in summary.files[:3])
         + (' ...' if len(summary.files) > 3 else ''),
@@ -234,7 +235,7 @@ def _recording_calibration(recording: KittiRecording) -> Calibrated:
     return tuple(cameras), _link_glances(links), notes + nominal
 
 
-def _bag_calibration(path: Path, summary: BagSummary) -> Calibrated:
+def _bag_calibration(bag: BagSource, summary: BagSummary) -> Calibrated:
     infos = {
         topic.name for topic in summary.topics if topic.msgtype == _CAMERA_INFO and topic.count
     }
@@ -249,7 +250,7 @@ def _bag_calibration(path: Path, summary: BagSummary) -> Calibrated:
     if not infos and not due:
         return (), (), ()
     try:
-        with open_messages(path, infos | set(statics)) as messages:
+        with open_messages(bag, infos | set(statics)) as messages:
             for message in messages:
                 if message.topic in statics and due:
                     due -= 1
