@@ -16,9 +16,9 @@ from foxglove import Channel, Schema
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
-from ..player.audience import Audience
 from ..player.program import Outlet
 from ..player.source import STATE
+from ..player.transport import Audience
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ _RENEW_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
 
 
-class Channels:
+class ViewerChannels:
     """The channels of a program, and one for the player's state; the Transport of a session.
 
     Args:

@@ -18,26 +18,26 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..options.table import PlaySettings
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 
 def run_bridge(
     source: str,
     settings: PlaySettings,
     port: int,
-    ending: Ending,
+    stop_request: StopRequest,
     say: Callable[[str], None],
     complain: Callable[[str], None],
     *,
     keyboard: bool,
 ) -> int:
-    """Play until the ending is set, or everything is played and nothing is to be done at the end.
+    """Play until a stop is requested, or everything is played and nothing is to be done at the end.
 
     Args:
         source: KITTI folder or bag.
         settings: How it is played.
         port: TCP port on this machine; 0 takes a free one.
-        ending: Tells when to end.
+        stop_request: Tells when to end.
         say: Told what is played, where to see it, and what keys do.
         complain: Told of what cannot be played.
         keyboard: Whether the keys of a terminal control it.
@@ -55,14 +55,14 @@ def run_bridge(
     with ExitStack() as stack:
         stack.callback(program.close)
         server = ViewerServer(program, settings, port, complain)
-        server.on_ended = ending.set
+        server.on_ended = stop_request.set
         say(describe(program))
         say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
         for note in program.notes():
             complain(note)
         stack.callback(server.stop)
         server.start()
-        return play_to_the_end(server, ending, say, keyboard=keyboard)
+        return play_to_the_end(server, stop_request, say, keyboard=keyboard)
 
 
 def _refuse(settings: PlaySettings) -> None:

@@ -22,7 +22,7 @@ from ..model.text import one_line
 from ..options.playback import RATES
 from ..player.session import Session
 from ..player.state import encode_state
-from .channels import Channels
+from .channels import ViewerChannels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,7 +92,7 @@ class ViewerServer(ServerListener):
         self._state_ns = 0
         self._stopped = False
         self._context = Context()  # the SDK does not hold it
-        self._channels = Channels(program, self._context, self._tell_time, self._tell_jump)
+        self._channels = ViewerChannels(program, self._context, self._tell_time, self._tell_jump)
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )

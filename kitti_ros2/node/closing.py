@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 EXIT_S = 1.8
 """Of the 2 s that an exit may take; the rest is the interpreter's."""
@@ -28,15 +28,15 @@ class Closing:
     """Calls its callbacks when it is left, the last one first, in bounded time.
 
     Args:
-        ending: Told to abandon what is not closed in time.
+        stop_request: Told to abandon what is not closed in time.
 
     Attributes:
         seconds: How long the callbacks may take.
     """
 
-    def __init__(self, ending: Ending) -> None:
+    def __init__(self, stop_request: StopRequest) -> None:
         self.seconds = EXIT_S
-        self._ending = ending
+        self._stop_request = stop_request
         self._stack = ExitStack()
         self._error: BaseException | None = None
 
@@ -57,7 +57,7 @@ class Closing:
         thread.start()
         thread.join(self.seconds)
         if thread.is_alive():
-            self._ending.abandon()
+            self._stop_request.abandon()
         if self._error is not None:
             raise self._error
 

@@ -77,7 +77,7 @@ class Typestore(Protocol):
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """One field of a message.
 
     Attributes:
@@ -118,13 +118,13 @@ def split_name(msgtype: str) -> tuple[str, str, str]:
     return package, folder, name
 
 
-def fields_of(msgtype: str, typestore: Typestore) -> list[Field]:
+def fields_of(msgtype: str, typestore: Typestore) -> list[MessageField]:
     """The fields of a message type; as in C, an empty message has a filler."""
     if msgtype not in typestore.fielddefs:
         raise LackingError(f'{msgtype}: no definition of this message type is known')
     described = typestore.fielddefs[msgtype][1]
     if not described:
-        return [Field('structure_needs_at_least_one_member', 'uint8')]
+        return [MessageField('structure_needs_at_least_one_member', 'uint8')]
     return [_parse(msgtype, name, *description) for name, description in described]
 
 
@@ -172,7 +172,7 @@ def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
     }
 
 
-def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa: ANN401 - nested
+def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> MessageField:  # noqa: ANN401 - nested
     shape, length = Shape.ONE, 0
     if node.name in {'ARRAY', 'SEQUENCE'}:
         (node_of_element, rest_of_element), length = rest
@@ -180,11 +180,11 @@ def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa
         shape = Shape.ARRAY if node.name == 'ARRAY' else shape
         node, rest = node_of_element, rest_of_element
     if node.name == 'NAME':
-        return Field(name, _MESSAGE, nested=rest, shape=shape, length=length)
+        return MessageField(name, _MESSAGE, nested=rest, shape=shape, length=length)
     kind, string_bound = rest
     if kind not in _KINDS:
         raise LackingError(
             f'{msgtype}: its field {name} is a {kind}, which no type built at run time can hold;'
             f' install the package {split_name(msgtype)[0]}'
         )
-    return Field(name, kind, string_bound=string_bound, shape=shape, length=length)
+    return MessageField(name, kind, string_bound=string_bound, shape=shape, length=length)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..model.errors import LackingError
-from ..player.audience import Audience
+from ..player.transport import Audience
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
 from .message_types import message_class

@@ -20,18 +20,18 @@ from .player import KittiPlayer
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 
 def run_player(
-    values: Mapping[str, Any], ros_args: Sequence[str], ending: Ending, *, keyboard: bool
+    values: Mapping[str, Any], ros_args: Sequence[str], stop_request: StopRequest, *, keyboard: bool
 ) -> int:
-    """Play until everything is played, or the ending is set, or ROS shuts down.
+    """Play until everything is played, or a stop is requested, or ROS shuts down.
 
     Args:
         values: Parameters by name; they win over those in ros_args.
         ros_args: From --ros-args on.
-        ending: Tells when to end.
+        stop_request: Tells when to end.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
@@ -44,20 +44,22 @@ def run_player(
     """
     favour_what_is_due()
     context = start_ros(ros_args)
-    with Closing(ending) as closing:
+    with Closing(stop_request) as closing:
         closing.callback(context.try_shutdown)
         node = create_node(lambda: KittiPlayer(to_parameters(values), context=context))
-        node.on_ended = ending.set
+        node.on_ended = stop_request.set
         closing.callback(node.destroy_node)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         node.start()
         closing.callback(node.stop)
         stop = threading.Event()
-        thread = threading.Thread(target=_spin, args=(executor, stop, ending.set), name='executor')
+        thread = threading.Thread(
+            target=_spin, args=(executor, stop, stop_request.set), name='executor'
+        )
         thread.start()
         closing.callback(_end_spin, executor, stop, thread)
-        losses = play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
+        losses = play_to_the_end(node, stop_request, node.get_logger().info, keyboard=keyboard)
         if node.session.late:
             closing.seconds -= LAST_WAIT_S
         return losses

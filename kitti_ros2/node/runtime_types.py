@@ -16,7 +16,7 @@ from . import rosidl_structs as structs
 from .message_fields import HASH_PREFIX, Shape, defined_hash, fields_of, references_of, split_name
 
 if TYPE_CHECKING:
-    from .message_fields import Field, Typestore
+    from .message_fields import MessageField, Typestore
 
 _DEPENDENCY_RULE = '=' * 80  # in a generated definition, stands before those it refers to
 _ENCAPSULATION_SIZE = 4
@@ -193,7 +193,7 @@ class RuntimeType:
             )
         )
 
-    def _make_member(self, field: Field) -> structs.MessageMember:
+    def _make_member(self, field: MessageField) -> structs.MessageMember:
         nested = self.nested.get(field.nested)
         member = structs.MessageMember(
             field.name.encode(),

@@ -37,7 +37,7 @@ class MovieError(KittiRos2Error):
         )
 
 
-class _Encoder(Protocol):
+class _MovieEncoder(Protocol):
     def write(self, picture: Pixels) -> None: ...
 
     def close(self) -> None: ...
@@ -59,7 +59,7 @@ class Movie:
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._path = path
         self._rate_hz = rate_hz
-        self._encoder: _Encoder | None = None
+        self._encoder: _MovieEncoder | None = None
         self._size = (0, 0)
         self.codec = 'H.264' if has_h264() else 'MPEG-4 Part 2'
 

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING
 
 from ..messages.cdr import restamp_message
 from ..messages.markers import encode_clear
-from ..messages.naming import Frames
+from ..messages.naming import FrameNames
 from ..options.playback import Stamps
-from .audience import Reception, SubscriberWait
-from .playback import Idle, Jump, Playback, Send, Tick
+from .playback import Playback
+from .playback_events import Idle, Jump, Send, Tick
 from .read_ahead import ReadAhead
+from .transport import Reception, SubscriberWait
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from ..options.table import PlaySettings
-    from .playback import Event
+    from .playback_events import Event
     from .program import Due, Program
     from .transport import Transport
 
@@ -268,7 +269,7 @@ class Session:
         """Delete markers of another time that nothing has replaced."""
         for outlet in sorted(self._stale):
             stamp_ns = self.playback.state().stamp_ns
-            (data,) = encode_clear(stamp_ns, Frames().map)
+            (data,) = encode_clear(stamp_ns, FrameNames().map)
             self._transport.publish(outlet, bytes(data), stamp_ns)
         self._stale.clear()
 

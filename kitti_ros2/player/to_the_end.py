@@ -16,8 +16,20 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from .ending import Ending
     from .session import Session
+
+
+class StopRequest(Protocol):
+    """What the main thread of a player waits for."""
+
+    def set(self) -> None:
+        """Let the wait end; from any thread or signal handler."""
+
+    def wait(self) -> None:
+        """Wait for it."""
+
+    def abandon(self) -> None:
+        """Let the process end without what cannot be closed."""
 
 
 class Player(Controlled, Protocol):
@@ -36,13 +48,13 @@ class Player(Controlled, Protocol):
 
 
 def play_to_the_end(
-    player: Player, ending: Ending, say: Callable[[str], None], *, keyboard: bool
+    player: Player, stop_request: StopRequest, say: Callable[[str], None], *, keyboard: bool
 ) -> int:
-    """Wait until the ending is set, by the player or from outside.
+    """Wait until the stop_request is set, by the player or from outside.
 
     Args:
-        player: Has begun, and sets the ending when everything is played.
-        ending: Tells when to end.
+        player: Has begun, and sets the stop_request when everything is played.
+        stop_request: Tells when to end.
         say: Told what a key did, in a line.
         keyboard: Whether the keys of a terminal control it.
 
@@ -56,11 +68,11 @@ def play_to_the_end(
     """
     with ExitStack() as stack:
         if keyboard:
-            keys = stack.enter_context(player_keyboard(player, say, ending.set))
+            keys = stack.enter_context(player_keyboard(player, say, stop_request.set))
             if keys.listening:
                 sys.stderr.write(f'{HELP}\n')
         gc.freeze()
-        ending.wait()
+        stop_request.wait()
         if player.error is not None:
             raise player.error
         session = player.session

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
-from .archetypes import TABLE, Vectors
-from .entry import TIME, Shower, entity_path
-from .survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
+from .archetypes import TABLE, VectorConverter
+from .entities import TIME, Converter, entity_path
+from .program_survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
 
 if TYPE_CHECKING:
-    from .survey import Survey
+    from .program_survey import ProgramSurvey
 
 _MARKERS = ('visualization_msgs/msg/MarkerArray', 'visualization_msgs/msg/Marker')
 _FIX = ('sensor_msgs/msg/NavSatFix',)
@@ -24,7 +24,7 @@ _BACKGROUND_RGB = (13, 16, 17)
 _LOOK_AT_M = (8.0, 0.0, 0.0)
 
 
-def make_blueprint(survey: Survey) -> rrb.Blueprint:
+def make_blueprint(survey: ProgramSurvey) -> rrb.Blueprint:
     """The layout for a program's topics; views without data are left out."""
     cameras = chosen_cameras(survey)
     columns: list[rrb.Container | rrb.View] = [_space(survey, cameras)]
@@ -40,7 +40,7 @@ def make_blueprint(survey: Survey) -> rrb.Blueprint:
     )
 
 
-def chosen_cameras(survey: Survey) -> list[str]:
+def chosen_cameras(survey: ProgramSurvey) -> list[str]:
     """At most two image topics, one a camera: those with boxes first, then those in colour."""
     cameras: dict[str, str] = {}
     for image in survey.of_type(*IMAGES):  # the compressed one takes a tenth of the memory
@@ -55,12 +55,12 @@ def chosen_cameras(survey: Survey) -> list[str]:
     return sorted(cameras.values(), key=rank)[:_MOST_CAMERAS]
 
 
-def _boxed_images(survey: Survey) -> set[str]:
+def _boxed_images(survey: ProgramSurvey) -> set[str]:
     frames = [survey.frames.get(topic) for topic in survey.of_type(DETECTIONS_2D)]
     return {image for frame in frames if frame for image in survey.images_in(frame)}
 
 
-def _space(survey: Survey, cameras: list[str]) -> rrb.View:
+def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
     """The 3D view from behind the vehicle; of the cameras only the first, or they hide each other.
 
     Detections and markers often are the same boxes: then the detections are shown, as they have
@@ -82,7 +82,7 @@ def _space(survey: Survey, cameras: list[str]) -> rrb.View:
     )
 
 
-def _camera(survey: Survey, image: str) -> rrb.View:
+def _camera(survey: ProgramSurvey, image: str) -> rrb.View:
     """An image with the boxes on it, the three-dimensional ones projected."""
     solid = survey.of_type(DETECTIONS_3D) or survey.of_type(*_MARKERS)
     origin = entity_path(image)
@@ -93,12 +93,12 @@ def _camera(survey: Survey, image: str) -> rrb.View:
     )
 
 
-def _tabs(survey: Survey) -> list[rrb.Container | rrb.View]:
+def _tabs(survey: ProgramSurvey) -> list[rrb.Container | rrb.View]:
     tabs: list[rrb.Container | rrb.View] = [
         rrb.TimeSeriesView(origin=f'/{entity_path(topic, name)}', name=f'{topic} {name}')
         for topic, msgtype in survey.topics.items()
-        if issubclass(shower := TABLE.get(msgtype, Shower), Vectors)
-        for name in shower.names
+        if issubclass(converter := TABLE.get(msgtype, Converter), VectorConverter)
+        for name in converter.names
     ]
     tabs += [
         rrb.MapView(origin=f'/{entity_path(topic)}', name=topic) for topic in survey.of_type(*_FIX)

@@ -14,23 +14,23 @@ import rerun as rr
 
 from ..drawing.palette import rgb_of
 from ..model.boxes import DONT_CARE
-from .entry import Entry, Shower, entity_path, image_frame
-from .survey import DETECTIONS_3D, frame_name
+from .entities import Converter, EntityUpdate, entity_path, image_frame
+from .program_survey import DETECTIONS_3D, frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from ..model.geometry import Float64Array
-    from .entry import Moment
+    from .entities import TimePoint
 
 _DONT_CARE_RGB = (120, 120, 120)
 
 
-class Boxes3D(Shower):
+class Box3DConverter(Converter):
     """The boxes of a Detection3DArray topic."""
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """One entry, also of no boxes at all: those of the last message are gone."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """One update, also of no boxes at all: those of the last message are gone."""
         boxes = [each.bbox for each in message.detections]
         places = [each.center.position for each in boxes]
         turns = [each.center.orientation for each in boxes]
@@ -43,14 +43,14 @@ class Boxes3D(Shower):
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
-        yield Entry(self.path, [components], _frame_of(message))
+        yield EntityUpdate(self.path, [components], _frame_of(message))
 
 
-class Boxes2D(Shower):
+class Box2DConverter(Converter):
     """The boxes of a Detection2DArray topic, over the images of the camera they are of."""
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """One entry for each of those images; one by itself where there is none."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """One update for each of those images; one by itself where there is none."""
         survey = self.context.survey
         boxes = [each.bbox for each in message.detections]
         centers = [getattr(each.center, 'position', each.center) for each in boxes]
@@ -67,9 +67,9 @@ class Boxes2D(Shower):
         images = survey.images_in(frame)
         for image in images:
             path = entity_path(image, *self.topic.strip('/').split('/'))
-            yield Entry(path, [components], image_frame(image))
+            yield EntityUpdate(path, [components], image_frame(image))
         if not images:
-            yield Entry(self.path, [components], frame)
+            yield EntityUpdate(self.path, [components], frame)
 
 
 def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Quaternion]:

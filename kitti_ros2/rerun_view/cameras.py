@@ -15,7 +15,7 @@ import rerun as rr
 
 from ..model.geometry import Transform
 from ..rig.camera_info import camera_model
-from .entry import Entry, Shower, entity_path, image_frame
+from .entities import Converter, EntityUpdate, entity_path, image_frame
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
-    from .entry import Context, Moment
+    from .entities import Context, TimePoint
 
 _IMAGE_PLANE_M = 3.0
 _SAME = 1e-9
 
 
-class Pinholes(Shower):
+class PinholeConverter(Converter):
     """The pinholes of a CameraInfo topic, made anew when what it says changes."""
 
     def __init__(self, topic: str, context: Context) -> None:
@@ -38,7 +38,7 @@ class Pinholes(Shower):
         self._images = context.survey.images_of(topic)
         self._last: Hashable = None
 
-    def show(self, message: CameraInfo, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
+    def convert(self, message: CameraInfo, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
         """Nothing where nothing changed, or where the camera is not calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
         key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)
@@ -55,13 +55,13 @@ class Pinholes(Shower):
             yield from _pinhole(image, model, view)
 
 
-def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]:
+def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[EntityUpdate]:
     k, pinhole_t_frame = projection_of(model, view, rectified=is_rectified(image, model))
     frame = view.frame
     if np.abs(pinhole_t_frame.matrix() - np.eye(4)).max() > _SAME:
         frame_t_pinhole = pinhole_t_frame.inverse()
         frame = f'{image.strip("/")}/pinhole'
-        yield Entry(
+        yield EntityUpdate(
             entity_path(image, 'pinhole'),
             [
                 rr.Transform3D(
@@ -72,7 +72,7 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]
                 )
             ],
         )
-    yield Entry(
+    yield EntityUpdate(
         entity_path(image),
         [
             rr.Pinhole(

@@ -18,14 +18,14 @@ from ..messages.ros_types import Marker
 from ..model.geometry import Transform
 from ..model.stamps import from_sec_nanosec
 from .boxes import unit_quaternions
-from .entry import Entry, Shower, entity_path
-from .survey import frame_name
+from .entities import Converter, EntityUpdate, entity_path
+from .program_survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from ..model.geometry import Float64Array
-    from .entry import Context, Moment
+    from .entities import Context, TimePoint
 
 _KINDS = {
     Marker.CUBE: 'boxes',
@@ -49,7 +49,7 @@ _OTHERS = {
 }
 
 
-class Markers(Shower):
+class MarkerConverter(Converter):
     """The markers of a topic."""
 
     def __init__(self, topic: str, context: Context) -> None:
@@ -57,8 +57,8 @@ class Markers(Shower):
         self._shown: dict[tuple[str, int], Any] = {}
         self._groups: dict[tuple[str, str], list[Any]] = {}
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """An entry for each kind of marker in each frame, also of those that are gone."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """An update for each kind of marker in each frame, also of those that are gone."""
         markers = message.markers if hasattr(message, 'markers') else [message]
         for marker in markers:
             self._take(marker)
@@ -71,7 +71,7 @@ class Markers(Shower):
             self._groups.setdefault(key, []).append(marker)
         for (kind, frame), group in self._groups.items():
             path = entity_path(self.topic, kind, frame)
-            yield Entry(path, [_MAKERS[kind](group)], frame)
+            yield EntityUpdate(path, [_SHAPES[kind](group)], frame)
 
     def _take(self, marker: Any) -> None:  # noqa: ANN401 - a rosbags class
         key = (marker.ns, marker.id)
@@ -164,7 +164,7 @@ def _colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
     ]
 
 
-_MAKERS: dict[str, Callable[[list[Any]], rr.AsComponents]] = {
+_SHAPES: dict[str, Callable[[list[Any]], rr.AsComponents]] = {
     'boxes': _boxes,
     'lines': _lines,
     'arrows': _arrows,

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..player.program import Program
-    from .show import Report
+    from .show import ShowReport
 
 _BLOCK_BYTES = 1 << 20
 
 
-def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> Report:
+def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> ShowReport:
     """Show all messages of a program in a new file.
 
     Args:
@@ -39,7 +39,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     Raises:
         OSError: The file cannot be written; it is incomplete.
     """
-    writer = _Writer(path)
+    writer = _PipeToFile(path)
 
     def tell(done: int, size_bytes: int) -> None:
         writer.check()
@@ -70,7 +70,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     return report
 
 
-class _Writer:
+class _PipeToFile:
     """A thread that writes to a file what it reads; when it cannot, it reads on all the same."""
 
     def __init__(self, path: Path) -> None:

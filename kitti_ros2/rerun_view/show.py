@@ -15,15 +15,15 @@ from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
-from .entry import FRAME, TIME, Context, Curve, Moment
-from .rig import Rig
-from .survey import make_survey
+from .camera_rig import CameraRig
+from .entities import FRAME, TIME, Context, Curve, TimePoint
+from .program_survey import make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
     from ..player.program import Due, Program
-    from .entry import Shown
+    from .entities import Shown
 
 APPLICATION = 'kitti_ros2'
 
@@ -31,7 +31,7 @@ _AHEAD = 32
 
 
 @dataclass(frozen=True)
-class Report:
+class ShowReport:
     """What was shown.
 
     Attributes:
@@ -62,7 +62,7 @@ def make_recording(program: Program) -> rr.RecordingStream:
 
 def show(
     program: Program, stream: rr.RecordingStream, progress: Callable[[int, int], None]
-) -> Report:
+) -> ShowReport:
     """Show all messages of a program.
 
     Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
@@ -78,7 +78,7 @@ def show(
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
-    shown = _Show(program, stream, Context(survey, Rig(survey), notes.setdefault))
+    shown = _StreamLogger(program, stream, Context(survey, CameraRig(survey), notes.setdefault))
     every = frozenset(range(len(program.outlets)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
@@ -90,10 +90,10 @@ def show(
             for each in missing:
                 shown.losses[each.text] += each.messages
             for due in messages:
-                shown.take(due, Moment(due.stamp_ns, frame))
+                shown.take(due, TimePoint(due.stamp_ns, frame))
             progress(position + 1, shown.size_bytes)
     shown.finish()
-    return Report(
+    return ShowReport(
         shown.messages,
         len(np.unique(program.frames)),
         shown.size_bytes,
@@ -112,13 +112,13 @@ def _unshown(program: Program) -> list[str]:
     ]
 
 
-class _Show:
+class _StreamLogger:
     """What was logged so far."""
 
     def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
         self._program = program
         self._stream = stream
-        self._showers = {
+        self._converters = {
             index: TABLE[outlet.msgtype](outlet.name, context)
             for index, outlet in enumerate(program.outlets)
             if outlet.msgtype in TABLE
@@ -126,55 +126,55 @@ class _Show:
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
         self._keys: dict[int, Hashable] = {}
-        self.begin = Moment(int(program.stamps_ns[0]), int(program.frames[0]))
+        self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()
 
-    def take(self, due: Due, moment: Moment) -> None:
+    def take(self, due: Due, time: TimePoint) -> None:
         """Show a message that says something new; one that cannot be decoded is counted."""
-        shower = self._showers.get(due.outlet)
-        if shower is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
+        converter = self._converters.get(due.outlet)
+        if converter is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
             return
         self._keys[due.outlet] = due.key
         outlet = self._program.outlets[due.outlet]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
-            entries = list(shower.show(message, moment))
+            updates = list(converter.convert(message, time))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
             self.losses[f'{outlet.name}: {error}'] += 1
             return
         self.messages += 1
         self.size_bytes += len(due.data)
-        for entry in entries:
-            first = outlet.latched and entry.path not in self._frames
-            self._log(entry, self.begin if first else moment)
+        for update in updates:
+            first = outlet.latched and update.path not in self._frames
+            self._log(update, self.begin if first else time)
 
     def finish(self) -> None:
         """Show what was held back."""
-        for shower in self._showers.values():
-            for entry in shower.rest():
-                self._log(entry, self.begin)
+        for converter in self._converters.values():
+            for update in converter.flush():
+                self._log(update, self.begin)
 
-    def _log(self, entry: Shown, moment: Moment) -> None:
-        if isinstance(entry, Curve):
-            self._send(entry)
+    def _log(self, update: Shown, time: TimePoint) -> None:
+        if isinstance(update, Curve):
+            self._send(update)
             return
-        components = list(entry.components)
-        if self._frames.get(entry.path) != entry.frame:
-            self._frames[entry.path] = entry.frame
-            if entry.frame:
-                components.append(rr.CoordinateFrame(entry.frame))
+        components = list(update.components)
+        if self._frames.get(update.path) != update.frame:
+            self._frames[update.path] = update.frame
+            if update.frame:
+                components.append(rr.CoordinateFrame(update.frame))
         if components:
-            self._stream.set_time(TIME, timestamp=np.datetime64(moment.stamp_ns, 'ns'))
-            self._stream.set_time(FRAME, sequence=moment.frame)
-            self._stream.log(entry.path, *components)
-        if entry.always and entry.path not in self._always:
-            self._always.add(entry.path)
-            self._stream.log(entry.path, *entry.always, static=True)
+            self._stream.set_time(TIME, timestamp=np.datetime64(time.stamp_ns, 'ns'))
+            self._stream.set_time(FRAME, sequence=time.frame)
+            self._stream.log(update.path, *components)
+        if update.always and update.path not in self._always:
+            self._always.add(update.path)
+            self._stream.log(update.path, *update.always, static=True)
 
     def _send(self, curve: Curve) -> None:
-        stamps, frames = zip(*curve.moments, strict=True)
+        stamps, frames = zip(*curve.times, strict=True)
         columns = rr.Scalars.columns(scalars=np.array(curve.values).ravel())
         self._stream.send_columns(
             curve.path,

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..player.ending import Ending
     from ..player.program import Program
-    from .show import Report
+    from ..player.to_the_end import StopRequest
+    from .show import ShowReport
 
 _HOST = '127.0.0.1'
 _GRPC_PORT = 9876
@@ -116,7 +116,7 @@ class Viewer:
         if code is not None:
             raise UsageError(f'the viewer ended: {self._last_words()}; {self._instead}')
 
-    def show(self, program: Program, progress: Callable[[int, int], None]) -> Report:
+    def show(self, program: Program, progress: Callable[[int, int], None]) -> ShowReport:
         """Show all messages of a program; arguments as rerun_view.show has them.
 
         Raises:
@@ -136,8 +136,8 @@ class Viewer:
                 self.check()
                 return report
 
-    def wait(self, ending: Ending) -> None:
-        """Wait until the ending is set.
+    def wait(self, stop_request: StopRequest) -> None:
+        """Wait until a stop is requested.
 
         Raises:
             UsageError: The viewer ended before.
@@ -145,10 +145,10 @@ class Viewer:
 
         def watch() -> None:
             self._process.wait()
-            ending.set()
+            stop_request.set()
 
         threading.Thread(target=watch, daemon=True).start()
-        ending.wait()
+        stop_request.wait()
         self.check()
 
     def _wait_for(self, port: int) -> None:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player import audience
-from kitti_ros2.player.audience import Audience
 from kitti_ros2.player.program import Due, Outlet
 from kitti_ros2.player.session import LAST_WAIT_S, Session
+from kitti_ros2.player.transport import Audience
 
 SCAN, IMU, STATIC = range(3)
 POSITIONS = 6
@@ -120,7 +119,7 @@ class Run:
 
 @pytest.fixture(autouse=True)
 def settled_at_once(monkeypatch):
-    monkeypatch.setattr(audience, 'SETTLED_NS', 0)
+    monkeypatch.setattr('kitti_ros2.player.transport.SETTLED_NS', 0)
 
 
 def test_lossless_publishes_nothing_before_a_subscriber_is_there():

@@ -11,13 +11,13 @@ from ..rig.stereo import viewpoints
 if TYPE_CHECKING:
     from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
-    from .survey import Survey
+    from .program_survey import ProgramSurvey
 
 
-class Rig:
+class CameraRig:
     """The cameras of a recording, each as its last CameraInfo has it."""
 
-    def __init__(self, survey: Survey) -> None:
+    def __init__(self, survey: ProgramSurvey) -> None:
         self._tree = survey.tree()
         self._models = dict(survey.cameras)
 

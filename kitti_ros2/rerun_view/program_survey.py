@@ -39,7 +39,7 @@ _STAMPED = frozenset({CAMERA_INFO, CLOUD, DETECTIONS_2D, *IMAGES})
 
 
 @dataclass
-class Survey:
+class ProgramSurvey:
     """What the first moments tell.
 
     Attributes:
@@ -109,12 +109,12 @@ class Survey:
         return frame
 
 
-def make_survey(program: Program) -> Survey:
+def make_survey(program: Program) -> ProgramSurvey:
     """Look at the messages up to the first of every topic, but not at more than three seconds.
 
     What cannot be decoded tells nothing here.
     """
-    survey = Survey({outlet.name: outlet.msgtype for outlet in program.outlets})
+    survey = ProgramSurvey({outlet.name: outlet.msgtype for outlet in program.outlets})
     unseen = set(range(len(program.outlets)))
     for due in _first_moments(program):
         _note(survey, program, due, first=due.outlet in unseen)
@@ -134,7 +134,7 @@ def _first_moments(program: Program) -> Iterator[Due]:
         yield from program.fetch(index, every)[0]
 
 
-def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
+def _note(survey: ProgramSurvey, program: Program, due: Due, *, first: bool) -> None:
     outlet = program.outlets[due.outlet]
     try:
         if outlet.msgtype in _STAMPED and first:

@@ -15,22 +15,22 @@ if TYPE_CHECKING:
 
     from rerun import AsComponents
 
-    from .rig import Rig
-    from .survey import Survey
+    from .camera_rig import CameraRig
+    from .program_survey import ProgramSurvey
 
 TIME = 'time'
 FRAME = 'frame'
 
 
-class Moment(NamedTuple):
+class TimePoint(NamedTuple):
     """When a message is: nanoseconds since 1970, and the number of its frame."""
 
     stamp_ns: int
     frame: int
 
 
-class Entry(NamedTuple):
-    """Components for one entity, at the moment of their message.
+class EntityUpdate(NamedTuple):
+    """Components for one entity, at the time of their message.
 
     Attributes:
         path: Entity path, escaped as entity_path does it.
@@ -51,16 +51,16 @@ class Curve:
 
     Attributes:
         path: Entity path.
-        moments: In order of time.
-        values: Of each moment, all of the same number.
+        times: In order of time.
+        values: Of each time, all of the same number.
     """
 
     path: str
-    moments: list[Moment] = field(default_factory=list)
+    times: list[TimePoint] = field(default_factory=list)
     values: list[tuple[float, ...]] = field(default_factory=list)
 
 
-Shown: TypeAlias = 'Entry | Curve'
+Shown: TypeAlias = 'EntityUpdate | Curve'
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ class Context:
         note: Takes what is worth a word; the same word is told once.
     """
 
-    survey: Survey
-    rig: Rig
+    survey: ProgramSurvey
+    rig: CameraRig
     note: Callable[[str], object]
 
 
-class Shower:
+class Converter:
     """Shows the messages of one topic."""
 
     def __init__(self, topic: str, context: Context) -> None:
@@ -86,7 +86,7 @@ class Shower:
         self.path = entity_path(topic)
         self.context = context
 
-    def show(self, message: Any, moment: Moment) -> Iterable[Shown]:  # noqa: ANN401 - a rosbags class
+    def convert(self, message: Any, time: TimePoint) -> Iterable[Shown]:  # noqa: ANN401 - a rosbags class
         """What is to be shown now.
 
         Raises:
@@ -94,7 +94,7 @@ class Shower:
         """
         raise NotImplementedError
 
-    def rest(self) -> Iterable[Shown]:
+    def flush(self) -> Iterable[Shown]:
         """What is to be shown when there are no more messages."""
         return ()
 
