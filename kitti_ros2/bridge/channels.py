@@ -59,7 +59,7 @@ class ViewerChannels:
         self._outlets = list(program.outlets)
         self._channels = [_open(each, program.typestore, context) for each in self._outlets]
         self._state = len(self._outlets)
-        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1, on_demand=False)
+        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1)
         self._outlets.append(state)
         self._channels.append(_open(state, TYPESTORE, context))
         self._index = {each.name: index for index, each in enumerate(self._outlets)}

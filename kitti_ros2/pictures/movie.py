@@ -124,7 +124,6 @@ class _H264:
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int]) -> None:
         import av  # noqa: PLC0415 - an extra
 
-        self._path = path
         self._av = av
         self._file = av.open(str(path), 'w', format='mp4', options={'movflags': '+faststart'})
         rate = Fraction(rate_hz).limit_denominator(_MOST_DENOMINATOR)

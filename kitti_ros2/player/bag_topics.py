@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import LARGE_TYPES, match_names
+from ..messages.topics import match_names
 from ..model.errors import UsageError
 from .program import Outlet
 
@@ -97,13 +97,12 @@ class PlayedTopics:
                 msgtype,
                 topic in messages.latched,
                 messages.latched.get(topic, _DEPTH),
-                msgtype in LARGE_TYPES,
             )
             for topic, msgtype in messages.channels
             if topic in topics and topic in self.names
         ]
         return own + [
-            Outlet(name, IMAGE, latched=False, depth=_DEPTH, on_demand=True)
+            Outlet(name, IMAGE, latched=False, depth=_DEPTH)
             for name in self.names
             if self.sources.get(name) in topics
         ]

@@ -12,6 +12,7 @@ from ..exporter.encode import Encoder
 from ..exporter.schedule import make_schedule
 from ..messages.cdr import join
 from ..messages.ros_types import TYPESTORE
+from ..messages.topics import LARGE_TYPES
 from ..model.errors import describe_error
 from ..model.streams import Stream
 
@@ -35,14 +36,17 @@ class Outlet(NamedTuple):
         msgtype: Message type, such as sensor_msgs/msg/Imu.
         latched: Whether it is transient local, for subscribers that come late.
         depth: How many messages its publisher keeps.
-        on_demand: Whether its messages are large, and made only while somebody subscribes.
     """
 
     name: str
     msgtype: str
     latched: bool
     depth: int
-    on_demand: bool
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether its messages are large, and made only while a subscriber exists."""
+        return self.msgtype in LARGE_TYPES
 
 
 class Due(NamedTuple):
@@ -133,8 +137,7 @@ class RecordingProgram:
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.outlets: Sequence[Outlet] = [
-            Outlet(row.name, row.msgtype, row.latched, row.depth, row.on_demand)
-            for row in self._encoder.table
+            Outlet(row.name, row.msgtype, row.latched, row.depth) for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers

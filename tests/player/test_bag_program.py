@@ -127,7 +127,6 @@ def test_the_outlets_tell_what_the_topics_are(bag):
         assert latched == messages.latched
     assert '/tf_static' in latched
     for outlet in program.outlets:
-        assert outlet.on_demand == (outlet.msgtype in LARGE_TYPES)
         assert outlet.msgtype in program.typestore.fielddefs
 
 

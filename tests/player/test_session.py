@@ -23,9 +23,9 @@ class SmallProgram:
     workers = 1
     losses = ()
     outlets = (
-        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10, on_demand=True),
-        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10, on_demand=False),
-        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1, on_demand=False),
+        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10),
+        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10),
+        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1),
     )
 
     def __init__(self):
