@@ -104,7 +104,7 @@ class BagFrames:
         return Trajectory(stamps_ns, [pose @ self._body_t_imu for pose in poses])
 
     def close(self) -> None:
-        """As FrameSource has it."""
+        """See FrameSource."""
         self._messages.close()
 
     def _find_unit(self, survey: Survey) -> Transform:
@@ -116,7 +116,7 @@ class BagFrames:
         return tree.find(pose.body, unit) or Transform.identity()
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
-        """As FrameSource has it."""
+        """See FrameSource."""
         if not 0 <= number < len(self.numbers):
             last = len(self.numbers) - 1
             raise UsageError(f'{self.name} has no frame {number}; it has 0 to {last}')

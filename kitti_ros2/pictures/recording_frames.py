@@ -98,7 +98,7 @@ class RecordingFrames:
             self._samples = _nearest(recording, streams)
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
-        """As FrameSource has it."""
+        """See FrameSource."""
         place = int(np.searchsorted(self.numbers, number))
         if place == len(self.numbers) or self.numbers[place] != number:
             raise UsageError(

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Playback: the walk in time, and the controls of a player. No ROS, no disk.
+"""Playback: an event loop with controls. No ROS, no disk.
 
-One thread walks through Playback.events and does what each event says; any other thread may call
-the controls. The semantics are those of `ros2 bag play`, with frames in place of single messages.
+One thread iterates over Playback.events and handles each event; any other thread may call the
+controls. The semantics are those of `ros2 bag play`, with frames in place of single messages.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class PlaybackState:
-    """Where a playback stands.
+    """The state of a playback.
 
     Attributes:
-        frame: Number of the frame that was sent last, or comes first.
+        frame: Number of the last sent frame, or of the first one.
         stamp_ns: The recording's time, nanoseconds since 1970.
-        offset_ns: The same from the first stamp.
-        rate: Seconds of recording a second.
-        paused: Whether time stands still.
+        offset_ns: The same relative to the first stamp.
+        rate: Seconds of recording per second.
+        paused: Whether playback is paused.
         finished: Whether everything is sent.
-        round: The how-manieth time it is played, from 1.
+        round: Loop count, from 1.
         waiting: Whether it waits for subscribers before it begins.
     """
 
@@ -48,20 +48,20 @@ class PlaybackState:
 
 
 class Playback(PlaybackWalk):
-    """Plays positions 0 .. N-1 in time; arguments as PlaybackWalk has them."""
+    """Plays positions 0 .. N-1 in time; see PlaybackWalk for the arguments."""
 
     @property
     def options(self) -> PlaybackOptions:
-        """How it is played now."""
+        """The current options."""
         return self._options
 
     @property
     def stopped(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether a stop was requested."""
         return self._stopped
 
     def state(self) -> PlaybackState:
-        """Where it stands."""
+        """Return the current state."""
         with self._condition:
             stamp = self._time_ns(self._clock.now_ns())
             return PlaybackState(
@@ -76,18 +76,18 @@ class Playback(PlaybackWalk):
             )
 
     def _shown(self) -> int:
-        """Index of the frame of what was sent last."""
+        """Return the index of the frame of the last sent sample."""
         return bisect_right(self._frame_starts, max(0, self._position - 1)) - 1
 
     def pause(self) -> None:
-        """Let time stand still."""
+        """Pause."""
         with self._condition:
             if not self._paused:
                 self._hold()
             self._wake()
 
     def resume(self) -> None:
-        """Let time go on."""
+        """Resume."""
         with self._condition:
             if self._paused:
                 self._anchor_ns = self._earliest(self._clock.now_ns())
@@ -110,10 +110,10 @@ class Playback(PlaybackWalk):
         return not paused
 
     def change(self, **values: float) -> None:
-        """Take other values of rate, loop or step.
+        """Change rate, loop or step.
 
         Raises:
-            UsageError: A value is out of range; the old ones stay.
+            UsageError: A value is out of range; nothing is changed.
         """
         with self._condition:
             changed = replace(self._options, **values)  # type: ignore[arg-type] # by name
@@ -126,7 +126,7 @@ class Playback(PlaybackWalk):
         """Go to the first sample of a frame.
 
         Raises:
-            UsageError: There is no such frame.
+            UsageError: The frame does not exist.
         """
         with self._condition:
             index = bisect_left(self._frame_numbers, number)
@@ -138,13 +138,13 @@ class Playback(PlaybackWalk):
             self._wake()
 
     def seek(self, stamp_ns: int) -> None:
-        """Go to a time; what comes next is the first sample not before it.
+        """Go to a time; the first sample not before it is next.
 
         Args:
-            stamp_ns: Nanoseconds since 1970; one before the first is the first.
+            stamp_ns: Nanoseconds since 1970; clamped to the first stamp.
 
         Raises:
-            UsageError: It is after the last stamp.
+            UsageError: The time is after the last stamp.
         """
         with self._condition:
             if stamp_ns > self._stamps[-1]:
@@ -158,7 +158,7 @@ class Playback(PlaybackWalk):
         """Go to the frame of the last sample not after a time and, while paused, play it at once.
 
         Args:
-            stamp_ns: Nanoseconds since 1970; one before the first is the first.
+            stamp_ns: Nanoseconds since 1970; clamped to the first stamp.
         """
         with self._condition:
             last = max(0, bisect_right(self._stamps, stamp_ns) - 1)
@@ -170,14 +170,14 @@ class Playback(PlaybackWalk):
             self._wake()
 
     def seek_offset(self, offset_ns: int) -> None:
-        """Go to a time from the first stamp, in nanoseconds; see seek."""
+        """Go to a time relative to the first stamp, in nanoseconds; see seek."""
         self.seek(self._stamps[0] + offset_ns)
 
     def play_next(self, timeout: float = 5.0) -> bool:
-        """Play the next frames while paused, at once; `step` of the options says how many.
+        """Play the next frames at once while paused; the option `step` is their number.
 
         Returns:
-            Whether something was played: not while time runs, nor at the end.
+            Whether something was played: False while not paused, and at the end.
         """
         with self._condition:
             if not self._paused or self._position >= len(self._stamps):
@@ -195,10 +195,10 @@ class Playback(PlaybackWalk):
         return self._stopped or self._completed >= target
 
     def play_previous(self, timeout: float = 5.0) -> bool:
-        """While paused, go back by a frame and play it.
+        """Go back one frame while paused, and play it.
 
         Returns:
-            Whether there is one before.
+            Whether a previous frame exists.
         """
         with self._condition:
             frame = self._shown() - 1
@@ -211,14 +211,14 @@ class Playback(PlaybackWalk):
             return self._condition.wait_for(lambda: self._arrived(target), timeout)
 
     def burst(self, messages: int, timeout: float = 60.0) -> int:
-        """Play some messages at once while paused; whole samples, so it may be a few more.
+        """Play some messages at once while paused; whole samples, so possibly a few more.
 
         Args:
-            messages: How many; 0 takes all that are left.
-            timeout: Seconds to wait for it.
+            messages: Their number; 0 plays all that remain.
+            timeout: Seconds to wait.
 
         Returns:
-            How many were played.
+            The number of messages played.
         """
         with self._condition:
             if not self._paused:
@@ -234,7 +234,7 @@ class Playback(PlaybackWalk):
         return self._stopped or not self._burst_left or self._completed >= len(self._stamps)
 
     def stop(self) -> None:
-        """End it."""
+        """Stop."""
         with self._condition:
             self._stopped = True
             self._wake()

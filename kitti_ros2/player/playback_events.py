@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The events of a playback, and the clock that they are due by. No ROS, no disk."""
+"""The events of a playback, and the clock that schedules them. No ROS, no disk."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Send:
 
 @dataclass(frozen=True)
 class Jump:
-    """The position was moved: what subscribers keep of another time must be renewed."""
+    """A seek: resend latched messages, delete stale markers."""
 
     position: int
     stamp_ns: int
@@ -30,14 +30,14 @@ class Jump:
 
 @dataclass(frozen=True)
 class Tick:
-    """The recording's time is to be told."""
+    """The recording's time is due for publishing."""
 
     stamp_ns: int
 
 
 @dataclass(frozen=True)
 class Idle:
-    """Nothing is due for a while: so many nanoseconds, None while paused or waiting."""
+    """Nothing is due for a number of nanoseconds; None while paused or waiting."""
 
     for_ns: int | None
 
@@ -46,24 +46,24 @@ Event: TypeAlias = 'Send | Jump | Tick | Idle'
 
 
 class PlaybackClock(Protocol):
-    """Steady time, and waiting in it."""
+    """A steady clock that can wait."""
 
     def now_ns(self) -> int:
-        """Nanoseconds that only ever grow."""
+        """Return monotonic time in nanoseconds."""
 
     def wait(self, condition: threading.Condition, seconds: float | None) -> None:
-        """Wait for a notification, at most so long; the condition is held."""
+        """Wait for a notification or a timeout; the condition is held."""
 
 
 class SteadyClock:
-    """The machine's own."""
+    """The monotonic clock of the machine."""
 
     @staticmethod
     def now_ns() -> int:
-        """As PlaybackClock has it."""
+        """See PlaybackClock."""
         return time.monotonic_ns()
 
     @staticmethod
     def wait(condition: threading.Condition, seconds: float | None) -> None:
-        """As PlaybackClock has it."""
+        """See PlaybackClock."""
         condition.wait(seconds)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The walk of a playback: which event is due when. No ROS, no disk."""
+"""The event loop of a playback: which event is due when. No ROS, no disk."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _SECOND = 1_000_000_000
 _LONG_WAIT_NS = 4_000_000
 _IDLE_EVERY_NS = 50_000_000
-"""A long wait is an opportunity for other work: at its beginning, and again and again."""
+"""During a long wait other work may run: at its beginning, and at this interval."""
 
 
 class PlaybackWalk:
@@ -30,8 +30,8 @@ class PlaybackWalk:
 
     Args:
         stamps_ns: (N,) int64 nanoseconds, ascending; N > 0.
-        frames: (N,) int64 frame numbers, never falling.
-        options: How it is played.
+        frames: (N,) int64 frame numbers, never decreasing.
+        options: Playback options.
         clock: Steady time.
     """
 
@@ -67,7 +67,7 @@ class PlaybackWalk:
         self._next_tick = now
 
     def events(self) -> Iterator[Event]:
-        """What to do, each when it is due; ends when all is played, or stopped."""
+        """Yield each event when it is due, until all is played or playback is stopped."""
         with self._condition:
             self._next_tick = self._clock.now_ns()
             self._start_delay()
@@ -81,7 +81,7 @@ class PlaybackWalk:
             yield event
 
     def sent(self, messages: int) -> None:
-        """Tell how many messages the last Send became."""
+        """Report the number of messages published for the last Send."""
         if self._burst_left:
             with self._condition:
                 self._burst_left = max(0, self._burst_left - messages)
@@ -123,7 +123,7 @@ class PlaybackWalk:
         return self._position < self._rush_until or self._burst_left > 0
 
     def _due_ns(self, now: int) -> int | None:
-        """When the next thing is due, steady time; None while paused."""
+        """Return when the next event is due, steady time; None while paused."""
         at_end = self._position >= len(self._stamps)
         if self._rushing and not at_end:
             return now
@@ -138,7 +138,7 @@ class PlaybackWalk:
         return self._anchor_ns + int(ahead / rate)
 
     def _begin_again(self) -> bool:
-        """At the end: begin the next round or hold; False when it is over."""
+        """At the end, begin the next round or pause; False if playback is over."""
         if self._options.loop == 0 or self._round < self._options.loop:
             self._round += 1
             self._move(0, self._stamps[0])
@@ -160,7 +160,7 @@ class PlaybackWalk:
     # Time.
 
     def _time_ns(self, now: int) -> int:
-        """The recording's time; never beyond what is still to be sent."""
+        """Return the recording's time; never later than the next unsent sample."""
         stamp = self._anchor_stamp
         if not (self._paused or self._waiting or self._options.lossless):
             stamp += max(0, int((now - self._anchor_ns) * self._options.rate))
@@ -176,7 +176,7 @@ class PlaybackWalk:
         self._anchor_ns = self._begin_ns
 
     def _earliest(self, now: int) -> int:
-        """When time may run: not during the delay."""
+        """Return when time may run at the earliest: not during the delay."""
         return max(now, self._begin_ns)
 
     def _hold(self) -> None:

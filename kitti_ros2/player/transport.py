@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Who receives what is played: the wait for subscribers, and the messages that had none."""
+"""The interface between a session and its middleware or server, and statistics of subscribers."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 SETTLED_NS = 1_000_000_000
-"""How long the subscriptions must be the same before it begins.
+"""How long the subscriptions must stay unchanged before playback begins.
 
-`ros2 bag record -a` looks for topics ten times a second and subscribes to what it finds one topic
-after the other; the first match alone would lose what is not matched yet.
+`ros2 bag record -a` looks for topics ten times a second and subscribes to them one by one;
+starting at the first match would lose messages of topics that are not matched yet.
 """
 
 
 class Audience(NamedTuple):
-    """Who subscribes to the topics that are played.
+    """The subscribers of the topics that are played.
 
     Attributes:
-        subscribers: Nodes with a matched subscription to at least one of them.
-        subscriptions: Matched subscriptions, of all topics together.
+        subscribers: Nodes with a matched subscription to at least one of the topics.
+        subscriptions: Matched subscriptions of all topics.
     """
 
     subscribers: int
@@ -31,51 +31,51 @@ class Audience(NamedTuple):
 
 
 class Transport(Protocol):
-    """What carries the messages of a program to its subscribers; used by one thread.
+    """The carrier of the messages of a program: a middleware or a server; used by one thread.
 
     Attributes:
-        complaints: By outlet why its topic cannot be published.
+        complaints: Outlets that cannot be published, with the reason.
     """
 
     @property
     def complaints(self) -> Mapping[int, str]: ...  # noqa: D102 - see above
 
     def look(self) -> frozenset[int]:
-        """The outlets on demand that have a subscriber now."""
+        """Return the on-demand outlets that have a subscriber now."""
 
     def wanted(self, now_ns: int) -> frozenset[int]:
-        """The same, as of the last look, unless that is old; now_ns is steady time."""
+        """Return the same, cached for a short time; now_ns is steady time."""
 
     def audience(self) -> Audience:
-        """Who subscribes now."""
+        """Count the current subscribers."""
 
     def has_subscriber(self, outlet: int) -> bool:
-        """Whether anybody subscribes to an outlet now."""
+        """Whether an outlet has a subscriber now."""
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
-        """Publish serialised data; stamp_ns is the time in the recording that it is of."""
+        """Publish serialised data; stamp_ns is its time in the recording."""
 
     def make_room(self, outlet: int, seconds: float) -> bool:
-        """Wait until an outlet has room for a message more; whether it has."""
+        """Wait until an outlet has room for one more message; return whether it has."""
 
     def tell_time(self, stamp_ns: int) -> None:
-        """Tell the recording's time."""
+        """Publish the recording's time."""
 
     def jump(self, stamp_ns: int) -> None:
-        """The position was moved to a time: what subscribers keep of another one is void."""
+        """Announce a seek to a time: what subscribers hold of another time is outdated."""
 
     def finish(self, seconds: float) -> tuple[str, ...]:
-        """Wait until everything has arrived; the topics of what has not."""
+        """Wait until all messages have arrived; return the topics whose messages have not."""
 
     def close(self) -> None:
-        """Take the topics away."""
+        """Remove the topics."""
 
 
 class SubscriberWait:
-    """Decides when to begin: enough subscribers, and none has subscribed to more for a while.
+    """Decides when to begin: enough subscribers, and no new subscription for SETTLED_NS.
 
     Args:
-        needed: How many subscribers; 0 does not wait.
+        needed: Number of subscribers; 0 does not wait.
     """
 
     def __init__(self, needed: int) -> None:
@@ -84,27 +84,27 @@ class SubscriberWait:
         self._since_ns = 0
 
     def over(self, audience: Audience, now_ns: int) -> bool:
-        """Whether to begin, by the audience of this moment; now_ns is steady time."""
+        """Whether to begin, given the current audience; now_ns is steady time."""
         if audience != self._audience:
             self._audience, self._since_ns = audience, now_ns
         enough = audience.subscribers >= self.needed
         return enough and now_ns - self._since_ns >= SETTLED_NS
 
     def beginning(self) -> str:
-        """Describe what is waited for, in a line."""
+        """Return the message shown when the wait begins, one line."""
         nodes = 'a subscriber' if self.needed == 1 else f'{self.needed} subscribers'
-        return f'waiting for {nodes}; --wait-for 0 begins at once'
+        return f'waiting for {nodes}; --wait-for 0 starts at once'
 
     def ending(self) -> str:
-        """Describe who came, in a line."""
+        """Return the message shown when the wait ends, one line."""
         subscribers, subscriptions = self._audience
         return f'subscribers: {subscribers}, with {subscriptions} subscriptions'
 
 
 class Reception:
-    """Counts messages, and those that had no subscriber when they were due, by topic.
+    """Counts messages with and without a subscriber at the time they were due, by topic.
 
-    Latched messages do not belong here: they are kept for whoever comes later.
+    Latched messages are not counted: late subscribers receive them.
     """
 
     def __init__(self) -> None:
@@ -116,8 +116,8 @@ class Reception:
         (self._received if received else self._missed)[outlet] += 1
 
     def describe(self) -> str:
-        """Describe the messages that had no subscriber, in a line; empty where all had one."""
-        missed, received = dict(self._missed), dict(self._received)  # another thread counts on
+        """Describe the messages without a subscriber in one line; empty if all had one."""
+        missed, received = dict(self._missed), dict(self._received)  # another thread keeps counting
         count = sum(missed.values())
         if not count:
             return ''

@@ -128,7 +128,7 @@ def test_lossless_publishes_nothing_before_a_subscriber_is_there():
     run.to_the_end()
     assert transport.happened[:4] == [(0, 0), (0, 0), (1, 2), IMU]
     assert run.said == [
-        'waiting for a subscriber; --wait-for 0 begins at once',
+        'waiting for a subscriber; --wait-for 0 starts at once',
         'subscribers: 1, with 2 subscriptions',
     ]
 
