@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the player for viewers until it ends or is told to."""
+"""Runs the player for viewers until it ends or a stop is requested."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ def run_bridge(
     *,
     keyboard: bool,
 ) -> int:
-    """Play until a stop is requested, or everything is played and nothing is to be done at the end.
+    """Play until a stop is requested, or everything is played and the end is no pause.
 
     Args:
         source: KITTI folder or bag.
-        settings: How it is played.
+        settings: Playback settings.
         port: TCP port on this machine; 0 takes a free one.
-        stop_request: Tells when to end.
-        say: Told what is played, where to see it, and what keys do.
-        complain: Told of what cannot be played.
+        stop_request: The request to stop.
+        say: Called with lines about the program, its address, and keys.
+        complain: Called with each reason why something cannot be played.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, and what was
-        missing from the start; 0 when it was told to end.
+        The number of losses if everything was played: messages that could not be made, and data
+        missing from the start; 0 if a stop was requested.
 
     Raises:
-        KittiRos2Error: The source cannot be played, or the port cannot be had.
+        KittiRos2Error: The source cannot be played, or the port is not available.
     """
     _refuse(settings)
     favour_what_is_due()
@@ -66,7 +66,7 @@ def run_bridge(
 
 
 def _refuse(settings: PlaySettings) -> None:
-    """Complain about what only a node can do."""
+    """Raise UsageError for options that only a node supports."""
     delayed = settings.playback.delay_ns > 0
     meaningless = [
         ('--delay', delayed, 'it begins when the first viewer is there'),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the player until it ends or is told to: init, threads, and a clean way out."""
+"""Runs the node until it ends or a stop is requested: init, threads, shutdown."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def run_player(
     """Play until everything is played, or a stop is requested, or ROS shuts down.
 
     Args:
-        values: Parameters by name; they win over those in ros_args.
-        ros_args: From --ros-args on.
-        stop_request: Tells when to end.
+        values: Parameters by name; they have precedence over ros_args.
+        ros_args: Arguments from --ros-args on.
+        stop_request: The request to stop.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, what was missing
-        from the start, and topics whose last messages did not arrive although it was lossless; 0
-        when it was told to end.
+        The number of losses if everything was played: messages that could not be made, data missing
+        from the start, and topics whose last messages did not arrive in lossless mode; 0 if a stop
+        was requested.
 
     Raises:
-        KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
+        KittiRos2Error: The source cannot be played, or a parameter is invalid.
     """
     favour_what_is_due()
     context = start_ros(ros_args)
@@ -68,7 +68,7 @@ def run_player(
 def _spin(
     executor: SingleThreadedExecutor, stop: threading.Event, ended: Callable[[], None]
 ) -> None:
-    """Run callbacks until told to end, or ROS shuts down."""
+    """Run callbacks until stopped, or ROS shuts down."""
     try:
         while not stop.is_set():
             executor.spin_once()
@@ -81,8 +81,8 @@ def _spin(
 def _end_spin(
     executor: SingleThreadedExecutor, stop: threading.Event, thread: threading.Thread
 ) -> None:
-    # An executor that is shut down while it spins loses what it is about to wait with; and it
-    # waits until there is something to do.
+    # Shutting down a spinning executor destroys the wait set it is about to use; and it spins
+    # until it has a task.
     stop.set()
     executor.create_task(lambda: None)
     thread.join()
