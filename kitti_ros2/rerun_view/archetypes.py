@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table: message types and what Rerun shows of them.
+"""The table of message types with their converters to Rerun archetypes.
 
-A row is a type and the class that shows the topics of it. A further type is one more row.
+To support another type, add a row with its converter.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ _AXES_RGB = ((231, 76, 60), (46, 204, 113), (52, 152, 219))
 
 
 class CloudConverter(Converter):
-    """sensor_msgs/PointCloud2: points coloured by reflectance, or by height where there is none."""
+    """sensor_msgs/PointCloud2: points coloured by reflectance, or by height without it."""
 
     _scale: float | None = None
 
     def convert(self, message: PointCloud2, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update; points that are not finite are left out."""
+        """Yield one update without points that are not finite."""
         if self._scale is None and message.width * message.height:
             self._scale = guess_intensity_scale([message])
         points, _ = decode_cloud(message, self._scale or 1.0)
@@ -65,20 +65,20 @@ class CloudConverter(Converter):
 
 
 class ImageConverter(Converter):
-    """sensor_msgs/Image: its pixels. Where it is in space, CameraInfo tells."""
+    """sensor_msgs/Image: its pixels; CameraInfo gives the place in space."""
 
     def convert(self, message: ImageMsg, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update."""
+        """Yield one update."""
         pixels = decode_pixels(message)
         components = rr.Image(pixels, 'L' if pixels.ndim == 2 else 'BGR')
         yield EntityUpdate(self.path, [components], image_frame(self.topic))
 
 
 class CompressedImageConverter(Converter):
-    """sensor_msgs/CompressedImage: the bytes of its PNG or JPEG, untouched."""
+    """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG."""
 
     def convert(self, message: CompressedImage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update."""
+        """Yield one update."""
         media = _MEDIA[picture_kind(message)]
         components = rr.EncodedImage(contents=message.data, media_type=media)
         yield EntityUpdate(self.path, [components], image_frame(self.topic))
@@ -87,11 +87,11 @@ class CompressedImageConverter(Converter):
 class TransformConverter(Converter):
     """tf2_msgs/TFMessage: links between named frames.
 
-    Rerun wants all links of a frame to its parent at one entity, whichever topic they come on.
+    Rerun needs all links of a frame to its parent at one entity, whatever their topic.
     """
 
     def convert(self, message: TFMessage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """An update for each link."""
+        """Yield an update for each link."""
         for link in message.transforms:
             child = frame_name(link.child_frame_id)
             place, turn = link.transform.translation, link.transform.rotation
@@ -107,11 +107,11 @@ class TransformConverter(Converter):
 class PoseConverter(Converter):
     """geometry_msgs/PoseStamped, PoseWithCovarianceStamped and nav_msgs/Odometry: axes at a place.
 
-    Where no transform tells where Odometry's child frame is, Odometry does.
+    If no transform places the child frame of an Odometry, the Odometry does.
     """
 
     def convert(self, message: PoseStamped | Odometry, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update."""
+        """Yield one update."""
         pose: Any = getattr(message.pose, 'pose', message.pose)
         child = frame_name(getattr(message, 'child_frame_id', ''))
         linked = child in self.context.survey.parents
@@ -129,7 +129,7 @@ class PathConverter(Converter):
     """nav_msgs/Path: a line through its poses."""
 
     def convert(self, message: Path, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update."""
+        """Yield one update."""
         places = [stamped.pose.position for stamped in message.poses]
         strips = [[(p.x, p.y, p.z) for p in places]] if len(places) > 1 else []
         radii = rr.Radius.ui_points(_PATH_PX)
@@ -138,14 +138,14 @@ class PathConverter(Converter):
 
 
 class FixConverter(Converter):
-    """sensor_msgs/NavSatFix: a point on the map, and at the end the line of all of them."""
+    """sensor_msgs/NavSatFix: a point on the map, and at the end a line through all points."""
 
     def __init__(self, topic: str, context: Context) -> None:
         super().__init__(topic, context)
         self._track: list[tuple[float, float]] = []
 
     def convert(self, message: NavSatFix, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update; none without a position, which NavSatFix says as NaN."""
+        """Yield one update; none without a position (NaN in NavSatFix)."""
         place = (message.latitude, message.longitude)
         if all(map(math.isfinite, place)):
             self._track.append(place)
@@ -155,7 +155,7 @@ class FixConverter(Converter):
             )
 
     def flush(self) -> Iterator[EntityUpdate]:
-        """The line."""
+        """Yield the line."""
         if len(self._track) > 1:
             radii = rr.Radius.ui_points(_PATH_PX)
             line = rr.GeoLineStrings(lat_lon=[self._track], colors=[_PATH_RGB], radii=radii)
@@ -173,7 +173,7 @@ class VectorConverter(Converter):
         self._begun = False
 
     def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate | Curve]:  # noqa: ANN401
-        """Names first, and then the curves, each a thousand moments long."""
+        """Yield the names first, then curves of a thousand messages each."""
         holder = getattr(message, 'twist', message)
         vectors = [getattr(holder, name) for name in self.names]
         for name, vector in zip(self.names, vectors, strict=True):
@@ -189,7 +189,7 @@ class VectorConverter(Converter):
         self._begun = True
 
     def flush(self) -> Iterator[Curve]:
-        """What is left of the curves."""
+        """Yield the rest of the curves."""
         yield from (curve for curve in self._curves.values() if curve.times)
 
 
@@ -209,7 +209,7 @@ class TextConverter(Converter):
     """std_msgs/String: a line of a log."""
 
     def convert(self, message: String, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """One update."""
+        """Yield one update."""
         yield EntityUpdate(self.path, [rr.TextLog(message.data)])
 
 

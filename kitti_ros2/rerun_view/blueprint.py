@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The layout a viewer begins with: space, two cameras with boxes, the map, curves."""
+"""The initial layout of the viewer: space, two cameras with boxes, the map, curves."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LOOK_AT_M = (8.0, 0.0, 0.0)
 
 
 def make_blueprint(survey: ProgramSurvey) -> rrb.Blueprint:
-    """The layout for a program's topics; views without data are left out."""
+    """Make the layout for the topics of a program, without empty views."""
     cameras = chosen_cameras(survey)
     columns: list[rrb.Container | rrb.View] = [_space(survey, cameras)]
     views: list[rrb.Container | rrb.View] = [_camera(survey, image) for image in cameras]
@@ -41,9 +41,9 @@ def make_blueprint(survey: ProgramSurvey) -> rrb.Blueprint:
 
 
 def chosen_cameras(survey: ProgramSurvey) -> list[str]:
-    """At most two image topics, one a camera: those with boxes first, then those in colour."""
+    """Choose at most two image topics, one per camera: with boxes first, then colour images."""
     cameras: dict[str, str] = {}
-    for image in survey.of_type(*IMAGES):  # the compressed one takes a tenth of the memory
+    for image in survey.of_type(*IMAGES):  # compressed images take a tenth of the memory
         camera = survey.info_of(image) or image.removesuffix('/compressed')
         if camera not in cameras or image.endswith('/compressed'):
             cameras[camera] = image
@@ -61,9 +61,9 @@ def _boxed_images(survey: ProgramSurvey) -> set[str]:
 
 
 def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
-    """The 3D view from behind the vehicle; of the cameras only the first, or they hide each other.
+    """Make the 3D view from behind the vehicle, with one camera: more would hide each other.
 
-    Detections and markers often are the same boxes: then the detections are shown, as they have
+    Detections and markers often are the same boxes: then only the detections are shown, which have
     classes and ids.
     """
     hidden = [image for image in survey.of_type(*IMAGES) if image not in cameras[:1]]
@@ -83,7 +83,7 @@ def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
 
 
 def _camera(survey: ProgramSurvey, image: str) -> rrb.View:
-    """An image with the boxes on it, the three-dimensional ones projected."""
+    """Make the view of an image with its boxes; 3D boxes are projected."""
     solid = survey.of_type(DETECTIONS_3D) or survey.of_type(*_MARKERS)
     origin = entity_path(image)
     return rrb.Spatial2DView(

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""sensor_msgs/CameraInfo -> a pinhole for each image it belongs to.
+"""sensor_msgs/CameraInfo -> a pinhole for each of its images.
 
-P, after R, projects points of header.frame_id, and a pinhole has neither a turn nor an offset:
-where there is one, the pinhole hangs from a frame of its own.
+P, after R, projects points of header.frame_id, and a pinhole has neither a rotation nor an offset:
+if there is one, the pinhole gets a frame of its own.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SAME = 1e-9
 
 
 class PinholeConverter(Converter):
-    """The pinholes of a CameraInfo topic, made anew when what it says changes."""
+    """The pinholes of a CameraInfo topic, updated when its content changes."""
 
     def __init__(self, topic: str, context: Context) -> None:
         super().__init__(topic, context)
@@ -39,7 +39,7 @@ class PinholeConverter(Converter):
         self._last: Hashable = None
 
     def convert(self, message: CameraInfo, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
-        """Nothing where nothing changed, or where the camera is not calibrated."""
+        """Yield nothing if nothing changed, or if the camera is not calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
         key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)
         if key == self._last:
@@ -88,9 +88,9 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entity
 
 
 def is_rectified(image: str, model: CameraModel) -> bool:
-    """Whether an image is what P after R projects onto: by its name, else by its calibration.
+    """Whether an image is rectified (the target of P after R): by name, else by calibration.
 
-    image_proc calls such images image_rect and image_rect_color.
+    image_proc names such images image_rect and image_rect_color.
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
     turned = np.abs(model.r - np.eye(3)).max() > _SAME
@@ -100,9 +100,9 @@ def is_rectified(image: str, model: CameraModel) -> bool:
 def projection_of(
     model: CameraModel, view: Viewpoint, *, rectified: bool
 ) -> tuple[Float64Array, Transform]:
-    """K (3, 3), and pinhole_T_frame, the view's frame to the pinhole.
+    """Return K (3, 3), and pinhole_T_frame, which maps the view's frame to the pinhole.
 
-    A distorted image, which nothing straightens here, is shown by K, as if it were not.
+    A distorted image is not rectified here; it is shown with K as if it had no distortion.
     """
     if not rectified:
         return model.k, view.cam_T_frame

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What messages become: components of entities, and where entities are called what."""
+"""Rerun entities: updates of their components, their converters, and their paths."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FRAME = 'frame'
 
 
 class TimePoint(NamedTuple):
-    """When a message is: nanoseconds since 1970, and the number of its frame."""
+    """A point on both timelines: nanoseconds since 1970, and the frame number."""
 
     stamp_ns: int
     frame: int
@@ -35,8 +35,8 @@ class EntityUpdate(NamedTuple):
     Attributes:
         path: Entity path, escaped as entity_path does it.
         components: Archetypes.
-        frame: Coordinate frame of the entity, a header's frame_id; '' where nothing tells.
-        always: Archetypes that hold for all time.
+        frame: Coordinate frame of the entity, a header's frame_id; '' if unknown.
+        always: Static archetypes, valid for all time.
     """
 
     path: str
@@ -47,12 +47,12 @@ class EntityUpdate(NamedTuple):
 
 @dataclass
 class Curve:
-    """Scalars of one entity at many moments, which together cost as much as one alone.
+    """Scalars of one entity at many times, sent together for efficiency.
 
     Attributes:
         path: Entity path.
-        times: In order of time.
-        values: Of each time, all of the same number.
+        times: Ascending.
+        values: The scalars of each time, all of the same length.
     """
 
     path: str
@@ -65,12 +65,12 @@ Shown: TypeAlias = 'EntityUpdate | Curve'
 
 @dataclass(frozen=True)
 class Context:
-    """What the topics of a recording share.
+    """Data shared by the converters of a recording.
 
     Attributes:
-        survey: What the first moments tell.
+        survey: The survey of the program's beginning.
         rig: The cameras.
-        note: Takes what is worth a word; the same word is told once.
+        note: Takes a remark; equal remarks are shown once.
     """
 
     survey: ProgramSurvey
@@ -79,7 +79,7 @@ class Context:
 
 
 class Converter:
-    """Shows the messages of one topic."""
+    """Converts the messages of one topic."""
 
     def __init__(self, topic: str, context: Context) -> None:
         self.topic = topic
@@ -87,25 +87,25 @@ class Converter:
         self.context = context
 
     def convert(self, message: Any, time: TimePoint) -> Iterable[Shown]:  # noqa: ANN401 - a rosbags class
-        """What is to be shown now.
+        """Yield the updates of a message.
 
         Raises:
-            ValueError: The message cannot be decoded. So may anything else of a broken one.
+            ValueError: The message cannot be decoded; a damaged one may raise any exception.
         """
         raise NotImplementedError
 
     def flush(self) -> Iterable[Shown]:
-        """What is to be shown when there are no more messages."""
+        """Yield the remaining updates after the last message."""
         return ()
 
 
 @lru_cache(maxsize=4096)
 def entity_path(topic: str, *below: str) -> str:
-    """The entity of a topic, or of a part of it: /camera/image -> camera/image."""
+    """Return the entity path of a topic, or of a part of it: /camera/image -> camera/image."""
     parts = [part for part in topic.split('/') if part] + list(below)
     return '/'.join(rr.escape_entity_path_part(part) for part in parts)
 
 
 def image_frame(image: str) -> str:
-    """The frame of an image topic's pixels."""
+    """Return the frame of an image topic's pixels."""
     return f'{image.strip("/")}/pixels'

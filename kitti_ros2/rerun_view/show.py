@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loop: a program's messages, in their order of time, to a Rerun recording."""
+"""Converts the messages of a program, in order of time, to a Rerun recording."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _AHEAD = 32
 
 @dataclass(frozen=True)
 class ShowReport:
-    """What was shown.
+    """The result of showing a program.
 
     Attributes:
-        messages: How many.
-        frames: How many frames they belong to.
-        size_bytes: Of the messages.
-        losses: What could not be shown: a line each, and how many messages it is about.
-        missing: What was missing from the start, a line each.
-        notes: What is worth a word.
+        messages: Number of messages shown.
+        frames: Number of their frames.
+        size_bytes: Total size of the messages.
+        losses: Number of messages that could not be shown, by reason, one line each.
+        missing: Data missing from the start, one line each.
+        notes: Remarks.
     """
 
     messages: int
@@ -52,7 +52,7 @@ class ShowReport:
 
 
 def make_recording(program: Program) -> rr.RecordingStream:
-    """A recording without a sink; its only timelines are `time` and `frame`."""
+    """Create a recording without a sink; its only timelines are `time` and `frame`."""
     stream = rr.RecordingStream(APPLICATION)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
@@ -66,14 +66,14 @@ def show(
     """Show all messages of a program.
 
     Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
-    message. What a latched topic says first holds from the start, whenever it was recorded.
+    message. The first message of a latched topic is valid from the start, whenever it was recorded.
 
     Args:
-        program: Not closed.
-        stream: Has a sink.
+        program: The program; it is not closed.
+        stream: A recording with a sink.
         progress: Called with the samples done and the bytes shown.
     """
-    # Without it what the SDK cannot take becomes a warning on standard error, and is lost.
+    # Otherwise the SDK only prints a warning on stderr for invalid data, and drops it.
     rr.set_strict_mode(True)
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
@@ -104,7 +104,7 @@ def show(
 
 
 def _unshown(program: Program) -> list[str]:
-    """The topics of types that the table lacks."""
+    """List the topics with types missing from the table."""
     return [
         f'{outlet.name}: {outlet.msgtype} is not shown'
         for outlet in program.outlets
@@ -113,7 +113,7 @@ def _unshown(program: Program) -> list[str]:
 
 
 class _StreamLogger:
-    """What was logged so far."""
+    """Converts messages and logs them to a recording."""
 
     def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
         self._program = program
@@ -132,7 +132,7 @@ class _StreamLogger:
         self.losses: Counter[str] = Counter()
 
     def take(self, due: Due, time: TimePoint) -> None:
-        """Show a message that says something new; one that cannot be decoded is counted."""
+        """Show a message unless it is unchanged; count it as a loss if it cannot be decoded."""
         converter = self._converters.get(due.outlet)
         if converter is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
             return
@@ -151,7 +151,7 @@ class _StreamLogger:
             self._log(update, self.begin if first else time)
 
     def finish(self) -> None:
-        """Show what was held back."""
+        """Show the remaining updates of all converters."""
         for converter in self._converters.values():
             for update in converter.flush():
                 self._log(update, self.begin)
