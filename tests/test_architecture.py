@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -163,6 +164,22 @@ def test_rooms_import_what_they_are_said_to() -> None:
     }
     unused = {(room, other) for room, others in ROOMS.items() for other in others} - seen
     assert {(room, other) for room, other in unused if room not in {'cli', '__main__'}} == set()
+
+
+def test_class_names_are_used_once() -> None:
+    """A leading underscore does not make another name."""
+    places = defaultdict(list)
+    for name, path in modules(SOURCE).items():
+        for node in ast.parse(path.read_text(encoding='utf-8')).body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name.lstrip('_')].append(name)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_file_names_are_used_three_times_at_most() -> None:
+    names = Counter(path.name for path in modules(SOURCE).values())
+    del names['__init__.py']
+    assert {name: count for name, count in names.items() if count > 3} == {}
 
 
 def make_package(folder: Path, **files: str) -> Path:

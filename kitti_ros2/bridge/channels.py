@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A program's topics as channels of the WebSocket server: CDR with its ros2msg definition.
+"""The topics of a program as WebSocket channels: CDR with its ros2msg definition.
 
-What is latched is kept and given to each new subscriber, as a transient local publisher does.
+Latched messages are kept and sent to each new subscriber, like a transient local publisher does.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from foxglove import Channel, Schema
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
-from ..player.audience import Audience
 from ..player.program import Outlet
 from ..player.source import STATE
+from ..player.transport import Audience
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,17 +33,17 @@ _RENEW_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
 
 
-class Channels:
-    """The channels of a program, and one for the player's state; the Transport of a session.
+class ViewerChannels:
+    """The Transport of a session: a channel per topic, and one for the player's state.
 
     Args:
-        program: Whose topics.
-        context: Connects them with a server.
-        tell_time: Tells viewers the recording's time, nanoseconds since 1970.
-        tell_jump: Tells viewers that time was moved, and where to.
+        program: The program with the topics.
+        context: Connects the channels with a server.
+        tell_time: Sends the recording's time to viewers, nanoseconds since 1970.
+        tell_jump: Sends the target of a seek to viewers.
 
     Attributes:
-        complaints: None: every type is described by its own definition.
+        complaints: Always empty: every type comes with its own definition.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Channels:
         self._outlets = list(program.outlets)
         self._channels = [_open(each, program.typestore, context) for each in self._outlets]
         self._state = len(self._outlets)
-        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1, on_demand=False)
+        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1)
         self._outlets.append(state)
         self._channels.append(_open(state, TYPESTORE, context))
         self._index = {each.name: index for index, each in enumerate(self._outlets)}
@@ -75,13 +75,13 @@ class Channels:
         self._renew_ns: int | None = None
 
     def wanted(self, now_ns: int) -> frozenset[int]:
-        """The outlets on demand with a subscriber; looked up when the last look is old."""
+        """Return the on-demand outlets with a subscriber, cached for a short time."""
         if now_ns - self._looked_ns > _LOOK_EVERY_NS:
             self.look()
         return self._wanted
 
     def look(self) -> frozenset[int]:
-        """The outlets on demand with a subscriber now."""
+        """Return the on-demand outlets with a subscriber now."""
         self._looked_ns = time.monotonic_ns()
         if self._renew_ns is not None and self._looked_ns >= self._renew_ns:
             self._renew()
@@ -91,7 +91,7 @@ class Channels:
         return self._wanted
 
     def audience(self) -> Audience:
-        """How many channels have a viewer: the server tells channels, not viewers."""
+        """Count the channels with a viewer; the server does not count viewers."""
         watched = sum(channel.has_sinks() for channel in self._channels)
         return Audience(int(watched > 0), watched)
 
@@ -116,9 +116,9 @@ class Channels:
         self._channels[self._state].log(data, log_time=stamp_ns)
 
     def subscribed(self, topic: str) -> None:
-        """Somebody has subscribed to a topic: look again, and give what is kept; from any thread.
+        """Handle a new subscription: look again, and send latched messages; from any thread.
 
-        Other subscribers get it once more, for the server cannot address one of them.
+        Other subscribers receive them again: the server cannot address a single one.
         """
         self._looked_ns = 0
         outlet = self._index.get(topic)
@@ -126,13 +126,13 @@ class Channels:
             self._give(outlet)
 
     def make_room(self, outlet: int, seconds: float) -> bool:  # noqa: ARG002 - see Transport
-        """Whether there is room: always, a slow viewer loses its oldest messages."""
+        """Return True: there is always room, a slow viewer loses its oldest messages."""
         return True
 
     def jump(self, stamp_ns: int) -> None:
-        """Tell viewers, who forget what they have; a moment later what is latched is renewed.
+        """Tell viewers, which then drop their messages; resend latched ones after a short delay.
 
-        News of a jump and messages have a queue each, so that either may arrive first.
+        Seeks and messages have separate queues, so that either may arrive first.
         """
         with self._lock:
             for outlet, kept in self._kept.items():
@@ -154,7 +154,7 @@ class Channels:
             self._channels[outlet].log(data, log_time=stamp_ns)
 
     def finish(self, seconds: float) -> tuple[str, ...]:
-        """Give viewers time to receive what is queued; the server does not say when they have."""
+        """Wait a fixed time for queued messages; the server does not report their delivery."""
         if self._renew_ns is not None:
             self._renew()
         if any(channel.has_sinks() for channel in self._channels):
@@ -162,13 +162,13 @@ class Channels:
         return ()
 
     def close(self) -> None:
-        """Take the channels away."""
+        """Remove the channels."""
         for channel in self._channels:
             channel.close()
 
 
 def _open(outlet: Outlet, typestore: Typestore, context: Context) -> Channel:
-    """A channel with the schema that a bag has for its topic."""
+    """Open a channel with the same schema that a bag has for the topic."""
     text, _ = typestore.generate_msgdef(outlet.msgtype, ros_version=2)
     schema = Schema(name=outlet.msgtype, encoding='ros2msg', data=text.encode())
     return Channel(outlet.name, message_encoding='cdr', schema=schema, context=context)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether Foxglove's SDK is there; the one part of bridge/ that may be imported where it is not."""
+"""A check for Foxglove's SDK; the only module of bridge/ that can be imported without it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ..model.errors import UsageError
 
 
 def check_installed() -> None:
-    """Complain where the SDK is missing, or too old to be controlled by a viewer.
+    """Check that the SDK is installed and supports playback control.
 
     Raises:
-        UsageError: What to install.
+        UsageError: It is missing or too old.
     """
     try:
         from foxglove.websocket import PlaybackState  # noqa: F401, PLC0415 - only here it may fail

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the player for viewers until it ends or is told to."""
+"""Runs the player for viewers until it ends or a stop is requested."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..options.table import PlaySettings
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 
 def run_bridge(
     source: str,
     settings: PlaySettings,
     port: int,
-    ending: Ending,
+    stop_request: StopRequest,
     say: Callable[[str], None],
     complain: Callable[[str], None],
     *,
     keyboard: bool,
 ) -> int:
-    """Play until the ending is set, or everything is played and nothing is to be done at the end.
+    """Play until a stop is requested, or everything is played and the end is no pause.
 
     Args:
         source: KITTI folder or bag.
-        settings: How it is played.
+        settings: Playback settings.
         port: TCP port on this machine; 0 takes a free one.
-        ending: Tells when to end.
-        say: Told what is played, where to see it, and what keys do.
-        complain: Told of what cannot be played.
+        stop_request: The request to stop.
+        say: Called with lines about the program, its address, and keys.
+        complain: Called with each reason why something cannot be played.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, and what was
-        missing from the start; 0 when it was told to end.
+        The number of losses if everything was played: messages that could not be made, and data
+        missing from the start; 0 if a stop was requested.
 
     Raises:
-        KittiRos2Error: The source cannot be played, or the port cannot be had.
+        KittiRos2Error: The source cannot be played, or the port is not available.
     """
     _refuse(settings)
     favour_what_is_due()
@@ -55,18 +55,18 @@ def run_bridge(
     with ExitStack() as stack:
         stack.callback(program.close)
         server = ViewerServer(program, settings, port, complain)
-        server.on_ended = ending.set
+        server.on_ended = stop_request.set
         say(describe(program))
         say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
         for note in program.notes():
             complain(note)
         stack.callback(server.stop)
         server.start()
-        return play_to_the_end(server, ending, say, keyboard=keyboard)
+        return play_to_the_end(server, stop_request, say, keyboard=keyboard)
 
 
 def _refuse(settings: PlaySettings) -> None:
-    """Complain about what only a node can do."""
+    """Raise UsageError for options that only a node supports."""
     delayed = settings.playback.delay_ns > 0
     meaningless = [
         ('--delay', delayed, 'it begins when the first viewer is there'),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A session that viewers see and control: Foxglove's WebSocket server around it."""
+"""Foxglove's WebSocket server around a session, which viewers display and control."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..model.text import one_line
 from ..options.playback import RATES
 from ..player.session import Session
 from ..player.state import encode_state
-from .channels import Channels
+from .channels import ViewerChannels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,35 +43,35 @@ NAME = '/kitti_player'
 
 _GOODBYE_S = 1.0
 _BACKLOG = 256
-"""Messages that may wait for a viewer, a second of a drive with all its topics.
+"""Messages queued per viewer, a second of a drive with all its topics.
 
-As many pieces of news may wait as well (time, state); a viewer that takes none of those is
-disconnected, by the SDK. Together they bound what a viewer that reads nothing can cost.
+As many control messages (time, state) are queued as well; the SDK disconnects a viewer that reads
+none of those. Together they bound the memory for a viewer that reads nothing.
 """
 
 _SETTLED_NS = 100_000_000
-"""A viewer subscribes to its topics one after the other, much faster than this."""
+"""A viewer subscribes to all its topics in much less time than this."""
 
 _STATE_EVERY_NS = 200_000_000
 
 
 class ViewerServer(ServerListener):
-    """Serves one program; time stands still until the first viewer has subscribed.
+    """Serves one program; playback is paused until the first viewer has subscribed.
 
     Args:
-        program: What is played; closed by stop.
-        settings: How; with start_paused it also waits for a viewer's play button.
+        program: The program; closed by stop.
+        settings: Playback settings; with start_paused it also waits for a viewer's play button.
         port: TCP port on this machine; 0 takes a free one.
-        complain: Told once of everything that cannot be published.
+        complain: Called once with each reason why something cannot be published.
 
     Attributes:
-        session: What is played.
-        ended: Set when it has ended, or was stopped.
+        session: The session.
+        ended: Set when the session has ended or was stopped.
         on_ended: Called then, from the session's thread.
-        error: What ended it, where that is an error.
+        error: The error that ended the session, if any.
 
     Raises:
-        UsageError: The port cannot be had.
+        UsageError: The port is not available.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ViewerServer(ServerListener):
         self._state_ns = 0
         self._stopped = False
         self._context = Context()  # the SDK does not hold it
-        self._channels = Channels(program, self._context, self._tell_time, self._tell_jump)
+        self._channels = ViewerChannels(program, self._context, self._tell_time, self._tell_jump)
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )
@@ -111,36 +111,36 @@ class ViewerServer(ServerListener):
                 playback_time_range=(int(first), int(last)),
                 message_backlog_size=_BACKLOG,
             )
-        except RuntimeError as error:  # the SDK's one for all
+        except RuntimeError as error:  # the SDK raises it for every failure
             reason = str(error).rpartition('bind port: ')[2]
             raise UsageError(
-                f'port {port} cannot be had ({reason}); choose another one, or 0 for any that is'
-                f' free: --foxglove 0'
+                f'port {port} is not available ({reason}); choose another one, or 0 for any free'
+                f' port: --foxglove 0'
             ) from None
 
     @property
     def url(self) -> str:
-        """What a viewer connects to."""
+        """The address for viewers."""
         return f'ws://{HOST}:{self._server.port}'
 
     @property
     def web_url(self) -> str | None:
-        """A page that shows it; None when it has stopped."""
+        """The address of a web page that shows it; None after stop."""
         return self._server.app_url()
 
     def start(self) -> None:
-        """Begin."""
+        """Start the session."""
         if self._waits:
             self.playback.pause()
         self.session.start(self._end)
 
     def stop(self) -> None:
-        """End it, and disconnect viewers; nothing happens the second time."""
+        """Stop the session and disconnect viewers; a second call does nothing."""
         if self._stopped:
             return
         self._stopped = True
         self.session.stop()
-        # The SDK waits until every viewer has read the goodbye, and one that sleeps never does.
+        # The SDK waits until every viewer has read the close message; a suspended one never does.
         goodbye = threading.Thread(target=self._server.stop, daemon=True)
         goodbye.start()
         goodbye.join(_GOODBYE_S)
@@ -151,18 +151,18 @@ class ViewerServer(ServerListener):
         self.ended.set()
         self.on_ended()
 
-    # What the keys of a terminal control.
+    # Controls for the keys of a terminal.
 
     @property
     def playback(self) -> Playback:
-        """The controls of what is played."""
+        """The controls of the session."""
         return self.session.playback
 
     def set_rate(self, rate: float) -> None:
-        """Take another rate.
+        """Set the rate.
 
         Raises:
-            UsageError: It is out of range.
+            UsageError: The rate is out of range.
         """
         self.playback.change(rate=rate)
 
@@ -173,21 +173,21 @@ class ViewerServer(ServerListener):
         name, counts = self.session.program.name, self.session.counts
         self._channels.publish_state(encode_state(NAME, name, state, counts), state.stamp_ns)
 
-    # What viewers do; called from threads of the SDK.
+    # Requests of viewers; called from threads of the SDK.
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
-        """Give what is latched, and note that somebody is there."""
+        """Send latched messages, and note the subscription."""
         self._asked_ns = time.monotonic_ns()
         self._channels.subscribed(channel.topic)
 
     def on_playback_control_request(self, request: PlaybackControlRequest) -> PlaybackState:
         """Play, pause, seek and change the rate; the answer goes to all viewers.
 
-        A seek while paused shows the frame that is there. Play at the end begins anew.
+        A seek while paused shows the frame at its target. Play at the end starts again.
         """
         self._waits = False
         low, high = RATES
-        # A float32: its 0.01 is less than ours.
+        # A float32: its 0.01 is less than the float64 0.01.
         self.set_rate(min(high, max(low, round(request.playback_speed, 6))))
         play = request.playback_command == PlaybackCommand.Play
         target = request.seek_time
@@ -209,13 +209,13 @@ class ViewerServer(ServerListener):
         else:
             self.playback.seek(min(stamp_ns, int(self.session.program.stamps_ns[-1])))
 
-    # What viewers are told; called from the session's thread.
+    # Notifications of viewers; called from the session's thread.
 
     def _tell_time(self, stamp_ns: int) -> None:
         self._server.broadcast_time(stamp_ns)
 
     def _tell_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
-        # The answer to a request has said so.
+        # The answer to a seek request contains it already.
         if not self._asked_to_seek:
             self._server.broadcast_playback_state(self._playback_state(did_seek=True))
         self._asked_to_seek = False
@@ -231,7 +231,7 @@ class ViewerServer(ServerListener):
             self.tell_state()
 
     def _begin_with_viewer(self, now: int) -> None:
-        """Resume once the first viewer has subscribed; unless somebody has pressed a button."""
+        """Resume once the first viewer has subscribed, unless a control was used."""
         if not self._waits:
             return
         if not self.playback.state().paused:

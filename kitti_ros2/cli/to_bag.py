@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ..exporter.to_bag import Report
+    from ..exporter.to_bag import ExportReport
     from ..model.recording import Recording
 
 
@@ -77,7 +77,9 @@ def run_to_bag(
     return EXIT_LOSSES if report.losses else EXIT_OK
 
 
-def _summarize(report: Report, elapsed: float, *, images: Images, recording: Recording) -> None:
+def _summarize(
+    report: ExportReport, elapsed: float, *, images: Images, recording: Recording
+) -> None:
     written = {topic: count for topic, count in report.counts.items() if count}
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
     for note in report.notes:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _MOVIE = '.mp4'
 
 
-class _Tally:
+class _PictureTally:
     """What came of a series of frames."""
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ def _draw(
     _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
     series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
-    tally = _Tally()
+    tally = _PictureTally()
     started = time.monotonic()
     with count_progress('drawing', len(numbers), show=not quiet and not single) as progress:
         pictures = tally.pictures(series, progress)
@@ -203,7 +203,7 @@ def _write(
     out: Path,
     pictures: Iterator[tuple[int, Pixels]],
     rate_hz: float,
-    tally: _Tally,
+    tally: _PictureTally,
     *,
     overwrite: bool,
 ) -> str:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..player.program import Program
-    from ..rerun_view.show import Report
+    from ..rerun_view.show import ShowReport
 
 _SHOWN_LOSSES = 20
 _KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])
@@ -94,7 +94,7 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
     return EXIT_LOSSES if report.losses or report.missing else EXIT_OK
 
 
-def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Report:
+def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> ShowReport:
     from ..rerun_view.rrd_file import write_file
 
     refusal = _KEEP_ALL_BUT_RRD if overwrite else keep_all
@@ -106,7 +106,7 @@ def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Repo
     return report
 
 
-def _view(program: Program, *, web: bool, quiet: bool) -> Report:
+def _view(program: Program, *, web: bool, quiet: bool) -> ShowReport:
     from ..rerun_view.viewer import Viewer
 
     with Viewer(web=web) as viewer:
@@ -139,7 +139,7 @@ def _progress(
     return conversion_progress(len(program.stamps_ns), frames, show=not quiet)
 
 
-def _summarize(report: Report, where: str) -> None:
+def _summarize(report: ShowReport, where: str) -> None:
     for note in report.notes:
         say(f'note: {note}')
     say(
@@ -147,7 +147,7 @@ def _summarize(report: Report, where: str) -> None:
     )
 
 
-def _tell_losses(report: Report) -> None:
+def _tell_losses(report: ShowReport) -> None:
     """Name on standard error what is missing."""
     lines = [f'missing: {text}' for text in report.missing]
     lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]

@@ -33,7 +33,7 @@ _BATCH = 8  # samples, about a frame
 
 
 @dataclass(frozen=True)
-class Report:
+class ExportReport:
     """What a conversion did.
 
     Attributes:
@@ -65,7 +65,7 @@ def convert(
     *,
     strict: bool = False,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
-) -> Report:
+) -> ExportReport:
     """Write a recording to a bag.
 
     Args:
@@ -85,7 +85,7 @@ def convert(
     """
     schedule = make_schedule(recording, selection)
     encoder = Encoder(recording, schedule, messages, selection)
-    tally = _Tally(strict=strict)
+    tally = _ExportTally(strict=strict)
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
@@ -100,7 +100,7 @@ def convert(
             progress(done, tally.size_bytes)
         for loss in recording.late_losses:
             tally.lose_unnamed(loss)
-    return Report(
+    return ExportReport(
         path=writer.path,
         counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
         frames=schedule.frames,
@@ -130,7 +130,7 @@ class _Channels:
         self._writer.write(self._ids[index], message.stamp_ns, message.parts)
 
 
-class _Tally:
+class _ExportTally:
     """Writes what comes in order, and counts what was written and what was lost."""
 
     def __init__(self, *, strict: bool) -> None:

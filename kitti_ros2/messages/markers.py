@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
     from .cdr import Parts
-    from .naming import Frames
+    from .naming import FrameNames
 
 # A Passat's measure about the middle of its rear axle, on the ground.
 _EGO_POSE = (1.35, 0.0, 0.75, 0.0, 0.0, 0.0, 1.0)
@@ -41,7 +41,7 @@ def encode_markers(
     cuboids: Sequence[Cuboid],
     trails: Mapping[int, Float64Array],
     stamp_ns: int,
-    frames: Frames,
+    frames: FrameNames,
     options: MarkerOptions,
 ) -> Parts:
     """The markers of a frame, serialised.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameNames:
     """Frame names.
 
     Attributes:
@@ -76,12 +76,12 @@ def image_topic(layout: Layout, own: str, preset: Preset) -> str:
     return 'image_raw' if preset is Preset.KITTI2BAG and layout.traits.extracts else own
 
 
-def make_frames(preset: Preset, cameras: Mapping[int, str]) -> Frames:
+def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
     """The frame names of a preset, for a rig whose cameras have names."""
     named = {**CAMERA_NAMES, **cameras}
     if preset is Preset.KITTI2BAG:
-        return Frames(map='world', camera_pattern='camera_{}', cameras=named)
-    return Frames(cameras=named)
+        return FrameNames(map='world', camera_pattern='camera_{}', cameras=named)
+    return FrameNames(cameras=named)
 
 
 def base_t_imu(options: MessageOptions) -> Transform:

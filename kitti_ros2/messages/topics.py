@@ -41,7 +41,7 @@ from .image import encode_compressed, encode_pixels
 from .map_frame import map_from_world, place_pose, place_trajectory
 from .markers import encode_markers
 from .mounts import with_nominal_mounts
-from .naming import Frames, base_t_imu, make_frames, rename_topic
+from .naming import FrameNames, base_t_imu, make_frames, rename_topic
 from .oxts import encode_fix, encode_imu, encode_velocity
 from .pose import encode_odometry, encode_path, encode_tf
 from .scan import encode_scan
@@ -77,7 +77,7 @@ class Rig:
         options: How messages are made.
     """
 
-    frames: Frames
+    frames: FrameNames
     cameras: frozenset[int]
     base_t_imu: Transform
     map_T_world: Transform

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..model.samples import Calibration
-    from .naming import Frames
+    from .naming import FrameNames
 
 
 def static_links(
-    calibration: Calibration, base_t_imu: Transform, frames: Frames
+    calibration: Calibration, base_t_imu: Transform, frames: FrameNames
 ) -> list[tuple[str, str, Transform]]:
     """(parent, child, parent_T_child) of the static tree; links that are not known are left out.
 

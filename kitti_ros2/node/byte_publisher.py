@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes serialised messages without holding the interpreter's lock.
 
-rclpy keeps the lock while the middleware copies a message, half a millisecond for a scan, and what
-is due next cannot be read meanwhile. The same function of rcl, called through ctypes, lets go of
-it: rcl_publish_serialized_message of rcl/publisher.h, with rcl_serialized_message_t, which is
-rcutils_uint8_array_t of rcutils/types/uint8_array.h.
+rclpy keeps the lock while the middleware copies a message, half a millisecond for a scan, so that
+the next message cannot be read in that time. The same function of rcl, called through ctypes,
+releases it: rcl_publish_serialized_message of rcl/publisher.h, with rcl_serialized_message_t,
+which is rcutils_uint8_array_t of rcutils/types/uint8_array.h.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _OK = 0
 
 
 class _SerializedMessage(ctypes.Structure):
-    """rcutils_uint8_array_t; of its allocator nothing is used by who only reads."""
+    """rcutils_uint8_array_t; the allocator is not used for reading."""
 
     _fields_: ClassVar = [
         ('buffer', ctypes.c_char_p),
@@ -34,7 +34,7 @@ class _SerializedMessage(ctypes.Structure):
 
 
 @lru_cache(maxsize=1)
-def _rcl_publish() -> Any:  # noqa: ANN401 - a C function, or None where rcl has another name
+def _rcl_publish() -> Any:  # noqa: ANN401 - a C function, or None if it is not found
     try:
         function = ctypes.CDLL('librcl.so').rcl_publish_serialized_message
     except (OSError, AttributeError):
@@ -49,7 +49,7 @@ def _rcl_publish() -> Any:  # noqa: ANN401 - a C function, or None where rcl has
 
 
 def byte_publisher(publisher: Publisher) -> Callable[[bytes], None]:
-    """A function that publishes serialised messages, for one thread; as publisher.publish does."""
+    """Return a function that publishes serialised messages like publisher.publish; one thread."""
     function, handle = _rcl_publish(), publisher.handle
     if function is None or not hasattr(handle, 'pointer'):
         plain: Callable[[bytes], None] = publisher.publish
@@ -61,10 +61,10 @@ def byte_publisher(publisher: Publisher) -> Callable[[bytes], None]:
     def publish(data: bytes) -> None:
         message.buffer = data
         message.buffer_length = message.buffer_capacity = len(data)
-        with handle:  # it is not destroyed meanwhile
+        with handle:  # keeps it from being destroyed
             result = function(pointer, reference, None)
         message.buffer = None
         if result != _OK:
-            publisher.publish(data)  # which has the words for what is wrong
+            publisher.publish(data)  # raises the proper error
 
     return publish

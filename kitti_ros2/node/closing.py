@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Closes a node in bounded time, whatever its subscribers do.
+"""Closes a node in bounded time, independent of its subscribers.
 
-A reliable writer of Cyclone DDS blocks, and so does its deletion, while a subscriber acknowledges
-nothing: seconds for each topic.
+A reliable writer of Cyclone DDS and its deletion block while a subscriber does not acknowledge:
+seconds for each topic.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 EXIT_S = 1.8
-"""Of the 2 s that an exit may take; the rest is the interpreter's."""
+"""Time for closing, of the 2 s for an exit; the interpreter needs the rest."""
 
 
 class Closing:
-    """Calls its callbacks when it is left, the last one first, in bounded time.
+    """A context manager that calls its callbacks at exit, last one first, in bounded time.
 
     Args:
-        ending: Told to abandon what is not closed in time.
+        stop_request: Its abandon is called if closing takes too long.
 
     Attributes:
-        seconds: How long the callbacks may take.
+        seconds: Time limit of the callbacks.
     """
 
-    def __init__(self, ending: Ending) -> None:
+    def __init__(self, stop_request: StopRequest) -> None:
         self.seconds = EXIT_S
-        self._ending = ending
+        self._stop_request = stop_request
         self._stack = ExitStack()
         self._error: BaseException | None = None
 
@@ -57,7 +57,7 @@ class Closing:
         thread.start()
         thread.join(self.seconds)
         if thread.is_alive():
-            self._ending.abandon()
+            self._stop_request.abandon()
         if self._error is not None:
             raise self._error
 

@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player's services: those of rosbag2 where rosbag2_interfaces is installed, else std_srvs'.
+"""The player's services: those of rosbag2 if rosbag2_interfaces is installed, else std_srvs.
 
-Where they differ from rosbag2's own (rosbag2_transport/player.cpp, 0.26) it is on purpose:
+Intended differences from rosbag2 (rosbag2_transport/player.cpp, 0.26):
 
 - play_next plays whole frames (parameter step; 0 is one sample), rosbag2 one message. Both answer
-  false while time runs, and when nothing is left.
-- burst plays whole samples, so perhaps a few messages more than requested, rosbag2 exactly as many.
-  Both take 0 for all that are left, and play nothing while time runs.
-- seek past the last stamp is refused: success is false, and the position stays. rosbag2 always
-  answers true; nothing is left then, so that its playback ends or loops. Before the first stamp
-  both go to the beginning.
+  false while not paused, and at the end.
+- burst plays whole samples, so possibly a few messages more than requested, rosbag2 exact numbers.
+  For both 0 means all that remain, and both play nothing while not paused.
+- seek past the last stamp fails: success is false, and the position stays. rosbag2 always answers
+  true; nothing remains then, so that its playback ends or loops. Before the first stamp both go to
+  the beginning.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PACKAGE = 'rosbag2_interfaces'
 
 
 def create_services(node: Node, player: Controlled) -> None:
-    """Offer ~/pause and the others, with the types that are installed."""
+    """Create ~/pause and the other services, with the installed types."""
     types = _rosbag2_types()
     make = _rosbag2_services if types else _plain_services
     for name, kind, handler in make(player, types):
@@ -51,7 +51,7 @@ def _rosbag2_types() -> ModuleType | None:
 
 
 def _plain_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401, ARG001
-    """Triggers, which say in words what they did."""
+    """List the services as Triggers, which describe their result in words."""
 
     def handler(act: Callable[[Playback], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
         def handle(_: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
@@ -100,7 +100,7 @@ def _stop(playback: Playback) -> tuple[bool, str]:
 
 
 def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401
-    """The services of rosbag2's player; the module's docstring says where they differ."""
+    """List the services of rosbag2's player; the module's docstring lists the differences."""
 
     def handler(act: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
@@ -145,7 +145,7 @@ def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # n
 
 
 def _snake(name: str) -> str:
-    """toggle_paused from TogglePaused."""
+    """Convert TogglePaused to toggle_paused."""
     return ''.join(f'_{c.lower()}' if c.isupper() else c for c in name).lstrip('_')
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Creates a node; where the middleware refuses, its own words become the error."""
+"""Creates a node; if the middleware fails, its own message becomes the error."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _COLOUR = re.compile(r'\x1b\[[\d;]*m')
 
 
 def create_node(create: Callable[[], T]) -> T:
-    """Create a node: some middleware reads its settings then, and writes what is wrong to stderr.
+    """Create a node; some middleware reads its settings then, and reports errors on stderr.
 
     Args:
-        create: Creates it.
+        create: Creates the node.
 
     Raises:
-        UsageError: The middleware refuses; with its own line and the variable of its settings.
+        UsageError: The middleware fails; with its own message and the variable of its settings.
     """
     with _written_to_stderr() as written:
         try:
@@ -47,16 +47,16 @@ def create_node(create: Callable[[], T]) -> T:
 
 
 def _refusal(lines: Sequence[str], error: str) -> str:
-    """One line: which middleware, its reason, and where its settings are."""
+    """Format one line: the middleware, its reason, and the variable of its settings."""
     text = f'{middleware()} cannot create the node: {_reason(lines) or one_line(error)}'
     variable = settings_variable()
     return f'{text}; check {variable}' if variable else text
 
 
 def _reason(lines: Sequence[str]) -> str:
-    """What the middleware itself wrote last, without time and thread; empty where it wrote nothing.
+    """Return the last message of the middleware, without time and thread; empty if none.
 
-    Lines of rcl and rmw only say that it failed.
+    Lines of rcl and rmw only report that it failed.
     """
     reason = ''
     for line in lines:
@@ -69,7 +69,7 @@ def _reason(lines: Sequence[str]) -> str:
 
 @contextmanager
 def _written_to_stderr() -> Iterator[Callable[[], list[str]]]:
-    """Hold back what libraries write to stderr; it is written in the end, unless it was read."""
+    """Hold back what libraries write to stderr; write it at the end unless it was read."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
         held = os.dup(2)

@@ -23,12 +23,11 @@ _SAY_EVERY_S = 10.0
 class FlowControl:
     """Bounds the unacknowledged messages of reliable publishers; best-effort ones have no bound.
 
-    The middleware says only whether every message of a publisher is acknowledged.
+    The middleware only reports whether all messages of a publisher are acknowledged.
 
     Args:
         publishers: By outlet.
-        logger: An rclpy logger; told of subscribers that are slow, and of those that may have
-            stopped.
+        logger: An rclpy logger; warns about slow subscribers and about those that may have stopped.
         now_ns: Steady time.
     """
 
@@ -50,7 +49,7 @@ class FlowControl:
         self._waiting_since: dict[int, int] = {}
 
     def make_room(self, outlet: int, seconds: float) -> bool:
-        """Wait until the queue of an outlet has room for one more message; whether it has."""
+        """Wait until the queue of an outlet has room for one message; return whether it has."""
         window = self._window.get(outlet)
         if window is None:
             return True
@@ -66,7 +65,7 @@ class FlowControl:
         return True
 
     def finish(self, seconds: float) -> tuple[str, ...]:
-        """Wait until every message is acknowledged; the topics of those that are not."""
+        """Wait until every message is acknowledged; return the topics where one is not."""
         end_ns = self._now_ns() + int(seconds * 1e9)
         return tuple(
             self._publishers[outlet].topic_name
@@ -82,7 +81,7 @@ class FlowControl:
         name = self._publishers[outlet].topic_name
         count = self._unacknowledged[outlet]
         seconds = waited_ns / 1e9
-        # Two calls: rclpy throttles each line of code by itself.
+        # Two calls: rclpy throttles each line of code separately.
         if arrived and waited_ns >= _SLOW_NS:
             text = f'{name}: slow subscriber, {seconds:.1f} s to acknowledge {count} messages'
             self._logger.warning(text, throttle_duration_sec=_SAY_EVERY_S)

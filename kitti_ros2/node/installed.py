@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether ROS is there; the one part of node/ that may be imported where it is not."""
+"""A check for ROS; the only module of node/ that can be imported without it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..model.errors import UsageError
 
 
 def middleware() -> str:
-    """The name of the middleware that ROS will load."""
+    """Return the name of the middleware that ROS will load."""
     return os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
 
 
 def check_installed() -> None:
-    """Complain about what a node needs and is not there; before rclpy is imported.
+    """Check that ROS and its middleware are installed; call before rclpy is imported.
 
-    Without its middleware rcl ends the process on import, past all exceptions.
+    Without its middleware rcl ends the process on import, without an exception.
 
     Raises:
         UsageError: rclpy or its middleware is missing.
@@ -44,7 +44,7 @@ def check_installed() -> None:
 
 
 def _places() -> list[Path]:
-    """Where shared libraries of ROS may be."""
+    """Return the folders that may contain shared libraries of ROS."""
     workspaces = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     libraries = os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
     return [

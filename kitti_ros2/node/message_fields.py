@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fields of a message type, from the typestore's definition, in the numbers of ROS 2.
+"""The fields of a message type, from the typestore's definition, with the type numbers of ROS 2.
 
-And the hash of them, as REP-2011 defines it.
+And their hash as defined by REP-2011.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _KINDS: dict[str, tuple[int, int, Any]] = {
 
 
 class Shape(IntEnum):
-    """How many elements a field has; the value is what FieldType adds to the element's number."""
+    """The kind of array of a field; the value is the offset in the numbers of FieldType."""
 
     ONE = 0
     ARRAY = 48
@@ -62,29 +62,29 @@ class NodeKind(Protocol):
 
     @property
     def name(self) -> str:
-        """One of the four words."""
+        """One of the four names."""
 
 
 class Typestore(Protocol):
-    """What is asked of the typestore that serialises the messages; rosbags' Typestore has it."""
+    """The part of rosbags' Typestore that is used here."""
 
     @property
     def fielddefs(self) -> Mapping[str, tuple[object, Sequence[tuple[str, tuple[NodeKind, Any]]]]]:
-        """By type name its constants, and its fields with their types."""
+        """Constants, and fields with their types, by type name."""
 
     def generate_msgdef(self, typename: str, ros_version: int = ...) -> tuple[str, str]:
-        """The text of the definition and of those that it refers to, and its MD5 sum."""
+        """Return the text of the definition with its dependencies, and the MD5 sum."""
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """One field of a message.
 
     Attributes:
         name: The field's name.
         kind: The kind of its element: a primitive's name, or 'message'.
-        nested: The element's full type name where it is a message, else empty.
-        string_bound: The most characters that a string may have; 0 is no bound.
+        nested: The element's full type name if it is a message, else empty.
+        string_bound: Maximum length of a string; 0 is no bound.
         shape: Whether it is one element, an array or a sequence.
         length: An array's length or a bounded sequence's bound, else 0.
     """
@@ -113,23 +113,23 @@ class Field:
 
 
 def split_name(msgtype: str) -> tuple[str, str, str]:
-    """Package, folder (msg) and name of a message type."""
+    """Split a message type into package, folder (msg) and name."""
     package, folder, name = msgtype.split('/')
     return package, folder, name
 
 
-def fields_of(msgtype: str, typestore: Typestore) -> list[Field]:
-    """The fields of a message type; as in C, an empty message has a filler."""
+def fields_of(msgtype: str, typestore: Typestore) -> list[MessageField]:
+    """Return the fields of a message type; as in C, an empty message has a filler."""
     if msgtype not in typestore.fielddefs:
-        raise MissingDataError(f'{msgtype}: no definition of this message type is known')
+        raise MissingDataError(f'{msgtype}: the definition of this message type is missing')
     described = typestore.fielddefs[msgtype][1]
     if not described:
-        return [Field('structure_needs_at_least_one_member', 'uint8')]
+        return [MessageField('structure_needs_at_least_one_member', 'uint8')]
     return [_parse(msgtype, name, *description) for name, description in described]
 
 
 def references_of(msgtype: str, typestore: Typestore) -> list[str]:
-    """Every type that a message type refers to, directly or not, sorted by name."""
+    """Return all types that a message type refers to, directly or not, sorted by name."""
     found: set[str] = set()
     waiting = [msgtype]
     while waiting:
@@ -140,9 +140,9 @@ def references_of(msgtype: str, typestore: Typestore) -> list[str]:
 
 
 def defined_hash(msgtype: str, typestore: Typestore) -> str:
-    """The type hash, RIHS01_ and 64 hexadecimal digits, of the typestore's definition.
+    """Compute the type hash, RIHS01_ and 64 hexadecimal digits, of the typestore's definition.
 
-    rosbags' own is the same, but for types that hold a char (to ROS a uint8) or a wstring.
+    rosbags' own hash differs for types with a char (in ROS a uint8) or a wstring.
     """
     description = {
         'type_description': _hashed(msgtype, typestore),
@@ -154,7 +154,7 @@ def defined_hash(msgtype: str, typestore: Typestore) -> str:
 
 
 def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
-    """What REP-2011 hashes of one type, in its order."""
+    """Return the hashed description of one type, in the order of REP-2011."""
     return {
         'type_name': msgtype,
         'fields': [
@@ -172,7 +172,7 @@ def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
     }
 
 
-def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa: ANN401 - nested
+def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> MessageField:  # noqa: ANN401 - nested
     shape, length = Shape.ONE, 0
     if node.name in {'ARRAY', 'SEQUENCE'}:
         (node_of_element, rest_of_element), length = rest
@@ -180,11 +180,11 @@ def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> Field:  # noqa
         shape = Shape.ARRAY if node.name == 'ARRAY' else shape
         node, rest = node_of_element, rest_of_element
     if node.name == 'NAME':
-        return Field(name, _MESSAGE, nested=rest, shape=shape, length=length)
+        return MessageField(name, _MESSAGE, nested=rest, shape=shape, length=length)
     kind, string_bound = rest
     if kind not in _KINDS:
         raise MissingDataError(
-            f'{msgtype}: its field {name} is a {kind}, which no type built at run time can hold;'
+            f'{msgtype}: its field {name} is a {kind}, unsupported in types built at run time;'
             f' install the package {split_name(msgtype)[0]}'
         )
-    return Field(name, kind, string_bound=string_bound, shape=shape, length=length)
+    return MessageField(name, kind, string_bound=string_bound, shape=shape, length=length)

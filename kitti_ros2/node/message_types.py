@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The Python class that rclpy takes for a message type: the installed package's, or our own."""
+"""The Python class of a message type for rclpy: the installed one, or one built at run time."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ _CLASSES: dict[tuple[str, str], type] = {}
 
 
 class RawOnly:
-    """Stands where a generated class has functions that convert a message to or from C."""
+    """A placeholder for the functions of a generated class that convert messages to or from C."""
 
 
 def message_class(msgtype: str, typestore: Typestore) -> type:
-    """The class for a publisher, or for a subscription with raw=True, of serialised messages.
+    """Return the class for a publisher, or for a subscription with raw=True.
 
-    The installed package's own class, if it is defined as the typestore serialises it; without such
-    a package, a class built at run time. Its instances hold nothing: publish bytes.
+    It is the class of the installed package if the typestore has the same definition; without such
+    a package, a class built at run time. Its instances are empty: publish bytes.
 
     Args:
         msgtype: The type's full name, such as tf2_msgs/msg/TFMessage.
-        typestore: Knows the definition that the messages are serialised by.
+        typestore: Contains the definition that the messages are serialised by.
 
     Returns:
-        The same class whenever the same definition is asked for.
+        The same class for the same definition.
 
     Raises:
-        MissingDataError: If the type is unknown, or its installed package is broken or differs.
+        MissingDataError: The type is unknown, or its installed package is broken or differs.
     """
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _CLASSES:
@@ -49,10 +49,10 @@ def message_class(msgtype: str, typestore: Typestore) -> type:
 
 
 def type_hash(cls: type) -> str:
-    """The type hash, RIHS01_ and 64 hexadecimal digits, that a message class tells the middleware.
+    """Return the type hash of a message class, RIHS01_ and 64 hexadecimal digits.
 
     Raises:
-        MissingDataError: The class is no message of ROS 2, or its package's libraries are missing.
+        MissingDataError: The class is not a ROS 2 message, or its package's libraries are missing.
     """
     metaclass: Any = type(cls)
     try:
@@ -61,8 +61,8 @@ def type_hash(cls: type) -> str:
         address = structs.unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
     except Exception as error:  # a broken installation may raise anything
         raise MissingDataError(
-            f'{cls.__module__}.{cls.__name__}: the installed package is no working one of ROS 2'
-            f' ({error}); install it again, or take it off PYTHONPATH'
+            f'{cls.__module__}.{cls.__name__}: the installed package does not work with ROS 2'
+            f' ({error}); install it again, or remove it from PYTHONPATH'
         ) from error
     support = structs.MessageTypeSupport.from_address(address)
     found = structs.TypeHash.from_address(structs.Getter(support.get_type_hash_func)(address))
@@ -77,26 +77,26 @@ def _installed_class(msgtype: str, expected: str) -> type | None:
         if error.name not in {package, f'{package}.{folder}'}:
             raise MissingDataError(
                 f'{msgtype}: the installed package {package} cannot be imported ({error});'
-                f' install what it needs, or take it off PYTHONPATH'
+                f' install its dependencies, or remove it from PYTHONPATH'
             ) from error
         return None
     if importlib.util.find_spec('type_description_interfaces') is None:
-        # Its type supports hold no hash, and reading one from them would crash.
+        # Its type supports contain no hash, and reading one would crash.
         raise MissingDataError(
             f'{msgtype}: the installed package {package} is of a ROS 2 older than Jazzy;'
-            f' use Jazzy, or take it off PYTHONPATH'
+            f' use Jazzy, or remove it from PYTHONPATH'
         )
     cls: type | None = getattr(module, name, None)
     if cls is not None and (found := type_hash(cls)) != expected:
         raise MissingDataError(
             f'{msgtype}: the installed package {package} defines it differently ({found}) than'
-            f' ROS 2 Jazzy ({expected}); install the package of Jazzy, or take it off PYTHONPATH'
+            f' ROS 2 Jazzy ({expected}); install the package of Jazzy, or remove it from PYTHONPATH'
         )
     return cls
 
 
 def _runtime_class(msgtype: str, typestore: Typestore) -> type:
-    """A class with the attributes that rclpy looks for on the class of a message class."""
+    """Build a class whose metaclass has the attributes that rclpy reads."""
     package, folder, name = split_name(msgtype)
     built = runtime_type(msgtype, typestore)
     raw_only = RawOnly()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts ROS, with the middleware's settings for megabytes at a time."""
+"""Starts ROS with middleware settings for messages of megabytes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _PROFILE = Path(__file__).with_name('fastdds.xml')
 _PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-# Whoever sets one of these has settings of his own.
+# If one of these is set, the user has own settings.
 _OWN_SETTINGS = (_PROFILE_VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
 _OWN_PROFILE = 'DEFAULT_FASTRTPS_PROFILES.xml'
 
@@ -32,18 +32,17 @@ _CYCLONE_SETTINGS = (
     '<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>60000B</FragmentSize>'
     '</General></Domain></CycloneDDS>'
 )
-"""A scan of 1.9 MB in 32 datagrams instead of 1500, which fit the usual socket buffer better.
+"""A scan of 1.9 MB takes 32 datagrams instead of 1500, which fit the usual socket buffer better.
 
-Only where no network is between: there each of them would be cut into IP fragments, all of which
-must arrive.
+Only for one machine: a network splits each of them into IP fragments, all of which must arrive.
 """
 
 
 def start_ros(ros_args: Sequence[str]) -> rclpy.Context:
-    """A context of its own; signals are the caller's.
+    """Create a ROS context; the caller handles signals.
 
     Raises:
-        UsageError: The middleware cannot be loaded, or the arguments cannot be meant.
+        UsageError: The middleware cannot be loaded, or the arguments are invalid.
     """
     _use_profile()
     context = rclpy.Context()
@@ -57,14 +56,14 @@ def start_ros(ros_args: Sequence[str]) -> rclpy.Context:
 
 
 def settings_variable() -> str:
-    """The environment variable with the middleware's settings; empty where none is known."""
+    """Return the environment variable with the middleware's settings; empty if unknown."""
     variables = {_FAST: _PROFILE_VARIABLE, _CYCLONE: _CYCLONE_VARIABLE}
     name = middleware()
     return next((variables[each] for each in variables if name.startswith(each)), '')
 
 
 def _use_profile() -> None:
-    """Give Fast DDS our settings where it has no others, Cyclone DDS ours before the others."""
+    """Set the profile of Fast DDS if the user has none; prepend settings for Cyclone DDS."""
     own = any(os.environ.get(name) for name in _OWN_SETTINGS) or Path(_OWN_PROFILE).exists()
     if middleware().startswith(_FAST) and not own:
         os.environ[_PROFILE_VARIABLE] = str(_PROFILE)
@@ -73,7 +72,7 @@ def _use_profile() -> None:
 
 
 def stays_on_this_machine(environment: Mapping[str, str]) -> bool:
-    """Whether nodes of other machines are not discovered.
+    """Whether discovery is limited to this machine.
 
     By ROS_AUTOMATIC_DISCOVERY_RANGE without ROS_STATIC_PEERS, or the older ROS_LOCALHOST_ONLY.
     """
@@ -84,5 +83,5 @@ def stays_on_this_machine(environment: Mapping[str, str]) -> bool:
 
 
 def cyclone_settings(given: str) -> str:
-    """CYCLONEDDS_URI with our settings first: it is a list, and later entries win."""
+    """Return CYCLONEDDS_URI with these settings first: in the list, later entries win."""
     return f'{_CYCLONE_SETTINGS},{given}' if given else _CYCLONE_SETTINGS

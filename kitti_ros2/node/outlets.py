@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A program's topics as publishers of ready-made bytes."""
+"""The topics of a program as publishers of serialised messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..model.errors import MissingDataError
-from ..player.audience import Audience
+from ..player.transport import Audience
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
 from .message_types import message_class
@@ -41,14 +41,14 @@ class Outlets:
     """The publishers of a program; the Transport of a session.
 
     Args:
-        node: Who publishes.
-        program: Whose topics.
+        node: The publishing node.
+        program: The program with the topics.
         overrides: QoS by topic name.
         tell_time: Publishes a serialised rosgraph_msgs/Clock.
 
     Attributes:
-        outlets: The program's.
-        complaints: By index why a topic cannot be published.
+        outlets: The outlets of the program.
+        complaints: Indices of outlets that cannot be published, with the reason.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Outlets:
                 make_profile(outlet.latched, outlet.depth, overrides.get(outlet.name)),
                 qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
             )
-        # A small message is sooner sent than the interpreter's lock is had again.
+        # Sending a small message takes less time than acquiring the interpreter's lock again.
         self._publish = {
             index: byte_publisher(each) if self.outlets[index].on_demand else each.publish
             for index, each in self._publishers.items()
@@ -86,13 +86,13 @@ class Outlets:
         self._counted_ns = 0
 
     def wanted(self, now_ns: int) -> frozenset[int]:
-        """The outlets on demand with a subscriber; looked up when the last look is old."""
+        """Return the on-demand outlets with a subscriber, cached for a short time."""
         if now_ns - self._counted_ns > _COUNT_EVERY_NS:
             self.look()
         return self._wanted
 
     def look(self) -> frozenset[int]:
-        """The outlets on demand with a subscriber now."""
+        """Return the on-demand outlets with a subscriber now."""
         self._counted_ns = time.monotonic_ns()
         self._wanted = frozenset(
             index for index in self._large if self._publishers[index].get_subscription_count() > 0
@@ -100,10 +100,10 @@ class Outlets:
         return self._wanted
 
     def audience(self) -> Audience:
-        """Count the nodes and their subscriptions, of all outlets.
+        """Count the subscribing nodes and their subscriptions, of all outlets.
 
-        A node is told from others by its participant and its name: a GID begins with the 12 bytes
-        of the participant's GUID prefix (RTPS 2.3, 8.2.4.1).
+        Participant and name identify a node: a GID begins with the 12 bytes of the participant's
+        GUID prefix (RTPS 2.3, 8.2.4.1).
         """
         nodes = set()
         subscriptions = 0
@@ -119,7 +119,7 @@ class Outlets:
         return Audience(len(nodes), subscriptions)
 
     def has_subscriber(self, outlet: int) -> bool:
-        """Whether anybody subscribes to an outlet."""
+        """Whether an outlet has a subscriber."""
         return bool(self._publishers[outlet].get_subscription_count())
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:  # noqa: ARG002 - see Transport
@@ -127,10 +127,10 @@ class Outlets:
         self._publish[outlet](data)
 
     def make_room(self, outlet: int, seconds: float) -> bool:
-        """Wait until a reliable outlet's queue has room for one message more.
+        """Wait until a reliable outlet's queue has room for one message.
 
         Returns:
-            Whether it has; best-effort outlets always have.
+            Whether it has room; always True for best-effort outlets.
         """
         return self._flow.make_room(outlet, seconds)
 
@@ -140,14 +140,14 @@ class Outlets:
         self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
 
     def jump(self, stamp_ns: int) -> None:
-        """Nothing: time that goes backwards tells subscribers all there is to tell."""
+        """Do nothing: subscribers detect the seek by the time going backwards."""
 
     def finish(self, seconds: float) -> tuple[str, ...]:
-        """Wait until all reliable messages have arrived; the topics of those that have not."""
+        """Wait until all reliable messages are acknowledged; return the topics where one is not."""
         return self._flow.finish(seconds)
 
     def close(self) -> None:
-        """Take the topics away."""
+        """Remove the topics."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         self._publishers.clear()

@@ -41,16 +41,16 @@ _OF_SOURCE = ('source', 'layout', 'sequence')
 
 
 class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
-    """Plays one source after another; the constructor only declares.
+    """Plays one source after another; the constructor only declares parameters.
 
     Args:
-        overrides: Parameter values that win over all others.
-        context: rclpy's.
+        overrides: Parameter values with precedence over all others.
+        context: The rclpy context.
 
     Attributes:
-        ended: Set when what is played has ended, or was stopped by a control.
+        ended: Set when the session has ended or was stopped by a control.
         on_ended: Called then, from the session's thread.
-        error: What ended it, where that is an error.
+        error: The error that ended the session, if any.
 
     Raises:
         UsageError: A parameter's value has another type, or is out of range.
@@ -75,18 +75,18 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state_publisher = self.create_publisher(DiagnosticArray, '~/state', latched)
 
-    # Life.
+    # Start and stop.
 
     def start(self) -> None:
         """Open the source and play it.
 
         Raises:
-            KittiRos2Error: It cannot be opened, or a parameter cannot be meant.
+            KittiRos2Error: The source cannot be opened, or a parameter is invalid.
             OSError: The same.
         """
         source = str(self._values['source'])
         if not source:
-            raise UsageError('there is nothing to play; give a KITTI folder or a bag as source')
+            raise UsageError('no source; give a KITTI folder or a bag as source')
         settings = make_play_settings(given(self._values))
         program = self._open(source, settings)
         if publishes_clock(settings):
@@ -97,7 +97,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self._play(program, settings)
 
     def stop(self) -> None:
-        """End what is played."""
+        """Stop the session."""
         session, self._session = self._session, None
         if session is not None:
             self._say_who_was_missing(session)
@@ -105,21 +105,21 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
 
     @property
     def session(self) -> Session:
-        """What is played."""
+        """The current session."""
         if self._session is None:
             raise UsageError('nothing is played')
         return self._session
 
     @property
     def playback(self) -> Playback:
-        """The controls of what is played."""
+        """The controls of the session."""
         return self.session.playback
 
     def set_rate(self, rate: float) -> None:
-        """Take another rate, also as the parameter's value.
+        """Set the rate, and the parameter.
 
         Raises:
-            UsageError: It is out of range.
+            UsageError: The rate is out of range.
         """
         parameter = self.get_parameter('rate')
         changed = type(parameter)('rate', value=float(rate))
@@ -176,9 +176,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         session.start(lambda error: self._end(session, error))
 
     def _end(self, session: Session, error: BaseException | None) -> None:
-        """A session's thread has nothing more to do."""
+        """Handle the end of a session."""
         if session is not self._session:
-            return  # it made room for another source
+            return  # another source has replaced it
         self.tell_state()
         self.error = error
         self.ended.set()
@@ -191,9 +191,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     # Parameters.
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse what cannot be; a source is opened here, so that a bad one is refused as well."""
+        """Reject invalid values; a source is opened here, so that a bad one is rejected as well."""
         changes = {each.name: each.value for each in parameters if each.name in _NAMES}
-        if not changes:  # a publisher declares some of its own (qos_overrides)
+        if not changes:  # publishers declare their own parameters (qos_overrides)
             return SetParametersResult(successful=True)
         try:
             settings = make_play_settings(given({**self._values, **changes}))
@@ -221,7 +221,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.playback.change(rate=options.rate, loop=options.loop, step=options.step)
         if changes.get('burst'):
             self.playback.burst(int(changes['burst']))
-        if opened is None:  # else _play has told it
+        if opened is None:  # else _play has published it
             self.tell_state()
 
     def _seek(self, text: str) -> None:

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class QosOverride:
-    """What a file says of a topic: values by the name that QoSProfile has for them."""
+    """The QoS of a topic in a file: values by their names in QoSProfile."""
 
     values: dict[str, Any]
 
 
 def make_profile(latched: bool, depth: int, override: QosOverride | None) -> QoSProfile:  # noqa: FBT001
-    """The profile of a publisher.
+    """Make the profile of a publisher.
 
     Reliable and volatile, so that reliable and best-effort subscribers both match; latched topics
     are transient local.
@@ -51,16 +51,16 @@ def make_profile(latched: bool, depth: int, override: QosOverride | None) -> QoS
 
 
 def load_overrides(path: Path) -> dict[str, QosOverride]:
-    """The overrides of a file, by topic: the format of ros2 bag's --qos-profile-overrides-path.
+    """Load overrides by topic, in the format of ros2 bag's --qos-profile-overrides-path.
 
     Raises:
-        UsageError: The file is not there, no YAML, or says what cannot be.
+        UsageError: The file is missing, no YAML, or invalid.
     """
     try:
         content = load_yaml(path.read_text('utf-8'))
     except OSError as error:
-        raise UsageError(f'{path}: {error.strerror}; it should hold QoS overrides') from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or no such date
+        raise UsageError(f'{path}: {error.strerror}; expected a file with QoS overrides') from None
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or an invalid date
         mark = getattr(error, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
         raise UsageError(f'{where}: no YAML; expected topics with their QoS') from None
@@ -92,7 +92,7 @@ def _choice(kind: type[Enum], *names: str) -> Callable[[object], Enum]:
     known = {name: kind[name.upper()] for name in names}
 
     def parse(value: object) -> Enum:
-        policy = known.get(str(value).lower())  # rosbag2 does not mind the case either
+        policy = known.get(str(value).lower())  # rosbag2 ignores case, too
         if policy is None:
             raise ValueError(f'one of {", ".join(names)}')
         return policy
@@ -101,7 +101,7 @@ def _choice(kind: type[Enum], *names: str) -> Callable[[object], Enum]:
 
 
 def _duration(value: object) -> Duration:
-    """Zero stands for infinity, as in rosbag2, which wants both parts too."""
+    """Parse a duration; zero means infinity and both parts are required, as in rosbag2."""
     expected = ValueError('{sec: SECONDS, nsec: NANOSECONDS}, whole numbers from 0')
     if not isinstance(value, dict) or set(value) != {'sec', 'nsec'}:
         raise expected

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The C structures that describe a message type to the middleware, as ROS 2 Jazzy lays them out.
+"""The C structures that describe a message type to the middleware, with the layout of ROS 2 Jazzy.
 
-Each names the header that it mirrors, member by member; only the trailing underscores that some
-headers give to member names are left out. A test reads the types of an installed package through
-them, so that a layout that has changed is found there.
+Each names the header that it mirrors, member by member, without the trailing underscores of some
+member names. A test reads the types of an installed package through them, to detect a changed
+layout.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class CString(ctypes.Structure):
 
 
 class CSequence(ctypes.Structure):
-    """A sequence of anything, as ROSIDL_RUNTIME_C__PRIMITIVE_SEQUENCE lays it out."""
+    """A sequence of any type, with the layout of ROSIDL_RUNTIME_C__PRIMITIVE_SEQUENCE."""
 
     _fields_: ClassVar = [
         ('data', ctypes.c_void_p),
@@ -165,10 +165,10 @@ _capsule_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c
 
 
 def wrap_pointer(address: int) -> object:
-    """A pointer as the generated Python classes hold it: in a capsule without name."""
+    """Wrap a pointer in a capsule without name, like the generated Python classes do."""
     return _new_capsule(address, None, None)
 
 
 def unwrap_pointer(capsule: object) -> int:
-    """The pointer in such a capsule."""
+    """Return the pointer in such a capsule."""
     return int(_capsule_pointer(capsule, None))

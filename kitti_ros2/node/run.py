@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the player until it ends or is told to: init, threads, and a clean way out."""
+"""Runs the node until it ends or a stop is requested: init, threads, shutdown."""
 
 from __future__ import annotations
 
@@ -20,44 +20,46 @@ from .player import KittiPlayer
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from ..player.ending import Ending
+    from ..player.to_the_end import StopRequest
 
 
 def run_player(
-    values: Mapping[str, Any], ros_args: Sequence[str], ending: Ending, *, keyboard: bool
+    values: Mapping[str, Any], ros_args: Sequence[str], stop_request: StopRequest, *, keyboard: bool
 ) -> int:
-    """Play until everything is played, or the ending is set, or ROS shuts down.
+    """Play until everything is played, or a stop is requested, or ROS shuts down.
 
     Args:
-        values: Parameters by name; they win over those in ros_args.
-        ros_args: From --ros-args on.
-        ending: Tells when to end.
+        values: Parameters by name; they have precedence over ros_args.
+        ros_args: Arguments from --ros-args on.
+        stop_request: The request to stop.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, what was missing
-        from the start, and topics whose last messages did not arrive although it was lossless; 0
-        when it was told to end.
+        The number of losses if everything was played: messages that could not be made, data missing
+        from the start, and topics whose last messages did not arrive in lossless mode; 0 if a stop
+        was requested.
 
     Raises:
-        KittiRos2Error: The source cannot be played, or a parameter cannot be meant.
+        KittiRos2Error: The source cannot be played, or a parameter is invalid.
     """
     favour_what_is_due()
     context = start_ros(ros_args)
-    with Closing(ending) as closing:
+    with Closing(stop_request) as closing:
         closing.callback(context.try_shutdown)
         node = create_node(lambda: KittiPlayer(to_parameters(values), context=context))
-        node.on_ended = ending.set
+        node.on_ended = stop_request.set
         closing.callback(node.destroy_node)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         node.start()
         closing.callback(node.stop)
         stop = threading.Event()
-        thread = threading.Thread(target=_spin, args=(executor, stop, ending.set), name='executor')
+        thread = threading.Thread(
+            target=_spin, args=(executor, stop, stop_request.set), name='executor'
+        )
         thread.start()
         closing.callback(_end_spin, executor, stop, thread)
-        losses = play_to_the_end(node, ending, node.get_logger().info, keyboard=keyboard)
+        losses = play_to_the_end(node, stop_request, node.get_logger().info, keyboard=keyboard)
         if node.session.late:
             closing.seconds -= LAST_WAIT_S
         return losses
@@ -66,7 +68,7 @@ def run_player(
 def _spin(
     executor: SingleThreadedExecutor, stop: threading.Event, ended: Callable[[], None]
 ) -> None:
-    """Run callbacks until told to end, or ROS shuts down."""
+    """Run callbacks until stopped, or ROS shuts down."""
     try:
         while not stop.is_set():
             executor.spin_once()
@@ -79,8 +81,8 @@ def _spin(
 def _end_spin(
     executor: SingleThreadedExecutor, stop: threading.Event, thread: threading.Thread
 ) -> None:
-    # An executor that is shut down while it spins loses what it is about to wait with; and it
-    # waits until there is something to do.
+    # Shutting down a spinning executor destroys the wait set it is about to use; and it spins
+    # until it has a task.
     stop.set()
     executor.create_task(lambda: None)
     thread.join()

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS message types built at run time, without a compiler: what the generated C libraries hold.
+"""ROS message types built at run time, in place of the generated and compiled C libraries.
 
-A type made here carries serialised messages only. It tells the middleware its name, hash, fields
-and description, and how a message would lie in memory; but no message ever does, and the functions
-that would convert one say that they cannot.
+Such a type is for serialised messages only. It gives the middleware its name, hash, fields and
+description, and the memory layout of a message; but no message is ever in memory, and the
+functions that would convert one report failure.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from . import rosidl_structs as structs
 from .message_fields import HASH_PREFIX, Shape, defined_hash, fields_of, references_of, split_name
 
 if TYPE_CHECKING:
-    from .message_fields import Field, Typestore
+    from .message_fields import MessageField, Typestore
 
-_DEPENDENCY_RULE = '=' * 80  # in a generated definition, stands before those it refers to
+_DEPENDENCY_RULE = '=' * 80  # in a generated definition, precedes each dependency
 _ENCAPSULATION_SIZE = 4
 
-# What the generated code would do with a message in memory. None ever is, so each of these only has
-# to be safe to call: nothing is read, nothing but `bounds` is written.
+# The functions of generated code for messages in memory. No message ever is, so each of these only
+# has to be safe to call: nothing is read, nothing but `bounds` is written.
 _CONVERT_NOTHING = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(
     lambda _message, _cdr: False
 )
@@ -42,7 +42,7 @@ _INITIALIZE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
 
 
 def _promise_no_bound(bounds: Any) -> int:  # noqa: ANN401 - a ctypes pointer
-    """The largest size of a message: not known, so that buffers grow with each message."""
+    """Report an unbounded message size, so that buffers grow with each message."""
     bounds[0] = b'\0'  # ROSIDL_TYPESUPPORT_FASTRTPS_UNBOUNDED_TYPE
     return _ENCAPSULATION_SIZE
 
@@ -60,23 +60,23 @@ def _pointer(function: Any) -> int | None:  # noqa: ANN401 - one of many ctypes 
 
 
 def _text(value: str) -> structs.CString:
-    """A string of C; an empty one has no data, as in the generated code."""
+    """Make a C string; an empty one has no data, as in the generated code."""
     data = value.encode()
     return structs.CString(data or None, len(data), len(data))
 
 
 class RuntimeType:
-    """One message type in the middleware's own terms; owns all that C code reads through it.
+    """The type support of one message type; owns all memory that C code reads through it.
 
-    The middleware keeps the pointers that it is given for as long as it likes, so an object of this
-    class must never be freed: get it from `runtime_type`, which sees to that.
+    The middleware may keep the pointers forever, so an object of this class must never be freed:
+    get it from `runtime_type`, which ensures that.
 
     Attributes:
         msgtype: The type's full name, such as tf2_msgs/msg/TFMessage.
-        layout: How a message would lie in memory.
+        layout: The memory layout of a message.
         fields: Its fields, in order.
-        nested: By full name the types of its fields that are messages.
-        capsule: The pointer to its type support, as rclpy takes it.
+        nested: The types of its fields that are messages, by full name.
+        capsule: The pointer to its type support, for rclpy.
     """
 
     def __init__(self, msgtype: str, typestore: Typestore) -> None:
@@ -103,11 +103,11 @@ class RuntimeType:
         self.capsule = structs.wrap_pointer(self._handles[structs.C_IDENTIFIER])
 
     def handle(self, identifier: bytes) -> int:
-        """The address of the type support of one kind."""
+        """Return the address of the type support of one kind."""
         return self._handles[identifier]
 
     def individual_description(self) -> structs.IndividualTypeDescription:
-        """The type's name and fields, without those of the types that it refers to."""
+        """Return the type's name and fields, without those of its dependencies."""
         described = [
             structs.Field(
                 name=_text(field.name),
@@ -123,15 +123,15 @@ class RuntimeType:
         return structs.IndividualTypeDescription(_text(self.msgtype), self._sequence(described))
 
     def source(self) -> structs.TypeSource:
-        """The text of the type's definition."""
+        """Return the text of the type's definition."""
         return structs.TypeSource(_text(self.msgtype), _text('msg'), _text(self._definition))
 
     def _find_handle(self, _handle: int | None, identifier: bytes) -> int | None:
-        """Answer a lookup; NULL lets a middleware that knows neither kind say so itself."""
+        """Answer a lookup; NULL makes a middleware of another kind report the error."""
         return self._handles.get(identifier)
 
     def _make_getters(self, typestore: Typestore) -> list[int | None]:
-        """The functions that return the type's hash, description and sources."""
+        """Make the functions that return the type's hash, description and sources."""
         type_hash = defined_hash(self.msgtype, typestore)
         names = references_of(self.msgtype, typestore)
         references = [runtime_type(name, typestore) for name in names]
@@ -148,7 +148,7 @@ class RuntimeType:
         ]
 
     def _make_layout(self) -> type[ctypes.Structure]:
-        """The structure that the C generator would write."""
+        """Make the structure that the C generator would write."""
         members = []
         for field in self.fields:
             nested = self.nested.get(field.nested)
@@ -193,7 +193,7 @@ class RuntimeType:
             )
         )
 
-    def _make_member(self, field: Field) -> structs.MessageMember:
+    def _make_member(self, field: MessageField) -> structs.MessageMember:
         nested = self.nested.get(field.nested)
         member = structs.MessageMember(
             field.name.encode(),
@@ -213,7 +213,7 @@ class RuntimeType:
         return member
 
     def _sequence(self, items: list[Any]) -> structs.CSequence:
-        """A sequence of C; an empty one has no data, as in the generated code."""
+        """Make a C sequence; an empty one has no data, as in the generated code."""
         if not items:
             return structs.CSequence()
         array = (type(items[0]) * len(items))(*items)
@@ -231,7 +231,7 @@ _TYPES: dict[tuple[str, str], RuntimeType] = {}
 
 
 def runtime_type(msgtype: str, typestore: Typestore) -> RuntimeType:
-    """The one object for a message type of this definition, made when first asked for."""
+    """Return the only object for a message type with this definition; made at the first call."""
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _TYPES:
         made = RuntimeType(msgtype, typestore)

@@ -27,7 +27,7 @@ from ..kitti.label_file import frame_labels, parse_labels
 from ..kitti.oxts_file import parse_packet
 from ..kitti.tracklet_file import labels_of_tracklets
 from ..messages.image import decode_compressed
-from ..messages.naming import Frames, base_t_imu
+from ..messages.naming import FrameNames, base_t_imu
 from ..messages.pose import decode_odometry
 from ..messages.scan import decode_scan
 from ..messages.source import decode_text
@@ -215,7 +215,7 @@ class BagRecording:
 
     @cached_property
     def _base_t_imu(self) -> Transform:
-        frames = Frames()
+        frames = FrameNames()
         for parent, child, transform in self._survey.static:
             if (parent, child) == (frames.base, frames.imu):
                 return transform

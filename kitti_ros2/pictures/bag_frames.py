@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a bag that is not ours, as the importer's plan would lay them out."""
+"""The frames of a bag not written by to-bag, arranged by the importer's plan."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ _OPTICAL = '_optical_frame'
 
 
 class BagFrames:
-    """The frames of a bag: see frame.FrameSource. They are numbered by position, from 0.
+    """The FrameSource of a bag; frames are numbered by position, from 0.
 
-    Images are rectified where their camera_info tells a distortion, so that what is projected into
-    them lies right.
+    Images whose camera_info contains a distortion are rectified, so that projections into them are
+    right.
 
     Args:
-        bag: Which.
-        survey: What a pass over it found.
+        bag: The bag.
+        survey: The survey of the bag.
 
     Raises:
-        BadBagError: It cannot be read.
-        MissingDataError: It has neither point clouds nor images.
+        BadBagError: The bag cannot be read.
+        MissingDataError: The bag has neither point clouds nor images.
     """
 
     def __init__(self, bag: BagSource, survey: Survey) -> None:
@@ -98,7 +98,7 @@ class BagFrames:
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
     def trajectory(self) -> Trajectory:
-        """All poses of the bag, also those between its frames."""
+        """Return all poses of the bag, also those between its frames."""
         if self._track is None:
             return Trajectory(np.zeros(0, np.int64), [])
         stamps_ns = self._track.track.stamps_ns
@@ -106,11 +106,11 @@ class BagFrames:
         return Trajectory(stamps_ns, [pose @ self._body_t_imu for pose in poses])
 
     def close(self) -> None:
-        """As FrameSource has it."""
+        """See FrameSource."""
         self._messages.close()
 
     def _find_unit(self, survey: Survey) -> Transform:
-        """body_T_imu, where static transforms tell it; else the body stands for the unit."""
+        """Return body_T_imu from static transforms; the identity if they do not contain it."""
         pose, unit = self._track, self._plan.imu_frame
         if pose is None or not unit:
             return Transform.identity()
@@ -118,7 +118,7 @@ class BagFrames:
         return tree.find(pose.body, unit) or Transform.identity()
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
-        """As FrameSource has it."""
+        """See FrameSource."""
         if not 0 <= number < len(self.numbers):
             last = len(self.numbers) - 1
             raise UsageError(f'{self.name} has no frame {number}; it has 0 to {last}')
@@ -176,14 +176,14 @@ class BagFrames:
 
 
 class EgoTrack(NamedTuple):
-    """Poses, and the frame whose poses they are."""
+    """Poses, and the frame that they are of."""
 
     track: PoseTrack
     body: str
 
 
 def _to_look_at(plan: Plan) -> Plan:
-    """The plan with every frame, and with the boxes that the camera does not see."""
+    """Return the plan with incomplete frames, and with boxes outside the camera's view."""
     labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
     return replace(plan, incomplete=Incomplete.KEEP, labels=labels)
 
@@ -191,7 +191,7 @@ def _to_look_at(plan: Plan) -> Plan:
 def _rigged(
     plan: Plan, survey: Survey, cautions: list[str]
 ) -> tuple[Plan, Rigging, dict[str, str]]:
-    """The rigging of a plan, without calibration and labels where that cannot be had, and why."""
+    """Return plan and rigging, without calibration and labels if it is missing, and the reason."""
     try:
         return plan, Rigging(plan, survey), {}
     except KittiRos2Error as error:
@@ -202,10 +202,10 @@ def _rigged(
 
 
 def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
-    """What turns points with z forward (REP 103's optical frames) to KITTI's axes, None for none.
+    """Return the rotation from z forward (REP 103's optical frames) to KITTI's axes, or None.
 
-    A cloud of a depth camera is in such a frame; where a calibration tells where that is, points
-    come from it in the right place already.
+    A cloud of a depth camera is in such a frame; with a calibration, points are already in the
+    right place.
     """
     if plan.scan is None or not plan.scan.frame.endswith(_OPTICAL):
         return None
@@ -216,12 +216,12 @@ def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
 
 
 def _identified(cuboid: Cuboid) -> Cuboid:
-    """The box with its class as labels have it, and its track where its name is a number."""
+    """Return the box with its class in the form of labels, and its track if it is a number."""
     return replace(cuboid, kind=class_name(cuboid.kind), track_id=own_number(cuboid.identity))
 
 
 def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
-    """The poses that odometry would be made of, if any."""
+    """Read the poses that the odometry layout would be made from, if any."""
     try:
         plan = guess_plan(survey, Layout.ODOMETRY, path_of(bag)).plan
         losses = LossTally()
@@ -236,7 +236,7 @@ def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | No
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:
-    """Where the message of each frame is, None for a frame without."""
+    """Return the place of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
     samples = frames.samples[stream].tolist()
     found = iter(places_of(topic, log_ns, (place for place in samples if place != NONE)))

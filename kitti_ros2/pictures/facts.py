@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The words and figures of a panel: what is known of a frame, and how many of each class it has."""
+"""The texts and numbers of a panel: the facts of a frame, and its objects by class."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _SCALE = 0.45
 _LINE = 22
 _VALUES = 100
-"""Where values begin, pixels."""
+"""Left edge of the values, pixels."""
 
 _LABEL: Color = (140, 132, 126)
 _VALUE: Color = (225, 221, 218)
@@ -34,12 +34,12 @@ _BAR_HEIGHT = 8
 
 
 def moment_of(frame: Frame) -> str | None:
-    """The frame's time to the millisecond; None where the layout tells none."""
+    """Format the frame's time to the millisecond; None if the layout has no times."""
     return f'{format_stamp(frame.stamp_ns)[:-6]} UTC' if frame.timed else None
 
 
 def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
-    """Names and values of what is known of a frame."""
+    """Return names and values of the facts of a frame."""
     facts = [] if frame.timed else [('time', 'not told by the layout')]
     camera = chosen_camera(frame.images, options)
     if camera is not None and camera in frame.images:
@@ -56,7 +56,7 @@ def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
 
 
 def _motion(frame: Frame) -> list[tuple[str, str]]:
-    """What the GPS/IMU unit tells, or else the pose."""
+    """Return the facts from the GPS/IMU unit, or else from the pose."""
     packet, pose = frame.packet, frame.pose
     if packet is not None:
         speed = math.hypot(packet.vn, packet.ve)
@@ -74,7 +74,7 @@ def _motion(frame: Frame) -> list[tuple[str, str]]:
 
 
 def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
-    """Write what is known of a frame, a line each, and what it lacks."""
+    """Draw the facts of a frame, one line each, and its missing data."""
     width = window.shape[1]
     baseline = _LINE - 4
     for name, value in facts_of(frame, options):
@@ -91,7 +91,7 @@ def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
 
 
 def draw_classes(window: Pixels, frame: Frame) -> None:
-    """Write how many objects of each class there are, with bars; predictions have an outline."""
+    """Draw the number of objects of each class with bars; outlined ones are predictions."""
     counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
     found = Counter(each.kind for each in frame.predictions)
     most = max([*counts.values(), *found.values()], default=0)

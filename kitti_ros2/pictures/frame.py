@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One frame of a recording or a bag, decoded: what pictures are drawn from."""
+"""One decoded frame of a recording or a bag, the input of all pictures."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What belongs to one moment.
+    """The data of one frame.
 
     Attributes:
-        source: Name of the recording, for people.
-        number: KITTI file number; in a bag of others, the place of the frame from 0.
+        source: Display name of the recording.
+        number: KITTI file number; in a bag not written by to-bag, the index of the frame from 0.
         stamp_ns: Nanoseconds since 1970 of the stream that frames are counted by.
-        images: (H, W, 3) uint8 BGR by KITTI camera index, not to be drawn on; grey ones have three
-            equal channels.
+        images: (H, W, 3) uint8 BGR by KITTI camera index, read-only; grey ones have three equal
+            channels.
         points: (N, 4) float32 x y z in metres in velo_link and reflectance 0..1; None without.
-        calibration: Of this frame, None where there is none at all.
+        calibration: Calibration of this frame, None without any.
         objects: Labels.
-        predictions: What a detector found, drawn in a second style.
-        packet: Of the GPS/IMU unit, if any.
-        pose: Where the vehicle is, if known.
-        timed: Whether the layout tells times; where it does not, stamps are nominal.
-        missing: What cannot be had of this frame and should be there: name to the reason, a line.
+        predictions: Objects found by a detector, drawn in a second style.
+        packet: Packet of the GPS/IMU unit, if any.
+        pose: Pose of the vehicle, if known.
+        timed: Whether the layout has times; otherwise stamps are nominal.
+        missing: Missing or unreadable data of this frame: name to the reason, one line.
     """
 
     source: str
@@ -54,13 +54,13 @@ class FrameSource(Protocol):
     """Frames by number; frame may be called from several threads at once.
 
     Attributes:
-        name: For people, such as ``raw 2011_09_26_drive_0005_sync`` or a bag's file name.
+        name: Display name, such as ``raw 2011_09_26_drive_0005_sync`` or a bag's file name.
         numbers: (N,) int64, ascending.
         stamps_ns: (N,) int64, of the frames.
-        cameras: KITTI camera index to name, those that have images.
-        losses: What is missing or damaged from the start, by stream or topic.
-        cautions: What pictures are to be seen with caution for, such as guessed axes; a line each.
-        notes: What else is worth a word and no loss; a line each.
+        cameras: KITTI camera index to name, of cameras with images.
+        losses: Data missing or damaged from the start, by stream or topic.
+        cautions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
+        notes: Other non-fatal remarks; one line each.
     """
 
     name: str
@@ -72,7 +72,7 @@ class FrameSource(Protocol):
     notes: Sequence[str]
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
-        """The frame with a number.
+        """Return the frame with a number.
 
         Args:
             number: One of numbers.
@@ -80,8 +80,8 @@ class FrameSource(Protocol):
                 default.
 
         Raises:
-            UsageError: There is no such frame.
+            UsageError: The frame does not exist.
         """
 
     def close(self) -> None:
-        """Let go of files."""
+        """Release files."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of a frame that pictures are made of, or the error that says which one is missing."""
+"""Access to the parts of a frame for drawing, with an error for a missing part."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _CALIBRATION = Stream.CALIBRATION.value
 
 
 def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:
-    """The camera that is asked for; else camera 2, or the first there is; None without any."""
+    """Return the requested camera; else camera 2, or the first one; None without any."""
     if options.camera is not None:
         return options.camera
     return LABEL_CAMERA if LABEL_CAMERA in cameras else min(cameras, default=None)
 
 
 def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
-    """The camera that the options choose, and its image, not to be drawn on.
+    """Return the camera that the options choose, and its image, read-only.
 
     Raises:
         MissingDataError: The frame has no image of it.
@@ -48,10 +48,10 @@ def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
 
 
 def frame_points(frame: Frame) -> Float32Array:
-    """The scan.
+    """Return the scan.
 
     Raises:
-        MissingDataError: The frame has none.
+        MissingDataError: The frame has no scan.
     """
     if frame.points is None:
         raise _lacking(frame, 'scan', Stream.SCAN.value)
@@ -59,20 +59,20 @@ def frame_points(frame: Frame) -> Float32Array:
 
 
 def bird_points(frame: Frame) -> Float32Array | None:
-    """The scan; None where there is none, but boxes to be seen from above.
+    """Return the scan for the bird's-eye view; None if the frame only has boxes.
 
     Raises:
-        MissingDataError: There is neither.
+        MissingDataError: The frame has neither.
     """
     boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
     return frame.points if boxes else frame_points(frame)
 
 
 def frame_projection(frame: Frame, camera: int) -> Projection:
-    """velo_link into the images of a camera.
+    """Return the projection from velo_link into the images of a camera.
 
     Raises:
-        MissingDataError: The calibration is not there or not whole.
+        MissingDataError: The calibration is missing or incomplete.
     """
     if frame.calibration is None:
         raise _lacking(frame, 'calibration', _CALIBRATION)
@@ -84,10 +84,10 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
 
 
 def needed_projection(frame: Frame, camera: int) -> Projection | None:
-    """The same, where 2D boxes cannot be drawn without; else None.
+    """Return the projection if 2D boxes cannot be drawn without it; else None.
 
     Raises:
-        MissingDataError: It is needed, and the calibration is not there or not whole.
+        MissingDataError: It is needed, and the calibration is missing or incomplete.
     """
     labelled = is_labelled(frame.calibration, camera)
     everything = (*frame.objects, *frame.predictions)
@@ -96,7 +96,7 @@ def needed_projection(frame: Frame, camera: int) -> Projection | None:
 
 
 def of_classes(frame: Frame, options: PictureOptions) -> Frame:
-    """The frame with the objects of the classes that are drawn; DontCare regions always are."""
+    """Return the frame with objects of the selected classes only, and DontCare regions."""
     if not options.classes:
         return frame
     kept = {*options.classes, DONT_CARE}
@@ -108,16 +108,16 @@ def of_classes(frame: Frame, options: PictureOptions) -> Frame:
 
 
 def _lacking(frame: Frame, what: str, stream: str) -> MissingDataError:
-    """The error that a frame has not what a picture shows, with the reason where one is known."""
+    """Make the error for a missing part of a frame, with the reason if it is known."""
     reason = _reason(frame, stream)
     return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
 
 
 def _reason(frame: Frame, stream: str) -> str:
-    """Why a stream cannot be had, '' where that is not known."""
+    """Return the reason why a stream is missing, '' if unknown."""
     return next((why for name, why in frame.missing.items() if name.startswith(stream)), '')
 
 
 def name_of(frame: Frame) -> str:
-    """The frame in an error's words."""
+    """Return the name of the frame in errors."""
     return f'{frame.source}: frame {frame.number}'

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures that can be made of a frame: a table of modes."""
+"""The table of picture modes."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Mode:
     """One kind of picture.
 
     Attributes:
-        draw: Makes it of a frame; raises MissingDataError where the frame has not what it takes.
-        image: Whether it shows a camera's image.
-        others: The streams that it shows besides.
+        draw: Draws it from a frame; raises MissingDataError if required data is missing.
+        image: Whether it shows a camera image.
+        others: The other streams that it shows.
     """
 
     draw: Callable[[Frame, PictureOptions], Pixels]
@@ -47,18 +47,18 @@ class Mode:
     others: frozenset[str]
 
     def streams(self, cameras: Collection[int], options: PictureOptions) -> frozenset[str]:
-        """What FrameSource.frame is to read.
+        """Return the streams that FrameSource.frame has to read.
 
         Args:
-            cameras: Those that the source has images of.
-            options: Of the picture.
+            cameras: Cameras whose images the source has.
+            options: Picture options.
         """
         camera = chosen_camera(cameras, options) if self.image else None
         return self.others if camera is None else self.others | {f'image_{camera}'}
 
 
 def draw_camera(frame: Frame, options: PictureOptions) -> Pixels:
-    """2D boxes on the camera image."""
+    """Draw 2D boxes on the camera image."""
     camera, image = camera_image(frame, options)
     frame = of_classes(frame, options)
     labelled = is_labelled(frame.calibration, camera)
@@ -76,7 +76,7 @@ def draw_camera(frame: Frame, options: PictureOptions) -> Pixels:
 
 
 def draw_boxes(frame: Frame, options: PictureOptions) -> Pixels:
-    """3D wireframes on the camera image."""
+    """Draw 3D wireframes on the camera image."""
     camera, image = camera_image(frame, options)
     projection = frame_projection(frame, camera)
     frame = of_classes(frame, options)
@@ -86,7 +86,7 @@ def draw_boxes(frame: Frame, options: PictureOptions) -> Pixels:
 
 
 def draw_lidar(frame: Frame, options: PictureOptions) -> Pixels:
-    """The scan on the camera image."""
+    """Draw the scan on the camera image."""
     camera, image = camera_image(frame, options)
     points, projection = frame_points(frame), frame_projection(frame, camera)
     picture: Pixels = image.copy()
@@ -97,7 +97,7 @@ def draw_lidar(frame: Frame, options: PictureOptions) -> Pixels:
 
 
 def draw_bev(frame: Frame, options: PictureOptions) -> Pixels:
-    """The scan and the boxes from above."""
+    """Draw the scan and the boxes from above."""
     frame = of_classes(frame, options)
     points = bird_points(frame)
     return birds_eye(

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures one after the other as an MP4 film.
+"""MP4 films of pictures.
 
-PyAV (the extra video) encodes H.264, which every player and browser shows; without it OpenCV
-encodes MPEG-4 Part 2, which players show and browsers do not.
+PyAV (the extra video) encodes H.264, which every player and browser supports; without it OpenCV
+encodes MPEG-4 Part 2, which players support and browsers do not.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ class MovieError(KittiRos2Error):
         )
 
 
-class _Encoder(Protocol):
+class _MovieEncoder(Protocol):
     def write(self, picture: Pixels) -> None: ...
 
     def close(self) -> None: ...
 
 
 class Movie:
-    """A film under construction: a context manager.
+    """A context manager that writes a film.
 
-    Pictures that are of another size than the first are fitted into it.
+    Pictures of another size than the first are scaled to fit.
 
     Args:
         path: The file to write, ending in .mp4.
-        rate_hz: Pictures a second.
+        rate_hz: Pictures per second.
 
     Attributes:
-        codec: What it is encoded with, for people.
+        codec: Display name of the codec.
     """
 
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._path = path
         self._rate_hz = rate_hz
-        self._encoder: _Encoder | None = None
+        self._encoder: _MovieEncoder | None = None
         self._size = (0, 0)
         self.codec = 'H.264' if has_h264() else 'MPEG-4 Part 2'
 
@@ -79,7 +79,7 @@ class Movie:
         """Add a picture, (H, W, 3) uint8 BGR.
 
         Raises:
-            MovieError: The encoder does not take it.
+            MovieError: The encoder fails.
         """
         if self._encoder is None:
             self._size = (_even(picture.shape[1]), _even(picture.shape[0]))
@@ -98,7 +98,7 @@ def has_h264() -> bool:
 
 
 def fitted(picture: Pixels, size: tuple[int, int]) -> Pixels:
-    """A picture scaled into (width, height), black beside it; itself where it is of that size."""
+    """Scale a picture into (width, height), padded with black; unchanged if of that size."""
     import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
 
     width, height = size
@@ -116,7 +116,7 @@ def fitted(picture: Pixels, size: tuple[int, int]) -> Pixels:
 
 
 def _even(length: int) -> int:
-    """Video stores colour for pairs of pixels."""
+    """Round down to an even length, as video stores colour for pairs of pixels."""
     return max(2, length - length % 2)
 
 
@@ -124,7 +124,6 @@ class _H264:
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int]) -> None:
         import av  # noqa: PLC0415 - an extra
 
-        self._path = path
         self._av = av
         self._file = av.open(str(path), 'w', format='mp4', options={'movflags': '+faststart'})
         rate = Fraction(rate_hz).limit_denominator(_MOST_DENOMINATOR)
@@ -161,7 +160,7 @@ class _Mpeg4:
         import cv2  # noqa: PLC0415 - as above
 
         self._writer.release()
-        # Neither writing nor closing tells of a full disk: what is there is counted.
+        # Neither writing nor closing reports a full disk: the written pictures are counted.
         film = cv2.VideoCapture(str(self._path))
         found = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
         film.release()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where pictures are written: beside their place, and moved there when they are whole."""
+"""Writes pictures: to a temporary place first, renamed when they are complete."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FILMS = tuple(bytes([0, 0, 0, length]) for length in range(16, 64))
 keep_all_but_pictures = keep_all_but_files(
     'picture or film', (b'\x89PNG', b'\xff\xd8\xff', b'RIFF', *_FILMS)
 )
-"""What --overwrite does not replace."""
+"""The refusal for --overwrite: it replaces only pictures and films."""
 
 PICTURES = ('.png', '.jpg', '.jpeg', '.webp')
 _JPEG_QUALITY = 92
@@ -29,11 +29,11 @@ _JPEG_QUALITY = 92
 
 @contextmanager
 def staged_folder(out: Path) -> Iterator[Path]:
-    """A folder to fill, which is at out when all went well; out may be there and empty.
+    """Yield a folder to fill, which is renamed to out on success; out may exist and be empty.
 
     Raises:
-        OutputExistsError: out holds something.
-        OutputError: The disk refuses.
+        OutputExistsError: out is not empty.
+        OutputError: The folder cannot be written.
     """
     staging = Staging(out, _refuse_content)
     try:
@@ -46,20 +46,20 @@ def staged_folder(out: Path) -> Iterator[Path]:
 
 
 def write_picture(path: Path, picture: Pixels) -> None:
-    """Write (H, W, 3) uint8 BGR, as the ending says.
+    """Write (H, W, 3) uint8 BGR in the format of the file name's suffix.
 
     Raises:
-        UsageError: The ending is that of no picture.
-        OSError: It cannot be written.
+        UsageError: The suffix is unsupported.
+        OSError: The file cannot be written.
     """
     path.write_bytes(encode_picture(picture, path.suffix))
 
 
 def encode_picture(picture: Pixels, suffix: str) -> bytes:
-    """The file of a picture by the ending of its name, such as .png.
+    """Encode a picture in the format of a suffix, such as .png.
 
     Raises:
-        UsageError: The ending is that of no picture.
+        UsageError: The suffix is unsupported.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
 

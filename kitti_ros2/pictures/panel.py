@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One page that tells a frame: its images, its scan, its objects, and the facts about it.
+"""The panel: one page with the images, the scan, the objects, and the facts of a frame.
 
 Left, the camera image with 2D boxes, with 3D boxes and with the scan; right, the view from above,
-the facts, and the scan by direction. A part that cannot be drawn says why in its place.
+the facts, and the scan by direction. A part that cannot be drawn shows the reason in its place.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Area(NamedTuple):
     height: int
 
     def of(self, page: Pixels) -> Pixels:
-        """The part of the page, to be drawn on."""
+        """Return the part of the page for drawing."""
         return page[self.top : self.top + self.height, self.left : self.left + self.width]
 
 
@@ -104,7 +104,7 @@ TITLES = {
 
 
 def draw_panel(frame: Frame, options: PictureOptions) -> Pixels:
-    """The page of a frame, (1080, 1920, 3) BGR."""
+    """Draw the page of a frame, (1080, 1920, 3) BGR."""
     frame = of_classes(frame, options)
     page = new_picture(SIZE, _PAGE)
     for area, title in TITLES.items():
@@ -121,7 +121,7 @@ def draw_panel(frame: Frame, options: PictureOptions) -> Pixels:
 
 
 def _draw_head(page: Pixels, frame: Frame) -> None:
-    """Source and frame on the left, time on the right."""
+    """Draw source and frame on the left, time on the right."""
     number = f'frame {frame.number}'
     moment = moment_of(frame) or ''
     baseline = 34
@@ -135,7 +135,7 @@ def _draw_head(page: Pixels, frame: Frame) -> None:
 
 
 def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
-    """What is missing, in the middle of a window."""
+    """Draw the reason for missing data in the middle of a window."""
     window[:] = cv2.convertScaleAbs(window, alpha=_DIM)
     width = window.shape[1]
     reason = str(error).removeprefix(f'{name_of(frame)}: ')
@@ -145,7 +145,7 @@ def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
 
 
 class _Shown(NamedTuple):
-    """A camera's image as the page has room for it."""
+    """A camera's image scaled to the page."""
 
     camera: int
     picture: Pixels
@@ -153,12 +153,12 @@ class _Shown(NamedTuple):
     scale_y: float
 
     def projection(self, frame: Frame) -> Projection:
-        """velo_link into the picture."""
+        """Return the projection from velo_link into the picture."""
         return frame_projection(frame, self.camera).resized(self.scale_x, self.scale_y)
 
 
 def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
-    """The camera image three times: with 2D boxes, 3D boxes, and the scan."""
+    """Draw the camera image three times: with 2D boxes, 3D boxes, and the scan."""
     try:
         shown = _fit(*camera_image(frame, options), BOXES_2D)
     except MissingDataError as error:
@@ -181,11 +181,11 @@ def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
 
 
 def _fit(camera: int, image: Pixels, area: Area) -> _Shown:
-    """The image as large as an area has room for."""
+    """Scale the image to fit an area."""
     scale = min(area.width / image.shape[1], area.height / image.shape[0])
     width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
-    # Down to half the size every pixel still counts without the mean of an area, at a fifth of
-    # its cost.
+    # Down to half the size, linear interpolation still uses every pixel, at a fifth of the cost of
+    # area averaging.
     interpolation = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
     picture = np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.uint8)
     return _Shown(camera, picture, width / image.shape[1], height / image.shape[0])
@@ -215,7 +215,7 @@ def _draw_lidar(window: Pixels, shown: _Shown, frame: Frame, options: PictureOpt
 
 
 def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
-    """The scan and the boxes from above, and what the colours say."""
+    """Draw the scan and the boxes from above, and the colour bar."""
     window = BIRD.of(page)
     try:
         points = bird_points(frame)
@@ -230,7 +230,7 @@ def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
 
 
 def _filling(bird: BirdOptions, area: Area) -> BirdOptions:
-    """The view whose ranges, widened about their middles, fill an area."""
+    """Return the view with ranges widened about their centres to fill an area."""
     spans = (bird.y_range[1] - bird.y_range[0], bird.x_range[1] - bird.x_range[0])
     scale = min(area.width / spans[0], area.height / spans[1])
     y_range, x_range = (
@@ -241,7 +241,7 @@ def _filling(bird: BirdOptions, area: Area) -> BirdOptions:
 
 
 def _draw_maps(page: Pixels, frame: Frame, options: PictureOptions) -> None:
-    """The scan by direction: intensity and distance."""
+    """Draw the scan by direction: intensity and distance."""
     try:
         maps = range_maps(frame_points(frame), _RIGHT_WIDTH)
     except MissingDataError as error:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a detector or tracker found, as label files beside the ground truth."""
+"""Result files of a detector or tracker, in the format of label files."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from .frame import Frame
 
 _DATA = 'data'
-"""Where the devkits' evaluation and OpenPCDet put their result files, inside the folder."""
+"""The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
 
 
 class Predictions:
     """Result files of one recording.
 
     Attributes:
-        path: A tracker's file (lines of all frames, as label_02 has them), or a folder with a
-            file for each frame (as label_2), itself or in its data/.
+        path: A tracker's file (lines of all frames, like label_02), or a folder with a file for
+            each frame (like label_2), directly or in its data/.
 
     Raises:
-        UsageError: It holds no result file.
+        UsageError: The path contains no result file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,7 +48,7 @@ class Predictions:
             raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
 
     def add_to(self, frame: Frame) -> Frame:
-        """The frame with what was found in it; bad lines are among what it lacks."""
+        """Return the frame with its predictions; bad lines are reported in its lacks."""
         missing: dict[str, str] = {}
         try:
             boxes = self._boxes(frame.number, missing)
@@ -74,7 +74,7 @@ class Predictions:
         """The boxes of a tracker's file by frame.
 
         Raises:
-            BadFileError: A line is no label.
+            BadFileError: A line is invalid.
         """
         lines = parse_labels(STORE.read_text(self.path), self.path)
         for error in lines.errors.values():

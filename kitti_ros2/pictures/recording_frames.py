@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a KITTI folder, or of a bag of our own."""
+"""The frames of a KITTI folder, or of a bag written by to-bag."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ S = TypeVar('S')
 
 
 class Readable(Protocol):
-    """The part of samples.Recording that frames are made of."""
+    """The part of model.recording.Recording that frames are made from."""
 
     layout: Layout
     name: str
@@ -67,14 +67,13 @@ class Readable(Protocol):
 
 
 class RecordingFrames:
-    """The frames of a recording: see frame.FrameSource; a bag of our own has the name of its file.
+    """The FrameSource of a recording; a bag written by to-bag is named like its file.
 
-    Where the same number is the same moment in all streams, every number is a frame. In a raw
-    extract the scans are the frames, and the nearest sample of each other stream within half their
-    period belongs to them.
+    If the same number is the same time in all streams, every number is a frame. In a raw extract
+    the scans are the frames, with the nearest sample of each other stream within half their period.
 
     Raises:
-        MissingDataError: It has neither images nor scans nor labels.
+        MissingDataError: The recording has neither images nor scans nor labels.
     """
 
     def __init__(self, recording: Readable, name: str | None = None) -> None:
@@ -100,7 +99,7 @@ class RecordingFrames:
             self._samples = _nearest(recording, streams)
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
-        """As FrameSource has it."""
+        """See FrameSource."""
         place = int(np.searchsorted(self.numbers, number))
         if place == len(self.numbers) or self.numbers[place] != number:
             raise UsageError(
@@ -136,14 +135,14 @@ class RecordingFrames:
         )
 
     def close(self) -> None:
-        """As FrameSource has it; a folder's files are open only while they are read."""
+        """See FrameSource; a folder's files are open only while they are read."""
         if isinstance(self._recording, BagRecording):
             self._recording.close()
 
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
     ) -> dict[int, Pixels]:
-        """The pixels of the images, by camera."""
+        """Decode the images, by camera."""
         images: dict[int, Pixels] = {}
         for stream, sample in samples.items():
             if stream.camera is None or not isinstance(sample, Image):
@@ -161,7 +160,7 @@ def _same(numbers: Int64Array) -> dict[int, int]:
 
 
 def _nearest(recording: Readable, streams: Sequence[Stream]) -> dict[Stream, dict[int, int]]:
-    """By stream and frame the file number of the sample nearest in time to the first stream's."""
+    """Map stream and frame to the number of the sample nearest to that of the first stream."""
     reference = recording.streams[streams[0]]
     matches = match_frames(
         reference.stamps_ns,
@@ -178,7 +177,7 @@ def _nearest(recording: Readable, streams: Sequence[Stream]) -> dict[Stream, dic
 
 
 def _common(recording: Readable, streams: Sequence[Stream]) -> tuple[Int64Array, Int64Array]:
-    """All numbers and their stamps, of the first stream that has each."""
+    """Return all numbers and their stamps, each of the first stream that has it."""
     index = recording.streams
     every = np.concatenate([index[stream].numbers for stream in streams])
     stamps = np.concatenate([index[stream].stamps_ns for stream in streams])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of many frames, drawn on all cores and handed out in order."""
+"""Pictures of many frames, drawn on all cores and yielded in order."""
 
 from __future__ import annotations
 
@@ -28,13 +28,12 @@ _LEAST_HZ, _MOST_HZ = 0.1, 60.0
 
 
 class Drawn(NamedTuple):
-    """The picture of a frame, None where it has not what the picture needs.
+    """The picture of a frame, None if required data is missing.
 
     Attributes:
-        number: The frame's.
+        number: The frame number.
         picture: (H, W, 3) uint8 BGR.
-        missing: What was requested of the frame and is absent: name to the reason, a line; {}
-            stands for frame numbers.
+        missing: Missing data of the frame: name to the reason, one line; {} stands for frame numbers.
         kinds: The classes of its objects and predictions, drawn or not.
     """
 
@@ -51,17 +50,17 @@ def draw_frames(
     options: PictureOptions,
     refine: Callable[[Frame], Frame] = lambda frame: frame,
 ) -> Iterator[Drawn]:
-    """The pictures of some frames, in their order.
+    """Draw the pictures of some frames, in their order.
 
     Args:
-        source: Where they are.
-        numbers: Which.
-        mode: What is drawn.
-        options: How.
-        refine: Adds to a frame what the source does not have, such as predictions.
+        source: The frames.
+        numbers: Frame numbers.
+        mode: The kind of picture.
+        options: Picture options.
+        refine: Adds data to a frame that the source does not have, such as predictions.
 
     Raises:
-        UsageError: A frame is not there.
+        UsageError: A frame does not exist.
     """
     wanted = mode.streams(source.cameras, options)
 
@@ -71,7 +70,7 @@ def draw_frames(
         try:
             return Drawn(number, mode.draw(frame, options), frame.missing, kinds)
         except MissingDataError as error:
-            # Of one reason there is one line, whatever the number of frames.
+            # One line per reason, independent of the number of frames.
             reason = str(error).removeprefix(name_of(frame)).lstrip(': ')
             return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)
 
@@ -79,10 +78,10 @@ def draw_frames(
 
 
 def parse_frames(text: str, source: FrameSource) -> list[int]:
-    """The frames of FIRST:LAST or FIRST:LAST:STEP, both ends included; each may be left out.
+    """Parse FIRST:LAST or FIRST:LAST:STEP, both ends included; each part may be omitted.
 
     Raises:
-        UsageError: The text is none of these, or takes no frame.
+        UsageError: The text is invalid, or matches no frame.
     """
     words = text.split(':')
     if len(words) not in {2, 3} or not all(not word or word.isdecimal() for word in words):
@@ -104,12 +103,12 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
 
 
 def stamps_of(source: FrameSource, numbers: Sequence[int]) -> Int64Array:
-    """(N,) int64 stamps of those frames that are there, nanoseconds."""
+    """Return the (N,) int64 stamps of those frames that exist, nanoseconds."""
     return source.stamps_ns[np.isin(source.numbers, numbers)]
 
 
 def rate_of(stamps_ns: Int64Array) -> float:
-    """How many frames a second they were recorded at, from the median of their distances."""
+    """Return the frame rate, from the median interval, in Hz."""
     periods = np.diff(stamps_ns)
     period = float(np.median(periods)) if len(periods) else 0.0
     return min(max(NS_PER_S / period, _LEAST_HZ), _MOST_HZ) if period > 0 else _NOMINAL_HZ

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Open what pictures are made of: a KITTI folder or a bag."""
+"""Opens the source of pictures: a KITTI folder or a bag."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 
 def open_frames(path: Path, options: ReadOptions) -> FrameSource:
-    """The frames of a KITTI folder, or of a bag.
+    """Open the frames of a KITTI folder or a bag.
 
     Raises:
-        UsageError: There is no such path.
-        KittiRos2Error: It cannot be read, or has nothing to look at.
+        UsageError: The path does not exist.
+        KittiRos2Error: The source cannot be read, or contains nothing to draw.
     """
     if is_bag(path, options.layout):
         with OpenBag(path) as bag:  # the frames keep its files open until they are closed
@@ -40,15 +40,15 @@ def open_frames(path: Path, options: ReadOptions) -> FrameSource:
 
 
 def open_bag_frames(bag: BagSource, survey: Survey) -> FrameSource:
-    """The frames of a bag: of our own under KITTI's numbers, of another one by position.
+    """Open the frames of a bag: with KITTI's numbers if written by to-bag, else by position.
 
     Args:
-        bag: Which.
-        survey: What a pass over it found.
+        bag: The bag.
+        survey: The survey of the bag.
 
     Raises:
-        BadBagError: It cannot be read.
-        MissingDataError: It has nothing to look at.
+        BadBagError: The bag cannot be read.
+        MissingDataError: The bag contains nothing to draw.
     """
     recording = open_own_recording(bag, survey)
     if recording is None:
@@ -57,10 +57,10 @@ def open_bag_frames(bag: BagSource, survey: Survey) -> FrameSource:
 
 
 def open_own_recording(bag: BagSource, survey: Survey) -> BagRecording | None:
-    """The recording in a bag of our own; None where frames have no numbers of KITTI's.
+    """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
 
     Raises:
-        BadBagError: It cannot be read.
+        BadBagError: The bag cannot be read.
     """
     log_ns = {
         name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count

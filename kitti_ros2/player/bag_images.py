@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image topics that a bag does not contain, made of its images: decoded and annotated ones.
+"""Decoded and annotated image topics, made from the images of a bag.
 
-As image_transport names topics, IMAGE/compressed is a CompressedImage of the Image IMAGE. A topic
-that is called otherwise is decoded to TOPIC/raw.
+By the convention of image_transport, IMAGE/compressed is the CompressedImage of the Image IMAGE.
+A topic with another name is decoded to TOPIC/raw.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ _DEPTH = '/compressedDepth'
 
 
 class BagImages:
-    """Make images as the options say: the ImageMaker of a bag; for one thread at a time.
+    """The ImageMaker that follows the message options; for one thread at a time.
 
     Args:
         path: The bag.
         options: images and annotated.
 
     Raises:
-        UsageError: Annotated images are requested, and the bag does not contain what they need.
+        UsageError: Annotated images are requested, but the data they need is missing from the bag.
     """
 
     def __init__(self, path: Path, options: MessageOptions) -> None:
@@ -52,12 +52,12 @@ class BagImages:
         self._decoder: Decoder | None = None
 
     def topics(self, types: Mapping[str, str]) -> ImageTopics:
-        """As ImageMaker has it."""
+        """See ImageMaker."""
         compressed = sorted(topic for topic, msgtype in types.items() if msgtype == COMPRESSED)
         pictures = [topic for topic in compressed if not topic.endswith(_DEPTH)]
         decoded = {_decoded_name(topic): topic for topic in pictures}
         notes = [
-            f'{topic} is played as it is: no image is made of depths'
+            f'{topic} is played unchanged: depth images are not decoded'
             for topic in compressed
             if topic not in pictures and self._images is not Images.COMPRESSED
         ]
@@ -77,7 +77,7 @@ class BagImages:
     def make(
         self, message: BagMessage, names: Sequence[str], typestore: Typestore
     ) -> list[bytes | ValueError]:
-        """As ImageMaker has it."""
+        """See ImageMaker."""
         self._decoder = self._decoder or Decoder(typestore)
         try:
             image = self._decoder(message)
@@ -96,7 +96,7 @@ class BagImages:
         except ValueError as error:
             return error
         except (struct.error, OverflowError) as error:
-            return ValueError(f'a number that {IMAGE} cannot hold ({error})')
+            return ValueError(f'a value is out of range for {IMAGE} ({error})')
 
 
 def _labelled(path: Path) -> LabelledImages:
@@ -106,7 +106,7 @@ def _labelled(path: Path) -> LabelledImages:
 
 
 def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
-    """The pixels of an Image or CompressedImage.
+    """Decode the pixels of an Image or CompressedImage.
 
     Raises:
         ValueError: They cannot be decoded.
@@ -115,12 +115,12 @@ def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
 
 
 def _decoded_name(topic: str) -> str:
-    """The Image's topic of a CompressedImage's."""
+    """Return the topic of the decoded images of a CompressedImage topic."""
     name = topic.removesuffix(_SUFFIX)
     return name if name not in ('', topic) else f'{topic}/raw'
 
 
 def _annotated_name(topic: str) -> str:
-    """Beside the camera's images, as a folder is played."""
+    """Return the topic of the annotated images: in the camera's namespace, as for a folder."""
     camera, _, _ = topic.removesuffix(_SUFFIX).rpartition('/')
     return f'{camera}/annotated'

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as something to play."""
+"""The program of a bag."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ _OF_CAMERA = frozenset(
 
 
 class BagProgram:
-    """The messages of a bag, and images made of them; for one fetching thread at a time.
+    """The messages of a bag, and images made from them; for one fetching thread at a time.
 
-    Frames of a bag of our own have KITTI's numbers. In another one a frame is what is nearest to a
-    message of the reference topic: the first with point clouds, else that of a camera, else the one
-    with most messages; frames count from 0.
+    Frames of a bag written by to-bag have KITTI's numbers. In other bags a frame is what is nearest
+    to a message of the reference topic: the first with point clouds, else that of a camera, else
+    the one with most messages; frames count from 0.
 
     Args:
-        path: An .mcap, .db3 or .bag file, or a directory of rosbag2.
+        path: An .mcap, .db3 or .bag file, or a rosbag2 directory.
         selection: Topics, and the first and last moment, both included.
-        reserved: Given a topic and its type, why the player keeps that topic to itself, or nothing;
-            the bag's messages of it are left out.
+        reserved: Maps a topic and its type to the reason why the player itself publishes that
+            topic, or to an empty string; the bag's messages of a reserved topic are skipped.
         images: Makes image topics that the bag does not contain.
 
     Raises:
-        BadBagError: It cannot be read.
-        UsageError: The selection takes nothing, or names streams.
+        BadBagError: The bag cannot be read.
+        UsageError: The selection matches no message, or names streams.
     """
 
     workers = 1
@@ -73,9 +73,9 @@ class BagProgram:
         self._notes = played.notes
         wanted = played.read if {*played.names} == {*selection.topics} else None
         self.name = path.name
-        # What cannot be read is an error only where it is asked for by its full name.
+        # An unreadable topic is an error only if it is selected by its full name.
         with open_messages(path, wanted) as messages:
-            # The index also counts what is not CDR.
+            # The index also counts messages that are not CDR.
             read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
             self._topics = frozenset(read & played.read)
             if not self._topics:
@@ -97,10 +97,10 @@ class BagProgram:
     def _select(
         self, selection: SelectionOptions, stamps: Mapping[str, Int64Array]
     ) -> tuple[Int64Array, Int64Array]:
-        """Stamps, ascending, and frames of the messages that a selection takes, (N,) each.
+        """Return the ascending stamps and the frames of the selected messages, (N,) each.
 
         Raises:
-            UsageError: It takes none.
+            UsageError: The selection matches none.
         """
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
         own = self._own_frames(every, stamps)
@@ -117,12 +117,12 @@ class BagProgram:
             raise UsageError(f'{self._path}: the selection takes no message of {there}')
         frames = never_falling(own)[span]
         if end is not None and end.frame is not None:
-            # What precedes the last of a frame is played with it.
+            # Messages before the last one of a frame are played with that frame.
             frames = np.minimum(frames, end.frame)
         return every[span], frames
 
     def _own_frames(self, every: Int64Array, stamps: Mapping[str, Int64Array]) -> Int64Array:
-        """(N,) the frame of each message played, in order of time; one may fall behind another."""
+        """Return the (N,) frame of each message in order of time; frames may decrease."""
         numbered = self._numbered
         if numbered is None:
             reference = _reference(self._path, stamps)
@@ -130,11 +130,11 @@ class BagProgram:
         return numbered.frames_at(every, self._topics)
 
     def notes(self) -> tuple[str, ...]:
-        """As Program has it."""
+        """See Program."""
         return self._notes if self._numbered is not None else (*self._notes, BY_POSITION)
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
-        """As Program has it."""
+        """See Program."""
         try:
             message = self._read(index)
         except (KittiRos2Error, OSError) as error:
@@ -157,7 +157,7 @@ class BagProgram:
         return due + images, missing
 
     def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Due], list[Missing]]:
-        """The images of some outlets that are made of a message."""
+        """Make the images of some outlets from a message."""
         names = [self.outlets[outlet].name for outlet in made]
         images = self._images.make(message, names, self.typestore)
         due, missing = [], []
@@ -169,7 +169,7 @@ class BagProgram:
         return due, missing
 
     def latched_before(self, index: int) -> list[Due]:
-        """As Program has it."""
+        """See Program."""
         last: dict[int, list[Due]] = {}
         for message in self._latched:
             if message.stamp_ns >= self.stamps_ns[index]:
@@ -181,11 +181,11 @@ class BagProgram:
         return [message for messages in last.values() for message in messages]
 
     def close(self) -> None:
-        """Let go of the files; a thread of another's may have opened them."""
+        """Release the files; another thread may have opened them."""
         self._iterator = self._messages = None
 
     def _read(self, index: int) -> BagMessage | None:
-        """The message at a position; where it is not the next one, the bag is entered anew."""
+        """Read the message at a position; seek in the bag if it is not the next one."""
         if self._iterator is None or index != self._next:
             if self._messages is None:
                 self._messages = open_messages(self._path, self._topics)
@@ -197,10 +197,10 @@ class BagProgram:
         return next(self._iterator, None)
 
     def _reason(self) -> str:
-        """Why a message that the index tells of does not come."""
+        """Return the reason why a message that the index lists cannot be read."""
         told = self._messages.warnings if self._messages is not None else ()
         new = [warning for warning in told if warning not in self.losses]
-        return new[-1] if new else f'{self._path}: holds fewer messages than its index tells'
+        return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
     def _read_latched(self, last_ns: int) -> list[Due]:
         topics = [outlet.name for outlet in self.outlets if outlet.latched]
@@ -215,7 +215,7 @@ class BagProgram:
 
 
 def _unmade(outlet: int, message: BagMessage) -> Due:
-    """A message that nobody is there to receive."""
+    """Return a message without data, for an outlet without subscribers."""
     return Due(outlet, message.stamp_ns, b'')
 
 
@@ -225,9 +225,9 @@ def _due(outlet: int, message: BagMessage) -> Due:
 
 
 def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
-    """The moments of the frames: the stamps of the topic by which frames are counted.
+    """Return the times of the frames: the stamps of the reference topic.
 
-    Scans of our own that are stamped at their start count as half-way to facing forward.
+    Scans written by to-bag and stamped at their start count as half-way to facing forward.
     """
     with open_messages(path) as messages:
         channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
@@ -235,12 +235,12 @@ def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
     chosen = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
-    # Images come after facing forward: the middle of both is in the middle of a frame.
+    # Images follow when the scanner faces forward: the mean of both is the middle of a frame.
     return chosen + read_lead_ns(path) // 2 if scans else chosen
 
 
 def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tuple[int, int]) -> int:
-    """First (side 0) or last (side 1) stamp that a bound takes.
+    """Return the first (side 0) or last (side 1) stamp within a bound.
 
     Args:
         bound: None takes all.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a bag are played, and which image topics are made of them."""
+"""Selection of the topics of a bag to play, and of the image topics made from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import LARGE_TYPES, match_names
+from ..messages.topics import match_names
 from ..model.errors import UsageError
 from .program import Outlet
 
@@ -26,12 +26,12 @@ _DEPTH = 10
 
 @dataclass(frozen=True)
 class ImageTopics:
-    """Image topics that are played in addition to a bag's own, or in place of them.
+    """Image topics played in addition to those of a bag, or in their place.
 
     Attributes:
-        sources: By topic that is made, the topic of the bag that it is made of.
+        sources: Made topic to the topic of the bag that it is made from.
         hidden: Topics of the bag that are not played.
-        notes: Remarks for the user, a line each.
+        notes: Remarks for the user, one line each.
     """
 
     sources: Mapping[str, str] = field(default_factory=dict)
@@ -40,39 +40,39 @@ class ImageTopics:
 
 
 class ImageMaker(Protocol):
-    """Makes sensor_msgs/Image of a bag's images."""
+    """Makes sensor_msgs/Image messages from the images of a bag."""
 
     def topics(self, types: Mapping[str, str]) -> ImageTopics:
-        """What is made of a bag with these topics; message types by topic."""
+        """Choose the topics to make for a bag, given its message types by topic."""
 
     def make(
         self, message: BagMessage, names: Sequence[str], typestore: Typestore
     ) -> list[bytes | ValueError]:
-        """For each of the topics that are made of a message: the CDR, or why there is none."""
+        """Make the CDR of each of the named topics from a message, or the error."""
 
 
 class AsItIs:
-    """Makes nothing: a bag is played as it is."""
+    """The ImageMaker that makes nothing: a bag is played as it is."""
 
     @staticmethod
     def topics(types: Mapping[str, str]) -> ImageTopics:  # noqa: ARG004 - see ImageMaker
-        """None."""
+        """Return none."""
         return ImageTopics()
 
     @staticmethod
     def make(*_: object) -> list[bytes | ValueError]:
-        """Nothing."""
+        """Return nothing."""
         return []
 
 
 @dataclass(frozen=True)
 class PlayedTopics:
-    """What is played of a bag.
+    """The topics of a bag to play.
 
     Attributes:
-        names: The topics, those that are made among them.
-        sources: As ImageTopics has them.
-        notes: Remarks for the user, a line each.
+        names: The topics, including made ones.
+        sources: See ImageTopics.
+        notes: Remarks for the user, one line each.
     """
 
     names: tuple[str, ...]
@@ -81,15 +81,15 @@ class PlayedTopics:
 
     @property
     def read(self) -> frozenset[str]:
-        """The topics of the bag that are needed."""
+        """The topics to read from the bag."""
         return frozenset(self.sources.get(name, name) for name in self.names)
 
     def outlets(self, messages: BagMessages, topics: Collection[str]) -> list[Outlet]:
-        """The topics as outlets.
+        """Return the topics as outlets.
 
         Args:
             messages: The bag.
-            topics: Those of the bag that can be read.
+            topics: The readable topics of the bag.
         """
         own = [
             Outlet(
@@ -97,19 +97,18 @@ class PlayedTopics:
                 msgtype,
                 topic in messages.latched,
                 messages.latched.get(topic, _DEPTH),
-                msgtype in LARGE_TYPES,
             )
             for topic, msgtype in messages.channels
             if topic in topics and topic in self.names
         ]
         return own + [
-            Outlet(name, IMAGE, latched=False, depth=_DEPTH, on_demand=True)
+            Outlet(name, IMAGE, latched=False, depth=_DEPTH)
             for name in self.names
             if self.sources.get(name) in topics
         ]
 
     def made(self, outlets: Sequence[Outlet]) -> dict[str, list[int]]:
-        """By topic of the bag the indices of the outlets that are made of it."""
+        """Map topics of the bag to the indices of the outlets made from them."""
         found: dict[str, list[int]] = {}
         for index, outlet in enumerate(outlets):
             if outlet.name in self.sources:
@@ -124,17 +123,17 @@ def choose_topics(
     reserved: Callable[[str, str], str],
     images: ImageMaker,
 ) -> PlayedTopics:
-    """The topics of a bag that are played.
+    """Choose the topics of a bag to play.
 
     Args:
-        path: The bag, for messages.
-        counts: How many messages a topic has, by topic and type.
-        patterns: Names that are wanted, wildcards allowed; none takes all.
-        reserved: Given a topic and its type, why the bag's messages of it are left out, or nothing.
+        path: The bag, for error messages.
+        counts: Message counts by topic and type.
+        patterns: Requested names, wildcards allowed; none selects all.
+        reserved: Maps a topic and its type to the reason for skipping it, or to an empty string.
         images: Makes image topics that the bag does not contain.
 
     Raises:
-        UsageError: The patterns match nothing, or only what is left out.
+        UsageError: The patterns match nothing, or only skipped topics.
     """
     made = images.topics(dict(counts.keys()))
     reasons = {key: why for key in counts if (why := reserved(*key))}
@@ -152,6 +151,6 @@ def choose_topics(
 
 
 def define_images(typestore: Typestore) -> None:
-    """Add the definition of an image to the types of a bag where it is missing."""
+    """Add the definition of sensor_msgs/Image to the types of a bag if it is missing."""
     missing = [name for name in _OF_IMAGE if name not in typestore.fielddefs]
     typestore.register({name: TYPESTORE.fielddefs[name] for name in missing})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keys that control a player in a terminal, as `ros2 bag play` has them."""
+"""Keyboard input in a terminal; the keys are those of `ros2 bag play`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HELP = 'keys: space pause, right next frame, left the one before, up/down rate, 
 
 
 class Key(Enum):
-    """The keys that mean something."""
+    """The supported keys."""
 
     SPACE = b' '
     UP = b'A'
@@ -46,12 +46,12 @@ _NOT_OURS = termios.ICANON | termios.ECHO
 
 
 class Keyboard:
-    """While entered, a thread that acts on keys, where the stream is our terminal; else nothing.
+    """A context manager whose thread handles keys if the stream is a foreground terminal.
 
     Args:
-        actions: What to do, by key.
-        on_error: Told what an action raises.
-        stream: Where keys come from; None for standard input, as it is when entered.
+        actions: Handlers by key.
+        on_error: Called with the exception of a handler.
+        stream: Source of keys; None for standard input at the time of entering.
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class Keyboard:
 
     @property
     def listening(self) -> bool:
-        """Whether keys are heard."""
+        """Whether keys are handled."""
         return self._thread is not None
 
     def __enter__(self) -> Self:
         stream = sys.stdin if self._stream is None else self._stream
         if _is_our_terminal(stream):
-            # What has been done is undone too when a later step fails.
+            # Completed steps are undone if a later one fails.
             with contextlib.ExitStack() as stack:
                 self._open(stream.fileno(), stack)
                 self._closing = stack.pop_all()
@@ -101,7 +101,8 @@ class Keyboard:
         stack.callback(os.write, writer, b'.')
 
     def _listen(self) -> None:
-        # Should we go to the background between a look and a read, the read fails, not the job.
+        # If the process goes to the background before a read, the read fails instead of stopping
+        # the job.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTIN, signal.SIGTTOU})
         while True:
             try:
@@ -112,7 +113,7 @@ class Keyboard:
                     return  # the terminal is gone
 
     def _turn(self) -> bool:
-        """Wait for a key or the next look at the terminal; False when there is no more to do."""
+        """Wait for a key or the next check of the terminal; False at the end."""
         watched = [self._reader]
         if _in_foreground(self._terminal):
             _set_again(self._terminal)
@@ -125,7 +126,7 @@ class Keyboard:
         return True
 
     def _press(self) -> bool:
-        """Act on one key; False at the end of the stream."""
+        """Handle one key; False at the end of the stream."""
         byte = os.read(self._terminal, 1)
         key = self._arrow() if byte == _ESCAPE else _PLAIN.get(byte)
         if key is not None and key in self._actions:
@@ -136,49 +137,49 @@ class Keyboard:
         return bool(byte)
 
     def _arrow(self) -> Key | None:
-        """The arrow whose sequence has begun with an escape; None for anything else."""
+        """Read the rest of an escape sequence; return its arrow, None for anything else."""
         begin = self._read_soon()
-        while begin == _ESCAPE:  # the one before was a key of its own
+        while begin == _ESCAPE:  # the previous escape was a key by itself
             begin = self._read_soon()
         if begin not in _ARROW_BEGINS:
             return None
         byte = self._read_soon()
         if byte in _ARROWS:
             return _ARROWS[byte]
-        while b' ' <= byte <= b'?':  # parameters of another key, which are no keys
+        while b' ' <= byte <= b'?':  # parameters of another key's sequence
             byte = self._read_soon()
         return None
 
     def _read_soon(self) -> bytes:
-        """The next byte; empty when none comes, or when we are closed."""
+        """Read the next byte; empty on timeout or when closed."""
         watched = [self._reader, self._terminal]
         ready, _, _ = select.select(watched, [], [], _REST_OF_ESCAPE_S)
         return os.read(self._terminal, 1) if ready == [self._terminal] else b''
 
 
 def _set_again(terminal: int) -> None:
-    """A shell that stopped us (Ctrl-Z) has set its own mode; ours comes back with fg."""
+    """Set cbreak mode again after fg: a shell sets its own mode on Ctrl-Z."""
     with contextlib.suppress(termios.error):
         if termios.tcgetattr(terminal)[3] & _NOT_OURS:
             tty.setcbreak(terminal, termios.TCSANOW)
 
 
 def _restore(terminal: int, attributes: list[Any]) -> None:
-    """Only from the foreground: else the shell has its mode back, and we would be stopped."""
+    """Restore the mode, only in the foreground: a background process would be stopped."""
     if _in_foreground(terminal):
         with contextlib.suppress(termios.error):  # the terminal may be gone
             termios.tcsetattr(terminal, termios.TCSANOW, attributes)
 
 
 def _is_our_terminal(stream: TextIO | None) -> bool:
-    """Standard input is None where a process is started without one."""
+    """Whether a stream is a terminal in the foreground; stdin may be None."""
     if stream is None or stream.closed or not stream.isatty():
         return False
     return _in_foreground(stream.fileno())
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Whether keys are for us: a job in the background would be stopped for reading them."""
+    """Whether this process is in the foreground; a background read would stop it."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the keys of a terminal do to a player."""
+"""The key bindings of a player."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ _RATE_STEP = 0.1
 
 
 class Controlled(Protocol):
-    """What is controlled.
+    """A player that keys and services control.
 
     Attributes:
-        playback: Of what is played now.
+        playback: The controls of what is played now.
     """
 
     @property
     def playback(self) -> Playback: ...  # noqa: D102 - see above
 
     def set_rate(self, rate: float) -> None:
-        """Take another rate; UsageError when it is out of range."""
+        """Set the rate; UsageError if it is out of range."""
 
     def tell_state(self) -> None:
-        """Publish the state, which has changed."""
+        """Publish the changed state."""
 
 
 def player_keyboard(
     player: Controlled, say: Callable[[str], None], quit_now: Callable[[], None]
 ) -> Keyboard:
-    """The keys of keyboard.HELP.
+    """Create the keyboard with the keys of keyboard.HELP.
 
     Args:
-        player: What they control.
-        say: Told what a key did, in a line.
-        quit_now: What q does.
+        player: The controlled player.
+        say: Called with one line that describes what a key did.
+        quit_now: The handler of q.
     """
 
     def faster(sign: int) -> None:
@@ -51,7 +51,7 @@ def player_keyboard(
         say(f'rate {player.playback.state().rate:.2f}')
 
     def control(name: str) -> Callable[[], None]:
-        """Acts on what is played when the key is pressed."""
+        """Return a handler that controls what is played when the key is pressed."""
 
         def act() -> None:
             getattr(player.playback, name)()

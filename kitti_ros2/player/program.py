@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a player plays: messages in order of time, each to be had by its position."""
+"""A program: messages in order of time, accessible by position."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..exporter.encode import Encoder
 from ..exporter.schedule import make_schedule
 from ..messages.cdr import join
 from ..messages.ros_types import TYPESTORE
+from ..messages.topics import LARGE_TYPES
 from ..model.errors import describe_error
 from ..model.streams import Stream
 
@@ -33,27 +34,30 @@ class Outlet(NamedTuple):
     Attributes:
         name: Topic name.
         msgtype: Message type, such as sensor_msgs/msg/Imu.
-        latched: Whether it is transient local, for subscribers that come late.
-        depth: How many messages its publisher keeps.
-        on_demand: Whether its messages are large, and made only while somebody subscribes.
+        latched: Whether it is transient local, for late subscribers.
+        depth: History depth of its publisher.
     """
 
     name: str
     msgtype: str
     latched: bool
     depth: int
-    on_demand: bool
+
+    @property
+    def on_demand(self) -> bool:
+        """Whether its messages are large, and made only while a subscriber exists."""
+        return self.msgtype in LARGE_TYPES
 
 
 class Due(NamedTuple):
-    """One message, ready to be published.
+    """A message ready for publishing.
 
     Attributes:
         outlet: Index of its topic in Program.outlets.
         stamp_ns: Nanoseconds since 1970.
-        data: CDR with its encapsulation header; empty where it was not made, because its topic is
-            on demand and not wanted.
-        key: What it depends on, where one equal to the topic's last need not be sent again.
+        data: CDR with its encapsulation header; empty if it was not made because its topic is on
+            demand and has no subscriber.
+        key: Identifies the content; a message with the key of the topic's last one is skipped.
     """
 
     outlet: int
@@ -63,7 +67,7 @@ class Due(NamedTuple):
 
 
 class Missing(NamedTuple):
-    """Messages that could not be made: why, in a line, and how many."""
+    """Messages that could not be made: the reason, one line, and their number."""
 
     text: str
     messages: int
@@ -73,13 +77,13 @@ class Program(Protocol):
     """Messages by position; fetch may be called from `workers` threads at once.
 
     Attributes:
-        name: What is played, for people.
+        name: Display name.
         outlets: The topics.
         stamps_ns: (N,) int64 nanoseconds, ascending.
-        frames: (N,) int64 frame numbers, never falling.
-        workers: How many threads may fetch at once.
-        typestore: Knows the types of the outlets.
-        losses: What is missing from the start, and more that was found meanwhile, in words.
+        frames: (N,) int64 frame numbers, never decreasing.
+        workers: Number of threads that may fetch at once.
+        typestore: Contains the types of the outlets.
+        losses: Data missing from the start or found missing since, one line each.
     """
 
     name: str
@@ -91,32 +95,32 @@ class Program(Protocol):
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What is missing, in words."""
+        """Missing data, one line each."""
 
     def notes(self) -> tuple[str, ...]:
-        """What is worth a word of what was fetched so far."""
+        """Return non-fatal remarks so far."""
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
-        """The messages at a position, and what could not be made of it.
+        """Return the messages at a position, and those that could not be made.
 
         Args:
             index: 0 .. N-1.
-            wanted: The outlets with a subscriber; messages on demand of others are not made, and
-                have no data.
+            wanted: The outlets with a subscriber; on-demand messages of other outlets are not made
+                and have no data.
         """
 
     def latched_before(self, index: int) -> list[Due]:
-        """For each latched topic the last messages that come before a position."""
+        """Return the last messages before a position of each latched topic."""
 
     def close(self) -> None:
-        """Let go of files."""
+        """Release files."""
 
 
 class RecordingProgram:
-    """A KITTI recording, each sample read and encoded when it is fetched.
+    """The program of a KITTI recording: each sample is read and encoded when it is fetched.
 
     Raises:
-        UsageError: The selection takes nothing.
+        UsageError: The selection matches nothing.
     """
 
     def __init__(
@@ -133,8 +137,7 @@ class RecordingProgram:
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.outlets: Sequence[Outlet] = [
-            Outlet(row.name, row.msgtype, row.latched, row.depth, row.on_demand)
-            for row in self._encoder.table
+            Outlet(row.name, row.msgtype, row.latched, row.depth) for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
@@ -146,7 +149,7 @@ class RecordingProgram:
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What is missing from the start, and what passes over many samples could not read."""
+        """Data missing from the start, and what passes over many samples could not read."""
         late = {
             loss.text(): f'{loss.stream}: {loss.text()}' for loss in self._recording.late_losses
         }
@@ -155,11 +158,11 @@ class RecordingProgram:
         return (*(f'{loss.stream}: {loss.text()}' for loss in self._losses), *unnamed)
 
     def notes(self) -> tuple[str, ...]:
-        """As Program has it."""
+        """See Program."""
         return (*self._recording.notes, *self._encoder.notes())
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
-        """As Program has it."""
+        """See Program."""
         due, failures = self._encode(index, wanted)
         self._named.update(describe_error(each.error) for each in failures)
         missing = [
@@ -171,13 +174,13 @@ class RecordingProgram:
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
         entry = self._entries[index]
         messages, failures = self._encoder.encode(entry, wanted)
-        # Small ones first: each waits for those before it.
+        # Small messages first: each waits for those before it.
         due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
         return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
 
     def latched_before(self, index: int) -> list[Due]:
-        """As Program has it."""
+        """See Program."""
         last: dict[int, list[Due]] = {}
         for positions in self._latched:
             past = int(np.searchsorted(positions, index)) - 1
@@ -193,7 +196,7 @@ class RecordingProgram:
         return [message for messages in last.values() for message in messages]
 
     def close(self) -> None:
-        """Nothing stays open between two samples."""
+        """Do nothing: no file stays open between two samples."""
 
 
 def _due(message: Message) -> Due:
@@ -201,7 +204,7 @@ def _due(message: Message) -> Due:
 
 
 def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
-    """By stream with a latched topic, the positions of its entries."""
+    """Return the positions of the entries of each stream with a latched topic."""
     streams = {row.stream for row in encoder.table if row.latched}
     codes = [code for code, stream in enumerate(Stream) if stream in streams]
     return [np.flatnonzero(schedule.streams == code) for code in codes]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fetches what is due soon on a pool of threads, so that publishing need not wait for it."""
+"""Prefetches messages on a pool of threads, so that publishing does not wait for them."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _NICENESS = 10
 
 
 class ReadAhead:
-    """The messages of a program, a bounded number of samples ahead; for one thread.
+    """Prefetches a bounded number of samples of a program; for one consuming thread.
 
-    The beginning follows the end: whoever plays once wastes a few samples, a loop has no gap.
+    At the end it continues at the beginning: a loop has no gap; a single pass wastes a few samples.
 
     Args:
-        program: What is played.
-        samples: How many samples to fetch ahead.
-        polite: Whether other threads go first.
+        program: The program.
+        samples: Number of samples to prefetch.
+        polite: Whether the threads run at a lower priority.
     """
 
     def __init__(self, program: Program, samples: int, *, polite: bool) -> None:
@@ -62,14 +62,14 @@ class ReadAhead:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def want(self, wanted: frozenset[int]) -> None:
-        """Tell which outlets have subscribers; what lacks a new one is fetched again."""
+        """Set the outlets with subscribers; samples fetched without a new one are fetched again."""
         added = wanted - self._wanted
         self._wanted = wanted
         if added:
             self._drop()
 
     def take(self, position: int) -> Fetched:
-        """The messages at a position; those that follow are fetched from now on."""
+        """Return the messages at a position; continue prefetching from there."""
         if position != self._next:
             self._drop()
             self._next = position
@@ -79,12 +79,12 @@ class ReadAhead:
         return self._ahead.popleft().result()
 
     def refill(self) -> None:
-        """Begin to fetch as much as may be ahead."""
+        """Start prefetching up to the limit."""
         while len(self._ahead) < self._size:
             self._submit()
 
     def low(self) -> bool:
-        """Whether less than half is ahead."""
+        """Whether less than half of the limit is prefetched."""
         return len(self._ahead) * 2 < self._size
 
     def _submit(self) -> None:
@@ -98,6 +98,6 @@ class ReadAhead:
 
 
 def _step_back() -> None:
-    """Let threads with something due go first; on Linux a thread has a niceness of its own."""
+    """Lower the priority of this thread; on Linux niceness is per thread."""
     if sys.platform == 'linux':
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)

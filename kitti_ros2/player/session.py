@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One program while it is played: a thread that publishes what its playback says is due."""
+"""A session: the thread that publishes the due messages of one program."""
 
 from __future__ import annotations
 
@@ -12,46 +12,47 @@ from typing import TYPE_CHECKING
 
 from ..messages.cdr import restamp_message
 from ..messages.markers import encode_clear
-from ..messages.naming import Frames
+from ..messages.naming import FrameNames
 from ..options.playback import Stamps
-from .audience import Reception, SubscriberWait
-from .playback import Idle, Jump, Playback, Send, Tick
+from .playback import Playback
+from .playback_events import Idle, Jump, Send, Tick
 from .read_ahead import ReadAhead
+from .transport import Reception, SubscriberWait
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from ..options.table import PlaySettings
-    from .playback import Event
+    from .playback_events import Event
     from .program import Due, Program
     from .transport import Transport
 
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
 LAST_WAIT_S = 1.4
-"""How long the last messages have to arrive."""
+"""How long to wait until the last messages have arrived."""
 
 _STOPPED_WAIT_S = 0.4
 _PATIENCE_S = 0.2
 _LONG_GAP_NS = 20_000_000
 
 
-# A thread that decodes may keep the interpreter for that long while a message is due.
+# How long a decoding thread may keep the interpreter while a message is due.
 _SWITCH_INTERVAL_S = 0.0005
 
 
 def favour_what_is_due() -> None:
-    """Let the threads of this process take turns often, so that none is late for another's work."""
+    """Shorten the thread switch interval, so that decoding does not delay due messages."""
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
 @dataclass
 class Counts:
-    """What a session did so far.
+    """The statistics of a session so far.
 
     Attributes:
-        messages: Published.
+        messages: Published messages.
         failures: Messages that could not be made.
-        late_ns: The most that a message was published after it was due.
+        late_ns: Maximum delay of a published message, nanoseconds.
     """
 
     messages: int = 0
@@ -63,20 +64,20 @@ class Session:
     """Plays a program until it ends or is stopped.
 
     Args:
-        program: What is played; closed at the end.
-        settings: How.
+        program: The program; closed at the end.
+        settings: Playback settings.
         connect: Creates the topics of a program.
-        complain: Told once of everything that cannot be published.
+        complain: Called once with each reason why something cannot be published.
         changed: Called, from the session's thread, when the state has changed.
-        say: Told, in a line, that it waits for subscribers, and that they are there.
+        say: Called with one line when the wait for subscribers begins and when it ends.
 
     Attributes:
         playback: The controls.
-        counts: What it did so far.
-        reception: Which messages had a subscriber.
+        counts: Statistics so far.
+        reception: Counts of messages with and without a subscriber.
         late: Topics whose last messages had not arrived LAST_WAIT_S after the end.
         on_publish: Called with each outlet, its sample's due time and the time of the call, steady
-            nanoseconds; for measuring.
+            nanoseconds; for benchmarks.
     """
 
     on_publish: Callable[[int, int, int], None] | None = None
@@ -125,7 +126,7 @@ class Session:
         self._thread.start()
 
     def stop(self) -> None:
-        """End it, and take the topics away."""
+        """Stop, and remove the topics."""
         self.playback.stop()
         if self._thread.ident is not None:
             self._thread.join()
@@ -160,7 +161,7 @@ class Session:
                     f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
                 )
         for complaint in self.program.losses:
-            self._complain(complaint, 0)  # those that were found meanwhile
+            self._complain(complaint, 0)  # those found since the start
 
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
@@ -171,7 +172,7 @@ class Session:
             self._jump(event)
         elif isinstance(event, Idle):
             ahead.want(self._transport.wanted(time.monotonic_ns()))
-            # Decoding takes the processors from what is due next: the longest gap is best.
+            # Decoding delays the next due message: a long gap is the best time for it.
             if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
                 ahead.refill()
             if event.for_ns is None:
@@ -211,7 +212,7 @@ class Session:
         self._changed()
 
     def _publish(self, message: Due, stamp_ns: int, due_ns: int) -> int:
-        """Publish, except what says nothing new; returns how many messages that were."""
+        """Publish a message unless it is unchanged; return the number published."""
         outlet = message.outlet
         if message.key is not None:
             if self._keys.get(outlet) == message.key:
@@ -239,21 +240,21 @@ class Session:
         return 1
 
     def _wait_for_room(self, outlet: int) -> bool:
-        """Wait for subscribers as long as it takes; False once it was stopped."""
+        """Wait until subscribers have room; False if stopped."""
         while not self._transport.make_room(outlet, _PATIENCE_S):
             if self.playback.stopped:
                 return False
         return True
 
     def _wall_time(self, due_ns: int) -> int:
-        """The wall's time of a steady time; the same for the same one, but for a set clock."""
+        """Convert steady time to wall time; constant per input unless the clock is set."""
         offset = time.time_ns() - time.monotonic_ns()
         if abs(offset - self._wall_ns) > 1_000_000:
             self._wall_ns = offset
         return due_ns + self._wall_ns
 
     def _jump(self, event: Jump) -> None:
-        """Renew what subscribers keep of another time."""
+        """Resend latched messages after a seek, and mark all markers as stale."""
         self._keys.clear()
         self._stale = set(self._markers)
         self._frame = None
@@ -265,10 +266,10 @@ class Session:
                 self._publish(message, event.stamp_ns, now)
 
     def _clear_stale(self) -> None:
-        """Delete markers of another time that nothing has replaced."""
+        """Delete markers of another time that were not replaced."""
         for outlet in sorted(self._stale):
             stamp_ns = self.playback.state().stamp_ns
-            (data,) = encode_clear(stamp_ns, Frames().map)
+            (data,) = encode_clear(stamp_ns, FrameNames().map)
             self._transport.publish(outlet, bytes(data), stamp_ns)
         self._stale.clear()
 
@@ -277,7 +278,7 @@ class Session:
             self._transport.tell_time(stamp_ns)
 
     def _complain(self, complaint: str, messages: int) -> None:
-        """Log once, count always."""
+        """Log a complaint once; always count its messages."""
         self.counts.failures += messages
         if complaint not in self._complaints:
             self._complaints.add(complaint)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a player is given, opened: a KITTI folder or a bag."""
+"""Opens the source of a player: a KITTI folder or a bag."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def open_program(
     settings: PlaySettings | Settings,
     reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
 ) -> Program:
-    """Open what is to be played.
+    """Open a source.
 
     Args:
         source: Path of a KITTI folder or a bag; ~ is the home directory.
-        settings: How it is read; a layout that is given makes it a KITTI folder.
-        reserved: As BagProgram has it.
+        settings: Read settings; an explicit layout means a KITTI folder.
+        reserved: See BagProgram.
 
     Raises:
-        KittiRos2Error: There is nothing, or it cannot be read, or the selection takes nothing.
+        KittiRos2Error: The source is missing or unreadable, or the selection matches nothing.
         OSError: The same.
     """
     path = Path(source).expanduser()
@@ -54,7 +54,7 @@ def open_program(
     workers = worker_count(_MOST_WORKERS)
     recording = open_recording(path, settings.read)
     if settings.messages.annotated and Stream.LABELS not in recording.streams:
-        raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
+        raise UsageError(f'{path}: annotated images need labels, which the recording does not have')
     return RecordingProgram(recording, settings.messages, settings.selection, workers)
 
 
@@ -64,24 +64,26 @@ def publishes_clock(settings: PlaySettings) -> bool:
 
 
 def reserved_by_viewers(topic: str, msgtype: str) -> str:
-    """Why a bag's topic is left out where viewers are served: the state is the player's own."""
+    """Return why a bag's topic is skipped when serving viewers: the player publishes its state."""
     recorded = topic.endswith(STATE) and msgtype == DIAGNOSTICS
     return 'the player publishes its own' if recorded or topic == STATE else ''
 
 
 def reserved_by_node(name: str, settings: PlaySettings) -> Callable[[str, str], str]:
-    """Why a bag's topic is left out by a node: two clocks or two states contradict each other.
+    """Return a function that gives the reason why a node skips a bag's topic.
+
+    Two clocks or two states would contradict each other.
 
     Args:
-        name: The node's, with its namespace.
-        settings: Of the node.
+        name: The node's name with its namespace.
+        settings: The node's settings.
     """
 
     def reserved(topic: str, msgtype: str) -> str:
         if topic == CLOCK and publishes_clock(settings):
             return 'the player publishes its own; --clock 0 plays those of the bag'
         if topic == CLOCK and settings.stamps is Stamps.NOW:
-            return 'they tell the time of the recording, and stamps are those of the moment'
+            return "they contain the recording's time, but the stamps are the current time"
         if topic == f'{name}/state':
             return 'the player publishes its own'
         return reserved_by_viewers(topic, msgtype)
@@ -90,7 +92,7 @@ def reserved_by_node(name: str, settings: PlaySettings) -> Callable[[str, str], 
 
 
 def describe(program: Program) -> str:
-    """What is played, in a line."""
+    """Describe a program in one line."""
     frames, stamps = program.frames, program.stamps_ns
     return (
         f'{program.name}: frames {frames[0]} to {frames[-1]},'

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a player stands, in words and as a message."""
+"""The state of a player as text and as a message."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def where(playback: Playback) -> str:
-    """What it does and where it is, for people."""
+    """Describe the state in words, such as 'paused, frame 5'."""
     state = playback.state()
     return f'{_doing(state)}, frame {state.frame}'
 
@@ -27,13 +27,13 @@ def _doing(state: PlaybackState) -> str:
 
 
 def encode_state(name: str, source: str, state: PlaybackState, counts: Counts) -> bytes:
-    """A DiagnosticArray of the state of a player: OK, or WARN when messages could not be made.
+    """Encode the state as a DiagnosticArray: OK, or WARN if messages could not be made.
 
     Args:
-        name: The player's.
-        source: What is played.
-        state: Where it stands.
-        counts: What was done so far.
+        name: The player's name.
+        source: The source's name.
+        state: The current state.
+        counts: The statistics so far.
     """
     values = {
         'source': source,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plays on until there is nothing left to play, or somebody ends it."""
+"""Runs a player until everything is played or a stop is requested."""
 
 from __future__ import annotations
 
@@ -16,15 +16,27 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from .ending import Ending
     from .session import Session
 
 
+class StopRequest(Protocol):
+    """A request to stop; the main thread of a player waits for it."""
+
+    def set(self) -> None:
+        """Request the stop; from any thread or signal handler."""
+
+    def wait(self) -> None:
+        """Wait until the stop is requested."""
+
+    def abandon(self) -> None:
+        """Let the process exit even though something cannot be closed."""
+
+
 class Player(Controlled, Protocol):
-    """A player that has begun.
+    """A started player.
 
     Attributes:
-        error: What stopped it, if anything did.
+        error: The error that stopped it, if any.
         ended: Set when everything is played.
     """
 
@@ -32,35 +44,35 @@ class Player(Controlled, Protocol):
     ended: Event
 
     @property
-    def session(self) -> Session: ...  # noqa: D102 - what is played
+    def session(self) -> Session: ...  # noqa: D102 - see Session
 
 
 def play_to_the_end(
-    player: Player, ending: Ending, say: Callable[[str], None], *, keyboard: bool
+    player: Player, stop_request: StopRequest, say: Callable[[str], None], *, keyboard: bool
 ) -> int:
-    """Wait until the ending is set, by the player or from outside.
+    """Wait until a stop is requested, by the player or from outside.
 
     Args:
-        player: Has begun, and sets the ending when everything is played.
-        ending: Tells when to end.
-        say: Told what a key did, in a line.
+        player: A started player, which requests the stop when everything is played.
+        stop_request: The request to wait for.
+        say: Called with one line that describes what a key did.
         keyboard: Whether the keys of a terminal control it.
 
     Returns:
-        How much was lost, when all was played: messages that could not be made, what was missing
-        from the start, and topics whose last messages did not arrive although it was lossless; 0
-        when it was told to end.
+        The number of losses if everything was played: messages that could not be made, data missing
+        from the start, and topics whose last messages did not arrive in lossless mode; 0 if a stop
+        was requested.
 
     Raises:
-        BaseException: What stopped the player.
+        BaseException: The error that stopped the player.
     """
     with ExitStack() as stack:
         if keyboard:
-            keys = stack.enter_context(player_keyboard(player, say, ending.set))
+            keys = stack.enter_context(player_keyboard(player, say, stop_request.set))
             if keys.listening:
                 sys.stderr.write(f'{HELP}\n')
         gc.freeze()
-        ending.wait()
+        stop_request.wait()
         if player.error is not None:
             raise player.error
         session = player.session

@@ -23,7 +23,7 @@ from ..pictures.recording_frames import RecordingFrames
 from ..pictures.sources import open_own_recording
 from .contents import Finding, Report, Severity, StreamFacts
 from .overview import inspect_bag, inspect_recording
-from .rig import is_finite
+from .rig_plot import is_finite
 from .scenes import draw_projections, draw_scenes
 from .statistics import ClassTally, route_of
 from .streams import bag_streams, recording_streams
@@ -50,7 +50,7 @@ _TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})
 _PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not None))
 
 
-class _Frames(NamedTuple):
+class _FrameContents(NamedTuple):
     """What the frames of a source tell."""
 
     frames: int | None = None
@@ -109,7 +109,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
         source = RecordingFrames(recording)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', str(error)))
-        seen = _Frames()
+        seen = _FrameContents()
     else:
         seen = _look_through(source, _pictured(recording, source), findings, steps)
     return _report(overview, streams, findings, seen)
@@ -121,7 +121,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     if not any(series.count for series in overview.series):
         findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
-        return _report(overview, [], findings, _Frames())
+        return _report(overview, [], findings, _FrameContents())
     steps.expect(2)
     survey = look([bag])
     steps.step()
@@ -137,7 +137,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         source = BagFrames(bag, survey) if own is None else RecordingFrames(own, bag.path.name)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
-        seen = _Frames(route=_route_alone(bag, survey))
+        seen = _FrameContents(route=_route_alone(bag, survey))
     else:
         findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
         with closing(source):
@@ -193,7 +193,7 @@ def _pictured(recording: Readable, source: FrameSource) -> list[int]:
 
 def _look_through(
     source: FrameSource, pictured: Sequence[int], findings: list[Finding], steps: _Steps
-) -> _Frames:
+) -> _FrameContents:
     """Labels and poses of every frame, pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
     missing = _Lacks()
@@ -213,7 +213,7 @@ def _look_through(
     steps.step()
     findings += missing.findings()
     classes = tally.statistics()
-    return _Frames(
+    return _FrameContents(
         len(source.numbers),
         route_of(stamps, positions),
         classes if classes.classes or classes.dont_care else None,
@@ -256,7 +256,7 @@ def _report(
     overview: Overview,
     streams: Sequence[StreamFacts],
     findings: list[Finding],
-    seen: _Frames,
+    seen: _FrameContents,
 ) -> Report:
     lost = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
     notes = [

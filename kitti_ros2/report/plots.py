@@ -82,13 +82,13 @@ def interval_plot(key: str, name: str, timing: Timing) -> Markup:
     intervals, period, reach = timing.intervals_ns / length, period_ns / length, reach_ns / length
     times = (timing.stamps_ns[:-1] - timing.stamps_ns[0]) / 1e9
     span = float(times[-1]) or 1.0
-    frame = _Frame((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
+    area = _PlotArea((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
     drawn = [
-        frame.axes('s', unit),
-        line(_LEFT, frame.y(period), WIDTH - _RIGHT, frame.y(period), 'median'),
-        _dots(frame, times, np.clip(intervals, *frame.vertical)),
+        area.axes('s', unit),
+        line(_LEFT, area.y(period), WIDTH - _RIGHT, area.y(period), 'median'),
+        _dots(area, times, np.clip(intervals, *area.vertical)),
         *[
-            _gap_mark(frame, (gap.at_ns - int(timing.stamps_ns[0])) / 1e9)
+            _gap_mark(area, (gap.at_ns - int(timing.stamps_ns[0])) / 1e9)
             for gap in timing.gaps[:_MOST_BANDS]
         ],
     ]
@@ -116,9 +116,9 @@ def _unit(longest_ns: float) -> tuple[str, float]:
     return next((unit for unit in _UNITS[1:] if longest_ns >= unit[1]), _UNITS[-1])
 
 
-def _gap_mark(frame: _Frame, at_s: float) -> Markup:
+def _gap_mark(area: _PlotArea, at_s: float) -> Markup:
     """A triangle at the upper edge and a line down from it."""
-    x = frame.x(at_s)
+    x = area.x(at_s)
     return join(
         [
             line(x, _TOP - 2, x, _INTERVAL_HEIGHT - _BOTTOM, 'gap-line'),
@@ -127,7 +127,7 @@ def _gap_mark(frame: _Frame, at_s: float) -> Markup:
     )
 
 
-class _Frame:
+class _PlotArea:
     """The axes of a plot: what it shows across and up, and where that is in the SVG."""
 
     def __init__(
@@ -174,11 +174,11 @@ def _inside(x: float, words: str) -> float:
     return min(max(x, half), WIDTH - half)
 
 
-def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
+def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> Markup:
     """Each value a dot; of very many, the range of each column."""
     if len(values) <= 4 * _COLUMNS:
         marks = (
-            f'M{number(frame.x(float(x)))} {number(frame.y(float(y)))}h0'
+            f'M{number(area.x(float(x)))} {number(area.y(float(y)))}h0'
             for x, y in zip(times, values, strict=True)
         )
         return element('path', d=''.join(marks), class_='dots')
@@ -186,7 +186,7 @@ def _dots(frame: _Frame, times: Float64Array, values: Float64Array) -> Markup:
     bars = []
     for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
         if len(ys):
-            x, low, high = frame.x(float(xs.mean())), frame.y(ys.min()), frame.y(ys.max())
+            x, low, high = area.x(float(xs.mean())), area.y(ys.min()), area.y(ys.max())
             bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
     return element('path', d=''.join(bars), class_='ranges')
 
@@ -198,28 +198,28 @@ def histogram_plot(
     width = edges[1] - edges[0]
     most = max(*counts, 1)
     height = _HISTOGRAM_HEIGHT
-    frame = _Frame((edges[0], edges[-1] + width), (0, most * 1.08), height)
+    area = _PlotArea((edges[0], edges[-1] + width), (0, most * 1.08), height)
     drawn = [
         join(
             [
-                line(_LEFT, frame.y(value), WIDTH - _RIGHT, frame.y(value), 'grid-line'),
-                text(_LEFT - 6, frame.y(value) + 4, _short(int(value)), 'end'),
+                line(_LEFT, area.y(value), WIDTH - _RIGHT, area.y(value), 'grid-line'),
+                text(_LEFT - 6, area.y(value) + 4, _short(int(value)), 'end'),
             ]
         )
         for value in ticks(0, most, 3)
         if value == int(value)
     ]
-    across = frame.x(edges[1]) - frame.x(edges[0])
+    across = area.x(edges[1]) - area.x(edges[0])
     drawn += [
-        box(frame.x(edge) + 1, frame.y(count), across - 2, frame.y(0) - frame.y(count), 'bar')
+        box(area.x(edge) + 1, area.y(count), across - 2, area.y(0) - area.y(count), 'bar')
         for edge, count in zip(edges, counts, strict=True)
         if count
     ]
     low = height - _BOTTOM + 16
-    drawn += [text(frame.x(edge), low, plain(edge), 'middle') for edge in edges[:-1:2]]
+    drawn += [text(area.x(edge), low, plain(edge), 'middle') for edge in edges[:-1:2]]
     drawn += [
-        text(frame.x(edges[-1]) + across / 2, low, f'{plain(edges[-1])}+', 'middle'),
-        line(_LEFT, frame.y(0), WIDTH - _RIGHT, frame.y(0), 'axis'),
+        text(area.x(edges[-1]) + across / 2, low, f'{plain(edges[-1])}+', 'middle'),
+        line(_LEFT, area.y(0), WIDTH - _RIGHT, area.y(0), 'axis'),
         text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
     ]
     ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']

@@ -13,8 +13,8 @@ from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from .markup import Markup, breakable, element, join
 from .plots import histogram_plot, shares_bar
-from .rig import MOST_FRAMES, mounts_of, rig_plot
-from .route import route_plot
+from .rig_plot import MOST_FRAMES, mounts_of, rig_plot
+from .route_plot import route_plot
 from .statistics import OCCLUSIONS, histogram
 from .tables import NUMBER, TEXT, captioned, pictured, table
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .contents import Report, Scene
     from .markup import Child
     from .overview import CameraGlance
-    from .rig import Mount
+    from .rig_plot import Mount
     from .statistics import ClassFacts, ClassStatistics
 
 _EDGES_M = tuple(range(0, 100, 10))

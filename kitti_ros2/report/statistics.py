@@ -113,7 +113,7 @@ class ClassStatistics:
 
 
 @dataclass
-class _Tally:
+class _ClassCounts:
     count: int = 0
     frames: int = 0
     most: int = 0
@@ -160,7 +160,7 @@ class ClassTally:
     """Labels, frame by frame."""
 
     def __init__(self) -> None:
-        self._tallies: dict[str, _Tally] = defaultdict(_Tally)
+        self._counts: dict[str, _ClassCounts] = defaultdict(_ClassCounts)
         self._frames = 0
         self._labelled = 0
         self._dont_care = 0
@@ -174,11 +174,11 @@ class ClassTally:
         self._frames += 1
         self._labelled += bool(by_kind)
         for kind, found in by_kind.items():
-            self._tallies[kind].add(found)
+            self._counts[kind].add(found)
 
     def statistics(self) -> ClassStatistics:
         """What was taken so far."""
-        facts = (tally.facts(kind) for kind, tally in self._tallies.items())
+        facts = (tally.facts(kind) for kind, tally in self._counts.items())
         ordered = sorted(facts, key=lambda each: (-each.count, each.kind))
         return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
     from .timing import Timing
 
-_MS = 1e6
 _BIN = '.bin'
 _DIAGNOSED_MOST = 5
 

@@ -110,12 +110,10 @@ class Pairing:
 
     Attributes:
         pairs: How many have the same number.
-        offset_ns: Median of the stream's stamp less the other's.
         numbers: Those nearer to a sample of the other stream with another number.
     """
 
     pairs: int
-    offset_ns: int
     numbers: tuple[int, ...]
 
 
@@ -133,4 +131,4 @@ def pairing_of(stream: StreamIndex, reference: StreamIndex) -> Pairing | None:
     offsets = stream.stamps_ns[mine] - reference.stamps_ns[theirs]
     period = timing_of(reference.stamps_ns).period_ns
     shifted = np.abs(offsets) > period / 2 if period else np.zeros(len(common), np.bool_)
-    return Pairing(len(common), int(np.median(offsets)), tuple(common[shifted].tolist()))
+    return Pairing(len(common), tuple(common[shifted].tolist()))

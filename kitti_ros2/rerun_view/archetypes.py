@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table: message types and what Rerun shows of them.
+"""The table of message types with their converters to Rerun archetypes.
 
-A row is a type and the class that shows the topics of it. A further type is one more row.
+To support another type, add a row with its converter.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import rerun as rr
 
 from ..messages.clouds import decode_cloud, guess_intensity_scale
 from ..messages.pixels import decode_pixels, picture_kind
-from .boxes import Boxes2D, Boxes3D, unit_quaternions
-from .cameras import Pinholes
+from .boxes import Box2DConverter, Box3DConverter, unit_quaternions
+from .cameras import PinholeConverter
 from .colors import height_colors, reflectance_colors
-from .entry import Curve, Entry, Shower, entity_path, image_frame
-from .markers import Markers
-from .survey import frame_name
+from .entities import Converter, Curve, EntityUpdate, entity_path, image_frame
+from .markers import MarkerConverter
+from .program_survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
         String,
         TFMessage,
     )
-    from .entry import Context, Moment
+    from .entities import Context, TimePoint
 
 _POINT_PX = 1.5
 _FIX_PX = 5.0
@@ -48,50 +48,50 @@ _CURVE_LENGTH = 1000
 _AXES_RGB = ((231, 76, 60), (46, 204, 113), (52, 152, 219))
 
 
-class Clouds(Shower):
-    """sensor_msgs/PointCloud2: points coloured by reflectance, or by height where there is none."""
+class CloudConverter(Converter):
+    """sensor_msgs/PointCloud2: points coloured by reflectance, or by height without it."""
 
     _scale: float | None = None
 
-    def show(self, message: PointCloud2, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry; points that are not finite are left out."""
+    def convert(self, message: PointCloud2, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update without points that are not finite."""
         if self._scale is None and message.width * message.height:
             self._scale = guess_intensity_scale([message])
         points, _ = decode_cloud(message, self._scale or 1.0)
         reflectance = points[:, 3]
         colors = reflectance_colors(reflectance) if reflectance.any() else height_colors(points)
         components = rr.Points3D(points[:, :3], colors=colors, radii=rr.Radius.ui_points(_POINT_PX))
-        yield Entry(self.path, [components], frame_name(message.header.frame_id))
+        yield EntityUpdate(self.path, [components], frame_name(message.header.frame_id))
 
 
-class Images(Shower):
-    """sensor_msgs/Image: its pixels. Where it is in space, CameraInfo tells."""
+class ImageConverter(Converter):
+    """sensor_msgs/Image: its pixels; CameraInfo gives the place in space."""
 
-    def show(self, message: ImageMsg, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry."""
+    def convert(self, message: ImageMsg, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update."""
         pixels = decode_pixels(message)
         components = rr.Image(pixels, 'L' if pixels.ndim == 2 else 'BGR')
-        yield Entry(self.path, [components], image_frame(self.topic))
+        yield EntityUpdate(self.path, [components], image_frame(self.topic))
 
 
-class CompressedImages(Shower):
-    """sensor_msgs/CompressedImage: the bytes of its PNG or JPEG, untouched."""
+class CompressedImageConverter(Converter):
+    """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG."""
 
-    def show(self, message: CompressedImage, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry."""
+    def convert(self, message: CompressedImage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update."""
         media = _MEDIA[picture_kind(message)]
         components = rr.EncodedImage(contents=message.data, media_type=media)
-        yield Entry(self.path, [components], image_frame(self.topic))
+        yield EntityUpdate(self.path, [components], image_frame(self.topic))
 
 
-class Transforms(Shower):
+class TransformConverter(Converter):
     """tf2_msgs/TFMessage: links between named frames.
 
-    Rerun wants all links of a frame to its parent at one entity, whichever topic they come on.
+    Rerun needs all links of a frame to its parent at one entity, whatever their topic.
     """
 
-    def show(self, message: TFMessage, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """An entry for each link."""
+    def convert(self, message: TFMessage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield an update for each link."""
         for link in message.transforms:
             child = frame_name(link.child_frame_id)
             place, turn = link.transform.translation, link.transform.rotation
@@ -101,17 +101,17 @@ class Transforms(Shower):
                 parent_frame=frame_name(link.header.frame_id),
                 child_frame=child,
             )
-            yield Entry(entity_path('transforms', child), [components])
+            yield EntityUpdate(entity_path('transforms', child), [components])
 
 
-class Poses(Shower):
+class PoseConverter(Converter):
     """geometry_msgs/PoseStamped, PoseWithCovarianceStamped and nav_msgs/Odometry: axes at a place.
 
-    Where no transform tells where Odometry's child frame is, Odometry does.
+    If no transform places the child frame of an Odometry, the Odometry does.
     """
 
-    def show(self, message: PoseStamped | Odometry, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry."""
+    def convert(self, message: PoseStamped | Odometry, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update."""
         pose: Any = getattr(message.pose, 'pose', message.pose)
         child = frame_name(getattr(message, 'child_frame_id', ''))
         linked = child in self.context.survey.parents
@@ -122,45 +122,47 @@ class Poses(Shower):
             parent_frame=frame_name(message.header.frame_id),
             child_frame=None if linked or not child else child,
         )
-        yield Entry(self.path, [components], always=[rr.TransformAxes3D(_AXIS_M)])
+        yield EntityUpdate(self.path, [components], always=[rr.TransformAxes3D(_AXIS_M)])
 
 
-class Paths(Shower):
+class PathConverter(Converter):
     """nav_msgs/Path: a line through its poses."""
 
-    def show(self, message: Path, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry."""
+    def convert(self, message: Path, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update."""
         places = [stamped.pose.position for stamped in message.poses]
         strips = [[(p.x, p.y, p.z) for p in places]] if len(places) > 1 else []
         radii = rr.Radius.ui_points(_PATH_PX)
         components = rr.LineStrips3D(strips, colors=[_PATH_RGB], radii=radii)
-        yield Entry(self.path, [components], frame_name(message.header.frame_id))
+        yield EntityUpdate(self.path, [components], frame_name(message.header.frame_id))
 
 
-class Fixes(Shower):
-    """sensor_msgs/NavSatFix: a point on the map, and at the end the line of all of them."""
+class FixConverter(Converter):
+    """sensor_msgs/NavSatFix: a point on the map, and at the end a line through all points."""
 
     def __init__(self, topic: str, context: Context) -> None:
         super().__init__(topic, context)
         self._track: list[tuple[float, float]] = []
 
-    def show(self, message: NavSatFix, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry; none without a position, which NavSatFix says as NaN."""
+    def convert(self, message: NavSatFix, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update; none without a position (NaN in NavSatFix)."""
         place = (message.latitude, message.longitude)
         if all(map(math.isfinite, place)):
             self._track.append(place)
             radii = rr.Radius.ui_points(_FIX_PX)
-            yield Entry(self.path, [rr.GeoPoints(lat_lon=[place], radii=radii, colors=_FIX_RGB)])
+            yield EntityUpdate(
+                self.path, [rr.GeoPoints(lat_lon=[place], radii=radii, colors=_FIX_RGB)]
+            )
 
-    def rest(self) -> Iterator[Entry]:
-        """The line."""
+    def flush(self) -> Iterator[EntityUpdate]:
+        """Yield the line."""
         if len(self._track) > 1:
             radii = rr.Radius.ui_points(_PATH_PX)
             line = rr.GeoLineStrings(lat_lon=[self._track], colors=[_PATH_RGB], radii=radii)
-            yield Entry(entity_path(self.topic, 'track'), always=[line])
+            yield EntityUpdate(entity_path(self.topic, 'track'), always=[line])
 
 
-class Vectors(Shower):
+class VectorConverter(Converter):
     """sensor_msgs/Imu and geometry_msgs/TwistStamped: three curves for each vector."""
 
     names: tuple[str, ...] = ()
@@ -170,63 +172,63 @@ class Vectors(Shower):
         self._curves = {name: Curve(entity_path(topic, name)) for name in self.names}
         self._begun = False
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry | Curve]:  # noqa: ANN401
-        """Names first, and then the curves, each a thousand moments long."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate | Curve]:  # noqa: ANN401
+        """Yield the names first, then curves of a thousand messages each."""
         holder = getattr(message, 'twist', message)
         vectors = [getattr(holder, name) for name in self.names]
         for name, vector in zip(self.names, vectors, strict=True):
             curve = self._curves[name]
             if not self._begun:
                 lines = rr.SeriesLines(names=list('xyz'), colors=_AXES_RGB)
-                yield Entry(curve.path, always=[lines])
-            curve.moments.append(moment)
+                yield EntityUpdate(curve.path, always=[lines])
+            curve.times.append(time)
             curve.values.append((vector.x, vector.y, vector.z))
-            if len(curve.moments) >= _CURVE_LENGTH:
+            if len(curve.times) >= _CURVE_LENGTH:
                 yield curve
                 self._curves[name] = Curve(curve.path)
         self._begun = True
 
-    def rest(self) -> Iterator[Curve]:
-        """What is left of the curves."""
-        yield from (curve for curve in self._curves.values() if curve.moments)
+    def flush(self) -> Iterator[Curve]:
+        """Yield the rest of the curves."""
+        yield from (curve for curve in self._curves.values() if curve.times)
 
 
-class ImuVectors(Vectors):
+class ImuConverter(VectorConverter):
     """sensor_msgs/Imu."""
 
     names = ('linear_acceleration', 'angular_velocity')
 
 
-class TwistVectors(Vectors):
+class TwistConverter(VectorConverter):
     """geometry_msgs/TwistStamped."""
 
     names = ('linear', 'angular')
 
 
-class Texts(Shower):
+class TextConverter(Converter):
     """std_msgs/String: a line of a log."""
 
-    def show(self, message: String, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """One entry."""
-        yield Entry(self.path, [rr.TextLog(message.data)])
+    def convert(self, message: String, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield one update."""
+        yield EntityUpdate(self.path, [rr.TextLog(message.data)])
 
 
-TABLE: Mapping[str, type[Shower]] = {
-    'geometry_msgs/msg/PoseStamped': Poses,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': Poses,
-    'geometry_msgs/msg/TwistStamped': TwistVectors,
-    'nav_msgs/msg/Odometry': Poses,
-    'nav_msgs/msg/Path': Paths,
-    'sensor_msgs/msg/CameraInfo': Pinholes,
-    'sensor_msgs/msg/CompressedImage': CompressedImages,
-    'sensor_msgs/msg/Image': Images,
-    'sensor_msgs/msg/Imu': ImuVectors,
-    'sensor_msgs/msg/NavSatFix': Fixes,
-    'sensor_msgs/msg/PointCloud2': Clouds,
-    'std_msgs/msg/String': Texts,
-    'tf2_msgs/msg/TFMessage': Transforms,
-    'vision_msgs/msg/Detection2DArray': Boxes2D,
-    'vision_msgs/msg/Detection3DArray': Boxes3D,
-    'visualization_msgs/msg/Marker': Markers,
-    'visualization_msgs/msg/MarkerArray': Markers,
+TABLE: Mapping[str, type[Converter]] = {
+    'geometry_msgs/msg/PoseStamped': PoseConverter,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': PoseConverter,
+    'geometry_msgs/msg/TwistStamped': TwistConverter,
+    'nav_msgs/msg/Odometry': PoseConverter,
+    'nav_msgs/msg/Path': PathConverter,
+    'sensor_msgs/msg/CameraInfo': PinholeConverter,
+    'sensor_msgs/msg/CompressedImage': CompressedImageConverter,
+    'sensor_msgs/msg/Image': ImageConverter,
+    'sensor_msgs/msg/Imu': ImuConverter,
+    'sensor_msgs/msg/NavSatFix': FixConverter,
+    'sensor_msgs/msg/PointCloud2': CloudConverter,
+    'std_msgs/msg/String': TextConverter,
+    'tf2_msgs/msg/TFMessage': TransformConverter,
+    'vision_msgs/msg/Detection2DArray': Box2DConverter,
+    'vision_msgs/msg/Detection3DArray': Box3DConverter,
+    'visualization_msgs/msg/Marker': MarkerConverter,
+    'visualization_msgs/msg/MarkerArray': MarkerConverter,
 }

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The layout a viewer begins with: space, two cameras with boxes, the map, curves."""
+"""The initial layout of the viewer: space, two cameras with boxes, the map, curves."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
-from .archetypes import TABLE, Vectors
-from .entry import TIME, Shower, entity_path
-from .survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
+from .archetypes import TABLE, VectorConverter
+from .entities import TIME, Converter, entity_path
+from .program_survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
 
 if TYPE_CHECKING:
-    from .survey import Survey
+    from .program_survey import ProgramSurvey
 
 _MARKERS = ('visualization_msgs/msg/MarkerArray', 'visualization_msgs/msg/Marker')
 _FIX = ('sensor_msgs/msg/NavSatFix',)
@@ -24,8 +24,8 @@ _BACKGROUND_RGB = (13, 16, 17)
 _LOOK_AT_M = (8.0, 0.0, 0.0)
 
 
-def make_blueprint(survey: Survey) -> rrb.Blueprint:
-    """The layout for a program's topics; views without data are left out."""
+def make_blueprint(survey: ProgramSurvey) -> rrb.Blueprint:
+    """Make the layout for the topics of a program, without empty views."""
     cameras = chosen_cameras(survey)
     columns: list[rrb.Container | rrb.View] = [_space(survey, cameras)]
     views: list[rrb.Container | rrb.View] = [_camera(survey, image) for image in cameras]
@@ -40,10 +40,10 @@ def make_blueprint(survey: Survey) -> rrb.Blueprint:
     )
 
 
-def chosen_cameras(survey: Survey) -> list[str]:
-    """At most two image topics, one a camera: those with boxes first, then those in colour."""
+def chosen_cameras(survey: ProgramSurvey) -> list[str]:
+    """Choose at most two image topics, one per camera: with boxes first, then colour images."""
     cameras: dict[str, str] = {}
-    for image in survey.of_type(*IMAGES):  # the compressed one takes a tenth of the memory
+    for image in survey.of_type(*IMAGES):  # compressed images take a tenth of the memory
         camera = survey.info_of(image) or image.removesuffix('/compressed')
         if camera not in cameras or image.endswith('/compressed'):
             cameras[camera] = image
@@ -55,15 +55,15 @@ def chosen_cameras(survey: Survey) -> list[str]:
     return sorted(cameras.values(), key=rank)[:_MOST_CAMERAS]
 
 
-def _boxed_images(survey: Survey) -> set[str]:
+def _boxed_images(survey: ProgramSurvey) -> set[str]:
     frames = [survey.frames.get(topic) for topic in survey.of_type(DETECTIONS_2D)]
     return {image for frame in frames if frame for image in survey.images_in(frame)}
 
 
-def _space(survey: Survey, cameras: list[str]) -> rrb.View:
-    """The 3D view from behind the vehicle; of the cameras only the first, or they hide each other.
+def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
+    """Make the 3D view from behind the vehicle, with one camera: more would hide each other.
 
-    Detections and markers often are the same boxes: then the detections are shown, as they have
+    Detections and markers often are the same boxes: then only the detections are shown, which have
     classes and ids.
     """
     hidden = [image for image in survey.of_type(*IMAGES) if image not in cameras[:1]]
@@ -82,8 +82,8 @@ def _space(survey: Survey, cameras: list[str]) -> rrb.View:
     )
 
 
-def _camera(survey: Survey, image: str) -> rrb.View:
-    """An image with the boxes on it, the three-dimensional ones projected."""
+def _camera(survey: ProgramSurvey, image: str) -> rrb.View:
+    """Make the view of an image with its boxes; 3D boxes are projected."""
     solid = survey.of_type(DETECTIONS_3D) or survey.of_type(*_MARKERS)
     origin = entity_path(image)
     return rrb.Spatial2DView(
@@ -93,12 +93,12 @@ def _camera(survey: Survey, image: str) -> rrb.View:
     )
 
 
-def _tabs(survey: Survey) -> list[rrb.Container | rrb.View]:
+def _tabs(survey: ProgramSurvey) -> list[rrb.Container | rrb.View]:
     tabs: list[rrb.Container | rrb.View] = [
         rrb.TimeSeriesView(origin=f'/{entity_path(topic, name)}', name=f'{topic} {name}')
         for topic, msgtype in survey.topics.items()
-        if issubclass(shower := TABLE.get(msgtype, Shower), Vectors)
-        for name in shower.names
+        if issubclass(converter := TABLE.get(msgtype, Converter), VectorConverter)
+        for name in converter.names
     ]
     tabs += [
         rrb.MapView(origin=f'/{entity_path(topic)}', name=topic) for topic in survey.of_type(*_FIX)

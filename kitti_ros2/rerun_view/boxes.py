@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """vision_msgs/Detection3DArray and Detection2DArray -> boxes with class, id and colour.
 
-vision_msgs before 4 names some fields otherwise; both are read.
+vision_msgs before version 4 has other names for some fields; both are supported.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ import rerun as rr
 
 from ..drawing.palette import rgb_of
 from ..model.boxes import DONT_CARE
-from .entry import Entry, Shower, entity_path, image_frame
-from .survey import DETECTIONS_3D, frame_name
+from .entities import Converter, EntityUpdate, entity_path, image_frame
+from .program_survey import DETECTIONS_3D, frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from ..model.geometry import Float64Array
-    from .entry import Moment
+    from .entities import TimePoint
 
 _DONT_CARE_RGB = (120, 120, 120)
 
 
-class Boxes3D(Shower):
+class Box3DConverter(Converter):
     """The boxes of a Detection3DArray topic."""
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """One entry, also of no boxes at all: those of the last message are gone."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """Yield one update, also without boxes: it removes those of the last message."""
         boxes = [each.bbox for each in message.detections]
         places = [each.center.position for each in boxes]
         turns = [each.center.orientation for each in boxes]
@@ -43,14 +43,14 @@ class Boxes3D(Shower):
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
-        yield Entry(self.path, [components], _frame_of(message))
+        yield EntityUpdate(self.path, [components], _frame_of(message))
 
 
-class Boxes2D(Shower):
-    """The boxes of a Detection2DArray topic, over the images of the camera they are of."""
+class Box2DConverter(Converter):
+    """The boxes of a Detection2DArray topic, over the images of their camera."""
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """One entry for each of those images; one by itself where there is none."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """Yield one update for each of those images, or a single one if there is none."""
         survey = self.context.survey
         boxes = [each.bbox for each in message.detections]
         centers = [getattr(each.center, 'position', each.center) for each in boxes]
@@ -60,20 +60,20 @@ class Boxes2D(Shower):
             sizes=_rows([(each.size_x, each.size_y) for each in boxes], 2),
             colors=_colors(names),
             labels=_labels(message.detections, names),
-            # The same objects have labels already where they are boxes in space as well.
+            # With 3D boxes the same objects already have labels.
             show_labels=not survey.of_type(DETECTIONS_3D),
         )
         frame = _frame_of(message)
         images = survey.images_in(frame)
         for image in images:
             path = entity_path(image, *self.topic.strip('/').split('/'))
-            yield Entry(path, [components], image_frame(image))
+            yield EntityUpdate(path, [components], image_frame(image))
         if not images:
-            yield Entry(self.path, [components], frame)
+            yield EntityUpdate(self.path, [components], frame)
 
 
 def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Quaternion]:
-    """Quaternions of length 1; where a recorder left zeros, no turn."""
+    """Normalise quaternions; zeros become the identity."""
     rows = _rows(xyzw, 4)
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     rows = np.where(lengths > 0, rows / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 0.0, 1.0))
@@ -81,13 +81,13 @@ def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Q
 
 
 def _frame_of(message: Any) -> str:  # noqa: ANN401 - a rosbags class
-    """The frame of an array: its own, or where it leaves that open, its first detection's."""
+    """Return the frame of an array, or if it is empty that of the first detection."""
     headers = [message.header, *(each.header for each in message.detections[:1])]
     return next((name for each in headers if (name := frame_name(each.frame_id))), '')
 
 
 def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a rosbags class
-    """Of the best hypothesis, the first where several are; ('', 1) without any."""
+    """Return those of the best hypothesis, the first of equals; ('', 1) without any."""
     hypotheses = [getattr(each, 'hypothesis', each) for each in detection.results]
     if not hypotheses:
         return '', 1.0
@@ -108,7 +108,7 @@ def _colors(names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
 
 
 def class_color(kind: str) -> tuple[int, int, int]:
-    """Red, green, blue, 0..255, of a class: that of its markers."""
+    """Return the colour of a class, as for markers: red, green, blue, 0..255."""
     if kind == DONT_CARE:
         return _DONT_CARE_RGB
     return rgb_of(kind)

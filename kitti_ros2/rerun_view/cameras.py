@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""sensor_msgs/CameraInfo -> a pinhole for each image it belongs to.
+"""sensor_msgs/CameraInfo -> a pinhole for each of its images.
 
-P, after R, projects points of header.frame_id, and a pinhole has neither a turn nor an offset:
-where there is one, the pinhole hangs from a frame of its own.
+P, after R, projects points of header.frame_id, and a pinhole has neither a rotation nor an offset:
+if there is one, the pinhole gets a frame of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import rerun as rr
 
 from ..model.geometry import Transform
 from ..rig.camera_info import camera_model
-from .entry import Entry, Shower, entity_path, image_frame
+from .entities import Converter, EntityUpdate, entity_path, image_frame
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
-    from .entry import Context, Moment
+    from .entities import Context, TimePoint
 
 _IMAGE_PLANE_M = 3.0
 _SAME = 1e-9
 
 
-class Pinholes(Shower):
-    """The pinholes of a CameraInfo topic, made anew when what it says changes."""
+class PinholeConverter(Converter):
+    """The pinholes of a CameraInfo topic, updated when its content changes."""
 
     def __init__(self, topic: str, context: Context) -> None:
         super().__init__(topic, context)
         self._images = context.survey.images_of(topic)
         self._last: Hashable = None
 
-    def show(self, message: CameraInfo, moment: Moment) -> Iterator[Entry]:  # noqa: ARG002
-        """Nothing where nothing changed, or where the camera is not calibrated."""
+    def convert(self, message: CameraInfo, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+        """Yield nothing if nothing changed, or if the camera is not calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
         key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)
         if key == self._last:
@@ -55,13 +55,13 @@ class Pinholes(Shower):
             yield from _pinhole(image, model, view)
 
 
-def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]:
+def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[EntityUpdate]:
     k, pinhole_t_frame = projection_of(model, view, rectified=is_rectified(image, model))
     frame = view.frame
     if np.abs(pinhole_t_frame.matrix() - np.eye(4)).max() > _SAME:
         frame_t_pinhole = pinhole_t_frame.inverse()
         frame = f'{image.strip("/")}/pinhole'
-        yield Entry(
+        yield EntityUpdate(
             entity_path(image, 'pinhole'),
             [
                 rr.Transform3D(
@@ -72,7 +72,7 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]
                 )
             ],
         )
-    yield Entry(
+    yield EntityUpdate(
         entity_path(image),
         [
             rr.Pinhole(
@@ -88,9 +88,9 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entry]
 
 
 def is_rectified(image: str, model: CameraModel) -> bool:
-    """Whether an image is what P after R projects onto: by its name, else by its calibration.
+    """Whether an image is rectified (the target of P after R): by name, else by calibration.
 
-    image_proc calls such images image_rect and image_rect_color.
+    image_proc names such images image_rect and image_rect_color.
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
     turned = np.abs(model.r - np.eye(3)).max() > _SAME
@@ -100,9 +100,9 @@ def is_rectified(image: str, model: CameraModel) -> bool:
 def projection_of(
     model: CameraModel, view: Viewpoint, *, rectified: bool
 ) -> tuple[Float64Array, Transform]:
-    """K (3, 3), and pinhole_T_frame, the view's frame to the pinhole.
+    """Return K (3, 3), and pinhole_T_frame, which maps the view's frame to the pinhole.
 
-    A distorted image, which nothing straightens here, is shown by K, as if it were not.
+    A distorted image is not rectified here; it is shown with K as if it had no distortion.
     """
     if not rectified:
         return model.k, view.cam_T_frame

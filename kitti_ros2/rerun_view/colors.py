@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of points, as Rerun packs them: 0xRRGGBBAA."""
+"""Colours of points in Rerun's format: 0xRRGGBBAA."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _HEIGHTS_M = (-2.5, 2.5)
 
 
 def _palette() -> npt.NDArray[np.uint32]:
-    """(256,) colours from dark to bright."""
+    """Return (256,) colours from dark to bright."""
     places = np.linspace(0, len(_VIRIDIS) - 1, 256)
     channels = np.array(_VIRIDIS, np.float64).T
     red, green, blue = (
@@ -44,12 +44,12 @@ _PALETTE = _palette()
 
 
 def reflectance_colors(reflectance: Float32Array) -> npt.NDArray[np.uint32]:
-    """(N,) colours of reflectances 0..1; by their square root, for most are low."""
+    """Return (N,) colours of reflectances 0..1, by their square root, as most are low."""
     return _PALETTE.take((np.sqrt(reflectance) * 255).astype(np.uint8))
 
 
 def height_colors(points: Float32Array) -> npt.NDArray[np.uint32]:
-    """(N,) colours of (N, 3) or wider points by z, from 2.5 m below the sensor to 2.5 m above."""
+    """Return (N,) colours of (N, 3+) points by z, from 2.5 m below to 2.5 m above the sensor."""
     low, high = _HEIGHTS_M
     share: Float32Array = np.clip((points[:, 2] - low) / (high - low), 0, 1)
     return _PALETTE.take((share * 255).astype(np.uint8))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether Rerun is there; the one part of rerun_view/ that may be imported where it is not."""
+"""A check for Rerun; the only module of rerun_view/ that can be imported without it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ..model.errors import UsageError
 
 
 def check_installed() -> None:
-    """Complain where the SDK is missing.
+    """Check that the SDK is installed.
 
     Raises:
-        UsageError: It is not installed.
+        UsageError: The SDK is not installed.
     """
     if find_spec('rerun') is None:
         raise UsageError(

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """visualization_msgs/MarkerArray and Marker -> boxes, lines, arrows and texts.
 
-Markers stay until they are replaced, deleted, or have outlived their lifetime, as in RViz; what is
-left of a topic is shown anew with each of its messages.
+As in RViz, markers stay until they are replaced, deleted, or their lifetime has expired; each
+message of a topic updates all its remaining markers.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ..messages.ros_types import Marker
 from ..model.geometry import Transform
 from ..model.stamps import from_sec_nanosec
 from .boxes import unit_quaternions
-from .entry import Entry, Shower, entity_path
-from .survey import frame_name
+from .entities import Converter, EntityUpdate, entity_path
+from .program_survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from ..model.geometry import Float64Array
-    from .entry import Context, Moment
+    from .entities import Context, TimePoint
 
 _KINDS = {
     Marker.CUBE: 'boxes',
@@ -49,7 +49,7 @@ _OTHERS = {
 }
 
 
-class Markers(Shower):
+class MarkerConverter(Converter):
     """The markers of a topic."""
 
     def __init__(self, topic: str, context: Context) -> None:
@@ -57,8 +57,8 @@ class Markers(Shower):
         self._shown: dict[tuple[str, int], Any] = {}
         self._groups: dict[tuple[str, str], list[Any]] = {}
 
-    def show(self, message: Any, moment: Moment) -> Iterator[Entry]:  # noqa: ANN401, ARG002
-        """An entry for each kind of marker in each frame, also of those that are gone."""
+    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+        """Yield an update for each kind of marker in each frame, also for removed ones."""
         markers = message.markers if hasattr(message, 'markers') else [message]
         for marker in markers:
             self._take(marker)
@@ -71,7 +71,7 @@ class Markers(Shower):
             self._groups.setdefault(key, []).append(marker)
         for (kind, frame), group in self._groups.items():
             path = entity_path(self.topic, kind, frame)
-            yield Entry(path, [_MAKERS[kind](group)], frame)
+            yield EntityUpdate(path, [_SHAPES[kind](group)], frame)
 
     def _take(self, marker: Any) -> None:  # noqa: ANN401 - a rosbags class
         key = (marker.ns, marker.id)
@@ -120,7 +120,7 @@ def _arrows(markers: list[Any]) -> rr.AsComponents:
     for marker in markers:
         ends = _points(marker)
         if len(ends) < 2:
-            # Without points an arrow lies along x of its pose, as long as the scale says.
+            # Without points an arrow lies along x of its pose; its length is scale.x.
             ends = _place(marker).apply([[0.0, 0.0, 0.0], [marker.scale.x, 0.0, 0.0]])
         origins.append(ends[0])
         vectors.append(ends[1] - ends[0])
@@ -139,7 +139,7 @@ def _texts(markers: list[Any]) -> rr.AsComponents:
 
 
 def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
-    """frame_T_marker; a quaternion of zeros, which some recorders leave, is no turn."""
+    """Return frame_T_marker; a quaternion of zeros means no rotation."""
     q = marker.pose.orientation
     if not any((q.x, q.y, q.z, q.w)):
         p = marker.pose.position
@@ -148,7 +148,7 @@ def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
 
 
 def _points(marker: Any) -> Float64Array:  # noqa: ANN401 - a rosbags class
-    """(N, 3) points in the marker's frame."""
+    """Return (N, 3) points in the marker's frame."""
     return _place(marker).apply(_rows([(p.x, p.y, p.z) for p in marker.points]))
 
 
@@ -157,14 +157,14 @@ def _rows(values: Sequence[Sequence[float] | Float64Array]) -> Float64Array:
 
 
 def _colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
-    """Red, green, blue and opacity, 0..255."""
+    """Return red, green, blue and opacity, 0..255."""
     return [
         tuple(round(255 * min(max(value, 0.0), 1.0)) for value in (c.r, c.g, c.b, c.a))
         for c in (marker.color for marker in markers)
     ]
 
 
-_MAKERS: dict[str, Callable[[list[Any]], rr.AsComponents]] = {
+_SHAPES: dict[str, Callable[[list[Any]], rr.AsComponents]] = {
     'boxes': _boxes,
     'lines': _lines,
     'arrows': _arrows,

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An .rrd file of a program.
+"""Writes the .rrd file of a program.
 
-The SDK's own file writer does not say why it fails, and then may wait for ever. So it writes to a
-named pipe, and what comes out of that is written here.
+The SDK's own file writer does not report errors and may then block forever. So it writes to a named
+pipe, and a thread here writes the file.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..player.program import Program
-    from .show import Report
+    from .show import ShowReport
 
 _BLOCK_BYTES = 1 << 20
 
 
-def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> Report:
-    """Show all messages of a program in a new file.
+def write_file(program: Program, path: Path, progress: Callable[[int, int], None]) -> ShowReport:
+    """Write all messages of a program to a new file.
 
     Args:
-        program: Not closed.
+        program: The program; it is not closed.
         path: The file.
-        progress: As show has it.
+        progress: See show.
 
     Raises:
-        OSError: The file cannot be written; it is incomplete.
+        OSError: The file cannot be written; it remains incomplete.
     """
-    writer = _Writer(path)
+    writer = _PipeToFile(path)
 
     def tell(done: int, size_bytes: int) -> None:
         writer.check()
@@ -50,14 +50,14 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     pipe = folder / 'rrd'
     try:
         os.mkfifo(pipe)
-        # Somebody must read before the SDK opens the pipe, or that waits.
+        # A reader must exist before the SDK opens the pipe, or opening blocks.
         source = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
         stream = make_recording(program)
         stream.save(pipe)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     os.set_blocking(source, True)
-    with suppress(AttributeError, OSError):  # Linux, and no more than an ordinary user may have
+    with suppress(AttributeError, OSError):  # only on Linux, and within the limit for users
         fcntl.fcntl(source, fcntl.F_SETPIPE_SZ, _BLOCK_BYTES)
     writer.begin(source)
     try:
@@ -70,8 +70,8 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     return report
 
 
-class _Writer:
-    """A thread that writes to a file what it reads; when it cannot, it reads on all the same."""
+class _PipeToFile:
+    """A thread that copies a pipe to a file; after an error it keeps reading."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open('wb', buffering=0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loop: a program's messages, in their order of time, to a Rerun recording."""
+"""Converts the messages of a program, in order of time, to a Rerun recording."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
-from .entry import FRAME, TIME, Context, Curve, Moment
-from .rig import Rig
-from .survey import make_survey
+from .camera_rig import CameraRig
+from .entities import FRAME, TIME, Context, Curve, TimePoint
+from .program_survey import make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
     from ..player.program import Due, Program
-    from .entry import Shown
+    from .entities import Shown
 
 APPLICATION = 'kitti_ros2'
 
@@ -31,16 +31,16 @@ _AHEAD = 32
 
 
 @dataclass(frozen=True)
-class Report:
-    """What was shown.
+class ShowReport:
+    """The result of showing a program.
 
     Attributes:
-        messages: How many.
-        frames: How many frames they belong to.
-        size_bytes: Of the messages.
-        losses: What could not be shown: a line each, and how many messages it is about.
-        missing: What was missing from the start, a line each.
-        notes: What is worth a word.
+        messages: Number of messages shown.
+        frames: Number of their frames.
+        size_bytes: Total size of the messages.
+        losses: Number of messages that could not be shown, by reason, one line each.
+        missing: Data missing from the start, one line each.
+        notes: Remarks.
     """
 
     messages: int
@@ -52,7 +52,7 @@ class Report:
 
 
 def make_recording(program: Program) -> rr.RecordingStream:
-    """A recording without a sink; its only timelines are `time` and `frame`."""
+    """Create a recording without a sink; its only timelines are `time` and `frame`."""
     stream = rr.RecordingStream(APPLICATION)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
@@ -62,23 +62,23 @@ def make_recording(program: Program) -> rr.RecordingStream:
 
 def show(
     program: Program, stream: rr.RecordingStream, progress: Callable[[int, int], None]
-) -> Report:
+) -> ShowReport:
     """Show all messages of a program.
 
     Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
-    message. What a latched topic says first holds from the start, whenever it was recorded.
+    message. The first message of a latched topic is valid from the start, whenever it was recorded.
 
     Args:
-        program: Not closed.
-        stream: Has a sink.
+        program: The program; it is not closed.
+        stream: A recording with a sink.
         progress: Called with the samples done and the bytes shown.
     """
-    # Without it what the SDK cannot take becomes a warning on standard error, and is lost.
+    # Otherwise the SDK only prints a warning on stderr for invalid data, and drops it.
     rr.set_strict_mode(True)
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
-    shown = _Show(program, stream, Context(survey, Rig(survey), notes.setdefault))
+    shown = _StreamLogger(program, stream, Context(survey, CameraRig(survey), notes.setdefault))
     every = frozenset(range(len(program.outlets)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
@@ -90,10 +90,10 @@ def show(
             for each in missing:
                 shown.losses[each.text] += each.messages
             for due in messages:
-                shown.take(due, Moment(due.stamp_ns, frame))
+                shown.take(due, TimePoint(due.stamp_ns, frame))
             progress(position + 1, shown.size_bytes)
     shown.finish()
-    return Report(
+    return ShowReport(
         shown.messages,
         len(np.unique(program.frames)),
         shown.size_bytes,
@@ -104,7 +104,7 @@ def show(
 
 
 def _unshown(program: Program) -> list[str]:
-    """The topics of types that the table lacks."""
+    """List the topics with types missing from the table."""
     return [
         f'{outlet.name}: {outlet.msgtype} is not shown'
         for outlet in program.outlets
@@ -112,13 +112,13 @@ def _unshown(program: Program) -> list[str]:
     ]
 
 
-class _Show:
-    """What was logged so far."""
+class _StreamLogger:
+    """Converts messages and logs them to a recording."""
 
     def __init__(self, program: Program, stream: rr.RecordingStream, context: Context) -> None:
         self._program = program
         self._stream = stream
-        self._showers = {
+        self._converters = {
             index: TABLE[outlet.msgtype](outlet.name, context)
             for index, outlet in enumerate(program.outlets)
             if outlet.msgtype in TABLE
@@ -126,55 +126,55 @@ class _Show:
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
         self._keys: dict[int, Hashable] = {}
-        self.begin = Moment(int(program.stamps_ns[0]), int(program.frames[0]))
+        self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()
 
-    def take(self, due: Due, moment: Moment) -> None:
-        """Show a message that says something new; one that cannot be decoded is counted."""
-        shower = self._showers.get(due.outlet)
-        if shower is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
+    def take(self, due: Due, time: TimePoint) -> None:
+        """Show a message unless it is unchanged; count it as a loss if it cannot be decoded."""
+        converter = self._converters.get(due.outlet)
+        if converter is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
             return
         self._keys[due.outlet] = due.key
         outlet = self._program.outlets[due.outlet]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
-            entries = list(shower.show(message, moment))
+            updates = list(converter.convert(message, time))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
             self.losses[f'{outlet.name}: {error}'] += 1
             return
         self.messages += 1
         self.size_bytes += len(due.data)
-        for entry in entries:
-            first = outlet.latched and entry.path not in self._frames
-            self._log(entry, self.begin if first else moment)
+        for update in updates:
+            first = outlet.latched and update.path not in self._frames
+            self._log(update, self.begin if first else time)
 
     def finish(self) -> None:
-        """Show what was held back."""
-        for shower in self._showers.values():
-            for entry in shower.rest():
-                self._log(entry, self.begin)
+        """Show the remaining updates of all converters."""
+        for converter in self._converters.values():
+            for update in converter.flush():
+                self._log(update, self.begin)
 
-    def _log(self, entry: Shown, moment: Moment) -> None:
-        if isinstance(entry, Curve):
-            self._send(entry)
+    def _log(self, update: Shown, time: TimePoint) -> None:
+        if isinstance(update, Curve):
+            self._send(update)
             return
-        components = list(entry.components)
-        if self._frames.get(entry.path) != entry.frame:
-            self._frames[entry.path] = entry.frame
-            if entry.frame:
-                components.append(rr.CoordinateFrame(entry.frame))
+        components = list(update.components)
+        if self._frames.get(update.path) != update.frame:
+            self._frames[update.path] = update.frame
+            if update.frame:
+                components.append(rr.CoordinateFrame(update.frame))
         if components:
-            self._stream.set_time(TIME, timestamp=np.datetime64(moment.stamp_ns, 'ns'))
-            self._stream.set_time(FRAME, sequence=moment.frame)
-            self._stream.log(entry.path, *components)
-        if entry.always and entry.path not in self._always:
-            self._always.add(entry.path)
-            self._stream.log(entry.path, *entry.always, static=True)
+            self._stream.set_time(TIME, timestamp=np.datetime64(time.stamp_ns, 'ns'))
+            self._stream.set_time(FRAME, sequence=time.frame)
+            self._stream.log(update.path, *components)
+        if update.always and update.path not in self._always:
+            self._always.add(update.path)
+            self._stream.log(update.path, *update.always, static=True)
 
     def _send(self, curve: Curve) -> None:
-        stamps, frames = zip(*curve.moments, strict=True)
+        stamps, frames = zip(*curve.times, strict=True)
         columns = rr.Scalars.columns(scalars=np.array(curve.values).ravel())
         self._stream.send_columns(
             curve.path,

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rerun's viewer as a process of its own, native or in a browser, on this machine alone.
+"""Rerun's viewer as a separate process, native or in a browser, local only.
 
-The SDK's own servers listen on all interfaces and cannot be told otherwise; its command line can.
+The SDK's own servers always listen on all interfaces; its command line has an option.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..player.ending import Ending
     from ..player.program import Program
-    from .show import Report
+    from ..player.to_the_end import StopRequest
+    from .show import ShowReport
 
 _HOST = '127.0.0.1'
 _GRPC_PORT = 9876
@@ -44,17 +44,17 @@ _WEB_OR_SAVE = 'use --web to see it in a browser, or --save to write an .rrd fil
 
 
 class Viewer:
-    """A viewer that listens.
+    """A running viewer.
 
     Args:
-        web: Whether it is a page for browsers; else a window.
+        web: Whether it is a web page; else a window.
 
     Attributes:
-        url: Where to send data.
-        page: Where a browser finds it; '' of a window.
+        url: Address to send data to.
+        page: Address of the web page; '' for a window.
 
     Raises:
-        UsageError: It cannot be started.
+        UsageError: The viewer cannot be started.
     """
 
     def __init__(self, *, web: bool) -> None:
@@ -67,7 +67,7 @@ class Viewer:
         if web:
             web_port = _free_port(_WEB_PORT)
             self.page = f'http://{_HOST}:{web_port}/?{urlencode({"url": self.url})}'
-            # What a page has not fetched yet waits in the server; by default in 1 GB at most.
+            # The server buffers what a page has not fetched yet; by default at most 1 GB.
             words += ['--serve-web', '--web-viewer-port', str(web_port)]
             words += ['--server-memory-limit', '75%']
         else:
@@ -80,7 +80,7 @@ class Viewer:
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=self._log,
-            # Ctrl-C is for us; a window stays when we have ended.
+            # Ctrl-C is for this process only; the window stays open after its end.
             start_new_session=True,
             env={**os.environ, 'RERUN_APP_ONLY': 'true', 'NO_COLOR': '1'},
         )
@@ -105,10 +105,10 @@ class Viewer:
         self._log.close()
 
     def check(self) -> None:
-        """Complain where it has ended.
+        """Check that the viewer is running.
 
         Raises:
-            UsageError: It has.
+            UsageError: The viewer has ended.
         """
         code = self._process.poll()
         if code == 0:
@@ -116,8 +116,8 @@ class Viewer:
         if code is not None:
             raise UsageError(f'the viewer ended: {self._last_words()}; {self._instead}')
 
-    def show(self, program: Program, progress: Callable[[int, int], None]) -> Report:
-        """Show all messages of a program; arguments as rerun_view.show has them.
+    def show(self, program: Program, progress: Callable[[int, int], None]) -> ShowReport:
+        """Show all messages of a program; see show.show for the arguments.
 
         Raises:
             UsageError: The viewer has ended.
@@ -136,19 +136,19 @@ class Viewer:
                 self.check()
                 return report
 
-    def wait(self, ending: Ending) -> None:
-        """Wait until the ending is set.
+    def wait(self, stop_request: StopRequest) -> None:
+        """Wait until a stop is requested.
 
         Raises:
-            UsageError: The viewer ended before.
+            UsageError: The viewer ended before that.
         """
 
         def watch() -> None:
             self._process.wait()
-            ending.set()
+            stop_request.set()
 
         threading.Thread(target=watch, daemon=True).start()
-        ending.wait()
+        stop_request.wait()
         self.check()
 
     def _wait_for(self, port: int) -> None:
@@ -183,7 +183,7 @@ class Viewer:
 
 
 def _executable() -> str:
-    """The viewer that came with the SDK, whatever else PATH may hold."""
+    """Return the viewer that is part of the SDK, independent of PATH."""
     found = find_spec('rerun_cli')
     for folder in (found.submodule_search_locations or []) if found else []:
         for name in ('Rerun.app/Contents/MacOS/Rerun', 'rerun', 'rerun.exe'):
@@ -199,7 +199,7 @@ def _has_display() -> bool:
 
 
 def _free_port(preferred: int) -> int:
-    """The preferred port, or where it is taken any that is free now."""
+    """Return the preferred port, or any free one if it is in use."""
     for port in (preferred, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

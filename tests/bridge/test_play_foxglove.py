@@ -102,7 +102,7 @@ def test_a_port_that_is_taken(play):
         code, complaints = play(port=port).end()
     assert code == 2
     assert len(complaints.splitlines()) == 1
-    assert f'port {port} cannot be had (Address already in use' in complaints
+    assert f'port {port} is not available (Address already in use' in complaints
 
 
 @pytest.mark.parametrize(

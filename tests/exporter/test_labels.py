@@ -22,7 +22,7 @@ from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import decode_boxes_2d, decode_detections
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
-from kitti_ros2.messages.naming import Frames
+from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import Box, box_of, box_rotations
@@ -41,7 +41,7 @@ from builders import SMALL  # isort: skip
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from kitti_ros2.exporter.to_bag import Report
+    from kitti_ros2.exporter.to_bag import ExportReport
 
 POINTS = '/kitti/velo/points'
 DETECTIONS = '/kitti/labels/detections'
@@ -53,7 +53,7 @@ LABELLED = [Layout.RAW, Layout.OBJECT, Layout.TRACKING]
 KIND_NAMES = ('box', 'edges', 'heading', 'text')
 
 
-def run(path: Path, out: Path, *topics: str, markers: MarkerOptions | None = None) -> Report:
+def run(path: Path, out: Path, *topics: str, markers: MarkerOptions | None = None) -> ExportReport:
     """Convert the labels, the scans, and what tells where they are."""
     selection = SelectionOptions(topics=(*LABELS, POINTS, '/tf_static', *topics))
     messages = MessageOptions(markers=markers or MarkerOptions())
@@ -302,7 +302,7 @@ def test_markers_enclose_their_points_over_a_whole_trajectory():
     for frame in range(len(drive)):
         labels = FrameLabels(boxes=drive.boxes(frame))
         cuboids = cuboids_of(labels, drive.calibration)
-        parts = encode_markers(cuboids, {}, 0, Frames(), MarkerOptions())
+        parts = encode_markers(cuboids, {}, 0, FrameNames(), MarkerOptions())
         message = deserialize(join(parts), 'visualization_msgs/msg/MarkerArray')
         found = cubes(message)
         assert set(found) == {one.track_id for one in labels.boxes}
@@ -438,7 +438,7 @@ ROW = 3
 class Broken:
     """A recording with one line of frame 2 edited: what it gave, and what the whole one gives."""
 
-    report: Report
+    report: ExportReport
     found: dict
     whole: dict
     stamp: int

@@ -26,7 +26,7 @@ from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.markers import encode_markers
-from kitti_ros2.messages.naming import Frames
+from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import Marker, Point, Pose, Quaternion, Vector3
 from kitti_ros2.model.boxes import (
     Box,
@@ -80,7 +80,7 @@ def as_markers(boxes):
     cuboids = [cuboid_of(box, str(box.track_id), RECT_T_VELO) for box in boxes]
     options = MarkerOptions(ego=True, trails=True)
     trails = {1: np.arange(6.0).reshape(2, 3)}
-    parts = encode_markers(cuboids, trails, 5, Frames(), options)
+    parts = encode_markers(cuboids, trails, 5, FrameNames(), options)
     return decoded(parts, 'visualization_msgs/msg/MarkerArray')
 
 

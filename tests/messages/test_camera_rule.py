@@ -18,7 +18,7 @@ from kitti_ros2.messages.camera_info import (
     image_frame_camera,
 )
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.naming import Frames, make_frames
+from kitti_ros2.messages.naming import FrameNames, make_frames
 from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.messages import Preset
@@ -53,7 +53,7 @@ def chain(links, target: str, source: str) -> Transform:
     return to_root(target).inverse() @ to_root(source)
 
 
-def pixels_by_messages(calibration, index: int, points, frames: Frames):
+def pixels_by_messages(calibration, index: int, points, frames: FrameNames):
     """Where a subscriber sees points of velo_link: by the decoded TF and CameraInfo alone."""
     links = decode_static(
         through_cdr(encode_static(static_links(calibration, BASE_T_IMU, frames), 0))

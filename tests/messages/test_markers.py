@@ -20,7 +20,7 @@ from kitti_ros2.drawing.palette import color_of
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
-from kitti_ros2.messages.naming import Frames
+from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import Marker
 from kitti_ros2.model.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.model.errors import UsageError
@@ -58,7 +58,7 @@ def cuboid(kind='Car', track_id=None, **values) -> Cuboid:
 
 
 def markers(*cuboids, trails=None, options=OPTIONS, frames=None, stamp_ns=STAMP):
-    parts = encode_markers(cuboids, trails or {}, stamp_ns, frames or Frames(), options)
+    parts = encode_markers(cuboids, trails or {}, stamp_ns, frames or FrameNames(), options)
     data = join(parts)
     message = deserialize(data, 'visualization_msgs/msg/MarkerArray')
     assert join(serialize(message)) == data  # it is what rosbags would have written
@@ -131,7 +131,7 @@ def test_stamp_and_frames():
     for marker in markers(cuboid(track_id=1), trails={1: TRAIL}):
         frame = {'ego': 'base_link', 'trail': 'map'}.get(marker.ns, 'velo_link')
         assert (marker.header.frame_id, stamp_ns_of(marker.header)) == (frame, STAMP)
-    frames = Frames(map='world', base='car', velo='lidar')
+    frames = FrameNames(map='world', base='car', velo='lidar')
     found = by_namespace(markers(cuboid(track_id=1), trails={1: TRAIL}, frames=frames))
     assert [found[name].header.frame_id for name in ('ego', 'trail', 'box')] == [
         'car',
@@ -275,7 +275,7 @@ def test_unknown_classes_have_the_same_colours_in_every_run():
     kinds = ['my-robot', 'Bus', 'Straßenbahn']
     program = (
         'from kitti_ros2.drawing.palette import color_of; '
-        'from kitti_ros2.options import MarkerColors; '
+        'from kitti_ros2.options.messages import MarkerColors; '
         f'print([color_of(kind, 0, MarkerColors.CLASS) for kind in {kinds}])'
     )
     said = subprocess.run(

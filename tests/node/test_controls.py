@@ -10,7 +10,8 @@ import pytest
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.playback import AtEnd, PlaybackOptions
-from kitti_ros2.player.playback import Playback, Send
+from kitti_ros2.player.playback import Playback
+from kitti_ros2.player.playback_events import Send
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -335,7 +335,7 @@ def test_a_signal_ends_it_cleanly(player, recordings, number, seconds):
     ('words', 'said'),
     [
         (['/nowhere'], 'no such file or folder'),
-        ([], 'there is nothing to play'),
+        ([], 'no source; give a KITTI folder'),
         (['.', '--rate', '101'], 'rate 101 is not within 0.01 to 100'),
         (['.', '--stamps', 'later'], 'stamps takes original or now'),
         (['.', '--ros-args', '-p', 'rate:=fast'], 'rate'),

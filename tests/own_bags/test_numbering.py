@@ -31,7 +31,8 @@ from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.player.bag_program import BagProgram
-from kitti_ros2.player.playback import Playback, Send
+from kitti_ros2.player.playback import Playback
+from kitti_ros2.player.playback_events import Send
 from kitti_ros2.player.program import RecordingProgram
 
 ALL = SelectionOptions()

@@ -15,7 +15,6 @@ from mcap.writer import Writer
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.topics import LARGE_TYPES
 from kitti_ros2.model.errors import BadBagError, UsageError
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.bag import BagOptions
@@ -127,7 +126,6 @@ def test_the_outlets_tell_what_the_topics_are(bag):
         assert latched == messages.latched
     assert '/tf_static' in latched
     for outlet in program.outlets:
-        assert outlet.on_demand == (outlet.msgtype in LARGE_TYPES)
         assert outlet.msgtype in program.typestore.fielddefs
 
 

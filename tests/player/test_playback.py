@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.playback import AtEnd, PlaybackOptions
-from kitti_ros2.player.playback import Idle, Jump, Playback, Send, Tick
+from kitti_ros2.player.playback import Playback
+from kitti_ros2.player.playback_events import Idle, Jump, Send, Tick
 
 SECOND = 1_000_000_000
 START = 1_300_000_000 * SECOND

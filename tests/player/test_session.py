@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player import audience
-from kitti_ros2.player.audience import Audience
 from kitti_ros2.player.program import Due, Outlet
 from kitti_ros2.player.session import LAST_WAIT_S, Session
+from kitti_ros2.player.transport import Audience
 
 SCAN, IMU, STATIC = range(3)
 POSITIONS = 6
@@ -24,9 +23,9 @@ class SmallProgram:
     workers = 1
     losses = ()
     outlets = (
-        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10, on_demand=True),
-        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10, on_demand=False),
-        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1, on_demand=False),
+        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10),
+        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10),
+        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1),
     )
 
     def __init__(self):
@@ -120,7 +119,7 @@ class Run:
 
 @pytest.fixture(autouse=True)
 def settled_at_once(monkeypatch):
-    monkeypatch.setattr(audience, 'SETTLED_NS', 0)
+    monkeypatch.setattr('kitti_ros2.player.transport.SETTLED_NS', 0)
 
 
 def test_lossless_publishes_nothing_before_a_subscriber_is_there():
@@ -129,7 +128,7 @@ def test_lossless_publishes_nothing_before_a_subscriber_is_there():
     run.to_the_end()
     assert transport.happened[:4] == [(0, 0), (0, 0), (1, 2), IMU]
     assert run.said == [
-        'waiting for a subscriber; --wait-for 0 begins at once',
+        'waiting for a subscriber; --wait-for 0 starts at once',
         'subscribers: 1, with 2 subscriptions',
     ]
 

@@ -30,8 +30,8 @@ from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.report import gather, make_page
 from kitti_ros2.report.contents import Severity
 from kitti_ros2.report.markup import element, join
-from kitti_ros2.report.rig import mounts_of
-from kitti_ros2.report.route import route_plot
+from kitti_ros2.report.rig_plot import mounts_of
+from kitti_ros2.report.route_plot import route_plot
 from kitti_ros2.report.svg import round_length, ticks
 
 from builders import SMALL, png_bytes  # isort: skip

@@ -89,7 +89,6 @@ def test_shifted_numbers_are_seen():
     scans = StreamIndex(numbers, every(20))
     late = StreamIndex(numbers, every(20) + 10_000_000)
     assert pairing_of(late, scans).numbers == ()
-    assert pairing_of(late, scans).offset_ns == 10_000_000
     renumbered = StreamIndex(numbers, np.where(numbers >= 12, PERIOD, 0) + every(20))
     assert pairing_of(renumbered, scans).numbers == tuple(range(12, 20))
     assert pairing_of(StreamIndex(numbers + 50, every(20)), scans) is None

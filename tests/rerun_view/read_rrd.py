@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from kitti_ros2.player.program import Program
-    from kitti_ros2.rerun_view.show import Report
+    from kitti_ros2.rerun_view.show import ShowReport
 
 
 class Row(NamedTuple):
@@ -80,7 +80,7 @@ def _array(values: Any) -> np.ndarray:
     return inner.to_numpy(zero_copy_only=False)
 
 
-def show_in(path: Path, program: Program) -> tuple[Rrd, Report]:
+def show_in(path: Path, program: Program) -> tuple[Rrd, ShowReport]:
     """Show a program in a file, and read it."""
     report = write_file(program, path, lambda _done, _bytes: None)
     program.close()

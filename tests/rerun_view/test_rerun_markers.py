@@ -11,7 +11,7 @@ pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.markers import encode_clear, encode_markers
-from kitti_ros2.messages.naming import Frames
+from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import TYPESTORE, Marker, Point, Pose, Quaternion
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
@@ -30,7 +30,7 @@ BOXES = '/marks/boxes/velo_link'
 
 def ours(stamp_ns, *cuboids, **options):
     trails = {7: np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]])}
-    return encode_markers(cuboids, trails, stamp_ns, Frames(), MarkerOptions(**options))
+    return encode_markers(cuboids, trails, stamp_ns, FrameNames(), MarkerOptions(**options))
 
 
 def first(stamp_ns, **changes):

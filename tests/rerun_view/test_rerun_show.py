@@ -25,7 +25,7 @@ from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.rerun_view.blueprint import chosen_cameras
-from kitti_ros2.rerun_view.survey import make_survey
+from kitti_ros2.rerun_view.program_survey import make_survey
 
 ALL = SelectionOptions()
 POINTS = '/kitti/velo/points'

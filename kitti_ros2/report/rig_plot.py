@@ -95,7 +95,7 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
         side: From the left side (x to the right, z up); else from above (x to the right, y up).
     """
     axes = (0, 2) if side else (0, 1)
-    view = _View(mounts, axes)
+    view = _RigView(mounts, axes)
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
     drawn: list[Markup] = []
@@ -128,7 +128,7 @@ def _metres(xyz: Float64Array) -> str:
     return ' '.join(f'{value + 0.0:.2f}' for value in xyz.tolist())
 
 
-class _View:
+class _RigView:
     """Metres of two axes to the units of the plot."""
 
     def __init__(self, mounts: Sequence[Mount], axes: tuple[int, int]) -> None:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A look at a program's first moments: which topic is in which frame, and how frames hang together.
+"""A survey of the beginning of a program: the frames of its topics, and its transforms.
 
-A camera's boxes may come before its first image, and a view must know its frame before it shows
-anything; so this comes first.
+It is made before anything is shown: a camera's boxes may come before its first image, and a view
+needs its frame at the start.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ _STAMPED = frozenset({CAMERA_INFO, CLOUD, DETECTIONS_2D, *IMAGES})
 
 
 @dataclass
-class Survey:
-    """What the first moments tell.
+class ProgramSurvey:
+    """The result of a survey.
 
     Attributes:
         topics: Topic to message type, in the program's order.
         frames: Topic of clouds, cameras and their boxes to the frame of its first message.
-        cameras: Topic of CameraInfo to what its first message says.
+        cameras: CameraInfo topic to the model of its first message.
         parents: Frame to its parent.
-        fixed: The same, of links that stand still.
-        links: Of these, frame to parent_T_frame.
+        fixed: The same, static links only.
+        links: Frame to parent_T_frame, of static links.
     """
 
     topics: dict[str, str]
@@ -59,42 +59,42 @@ class Survey:
     links: dict[str, Transform] = field(default_factory=dict)
 
     def of_type(self, *msgtypes: str) -> list[str]:
-        """The topics with one of these types."""
+        """Return the topics with one of these types."""
         return [topic for topic, msgtype in self.topics.items() if msgtype in msgtypes]
 
     def info_of(self, image: str) -> str | None:
-        """The CameraInfo topic of an image topic: camera_info in the same namespace."""
+        """Return the CameraInfo topic of an image topic: camera_info in the same namespace."""
         stem = image.removesuffix('/compressed')
         info = f'{stem.rpartition("/")[0]}/camera_info'
         return info if self.topics.get(info) == CAMERA_INFO else None
 
     def images_of(self, info: str) -> list[str]:
-        """The image topics of a CameraInfo topic."""
+        """Return the image topics of a CameraInfo topic."""
         return [image for image in self.of_type(*IMAGES) if self.info_of(image) == info]
 
     def images_in(self, frame: str) -> list[str]:
-        """The image topics whose pixels are those of the camera at a frame.
+        """Return the image topics of the camera at a frame.
 
-        A right camera's images are stamped with the left one's frame; they are left out where the
-        left one's are there.
+        A right camera's images have the left one's frame_id; they are skipped if the left one's
+        images are present.
         """
         inside = [image for image in self.of_type(*IMAGES) if self.frames.get(image) == frame]
         own = [image for image in inside if not self._is_beside(self.info_of(image))]
         return own or inside
 
     def tree(self) -> FrameTree:
-        """The links as a tree."""
+        """Return the links as a tree."""
         fixed = [(self.fixed[child], child, link) for child, link in self.links.items()]
         moving = set(self.parents) - set(self.fixed)
         return FrameTree(fixed, [(self.parents[child], child) for child in moving])
 
     def _is_beside(self, info: str | None) -> bool:
-        """Whether a camera is beside its frame, as a right one is that has the left one's."""
+        """Whether a camera is beside its frame, like a right camera with the left one's frame."""
         model = self.cameras.get(info or '')
         return model is not None and float(np.abs(model.offset).max()) > _BESIDE_M
 
     def vehicle(self) -> str:
-        """The frame to look from: what clouds, else cameras, are mounted on; '' without any."""
+        """Return the frame to look from: the mount of clouds, else of cameras; '' without any."""
         for topic in (*self.of_type(CLOUD), *self.of_type(*IMAGES), *self.of_type(CAMERA_INFO)):
             if topic in self.frames:
                 return self._mount(self.frames[topic])
@@ -109,12 +109,12 @@ class Survey:
         return frame
 
 
-def make_survey(program: Program) -> Survey:
-    """Look at the messages up to the first of every topic, but not at more than three seconds.
+def make_survey(program: Program) -> ProgramSurvey:
+    """Survey the messages up to the first of every topic, at most three seconds.
 
-    What cannot be decoded tells nothing here.
+    Messages that cannot be decoded are ignored here.
     """
-    survey = Survey({outlet.name: outlet.msgtype for outlet in program.outlets})
+    survey = ProgramSurvey({outlet.name: outlet.msgtype for outlet in program.outlets})
     unseen = set(range(len(program.outlets)))
     for due in _first_moments(program):
         _note(survey, program, due, first=due.outlet in unseen)
@@ -134,7 +134,7 @@ def _first_moments(program: Program) -> Iterator[Due]:
         yield from program.fetch(index, every)[0]
 
 
-def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
+def _note(survey: ProgramSurvey, program: Program, due: Due, *, first: bool) -> None:
     outlet = program.outlets[due.outlet]
     try:
         if outlet.msgtype in _STAMPED and first:
@@ -150,10 +150,10 @@ def _note(survey: Survey, program: Program, due: Due, *, first: bool) -> None:
                 if static:
                     survey.fixed[frame_name(child)] = frame_name(parent)
                     survey.links[frame_name(child)] = link
-    except Exception:  # noqa: BLE001, S110 - a recorder may have written any bytes; told later
+    except Exception:  # noqa: BLE001, S110 - a recorder may have written any bytes; reported later
         pass
 
 
 def frame_name(frame_id: str) -> str:
-    """A frame's name; as in tf2, ROS 1's leading slash is no part of it."""
+    """Return a frame's name; as in tf2, without the leading slash of ROS 1."""
     return frame_id.lstrip('/')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where cameras stand. What a right camera's offset is taken from differs from bag to bag."""
+"""The poses of cameras; the reference of a right camera's offset differs between bags."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..rig.stereo import viewpoints
 if TYPE_CHECKING:
     from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
-    from .survey import Survey
+    from .program_survey import ProgramSurvey
 
 
-class Rig:
-    """The cameras of a recording, each as its last CameraInfo has it."""
+class CameraRig:
+    """The cameras of a recording, each with the model of its last CameraInfo."""
 
-    def __init__(self, survey: Survey) -> None:
+    def __init__(self, survey: ProgramSurvey) -> None:
         self._tree = survey.tree()
         self._models = dict(survey.cameras)
 
     def place(self, topic: str, model: CameraModel) -> Viewpoint:
-        """Where the camera of a CameraInfo topic stands, from now on with this model."""
+        """Set the model of a CameraInfo topic, and return the camera's viewpoint."""
         self._models[topic] = model
-        # In the order of their names a left camera comes right before its right one.
+        # Sorted by name, a left camera precedes its right one.
         numbers = {name: number for number, name in enumerate(sorted(self._models))}
         models = {numbers[name]: each for name, each in self._models.items()}
         return viewpoints(self._tree, models)[0][numbers[topic]]

@@ -28,7 +28,7 @@ def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
         positions: (N, 2) x y in metres; x is drawn to the right, y up.
         description: In words.
     """
-    view = _View(positions)
+    view = _RouteView(positions)
     pixels = _thinned(view.place(positions))
     return figure(
         key,
@@ -43,7 +43,7 @@ def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
     )
 
 
-class _View:
+class _RouteView:
     """Metres to the units of the plot.
 
     Attributes:
