@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S
-
-if TYPE_CHECKING:
-    from ..model.streams import Layout
+from ..model.streams import Layout
+from .declare import option
+from .parsers import parse_choice, parse_epoch, parse_flag, parse_seconds_ns, parse_text
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
 """2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
@@ -37,7 +36,7 @@ class ReadOptions:
     """How a KITTI folder is read.
 
     Attributes:
-        layout: raw, object, odometry or tracking; None to find out.
+        layout: raw, object, odometry or tracking; None detects it.
         sequence: Which drive, split or sequence, where the folder holds several.
         epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
         semantic: Whether scans are read with SemanticKITTI's labels.
@@ -50,12 +49,44 @@ class ReadOptions:
         UsageError: The epoch is not after 1970, or the period is out of range.
     """
 
-    layout: Layout | None = None
-    sequence: str | None = None
-    epoch_ns: int = DEFAULT_EPOCH_NS
-    semantic: bool = False
-    period_ns: int = NOMINAL_PERIOD_NS
-    scan_stamp: ScanStamp = ScanStamp.FORWARD
+    layout: Layout | None = option(
+        None,
+        'raw, object, odometry or tracking',
+        parse_choice(Layout),
+        unset='detected',
+        live=True,
+    )
+    sequence: str | None = option(
+        None,
+        'Which drive, split or sequence of the source, such as 00',
+        parse_text,
+        unset='the only one',
+        live=True,
+        any_type=True,
+    )
+    epoch_ns: int = option(
+        DEFAULT_EPOCH_NS,
+        'UTC start of recordings without absolute time',
+        parse_epoch,
+        name='epoch',
+        unset='2011-09-26 00:00:00',
+    )
+    semantic: bool = option(
+        False, "Points also have SemanticKITTI's label, instance and rgb", parse_flag
+    )
+    period_ns: int = option(
+        NOMINAL_PERIOD_NS,
+        'Seconds between frames of recordings without time stamps',
+        parse_seconds_ns,
+        name='period',
+        bounds=(0.001, 60.0),
+    )
+    scan_stamp: ScanStamp = option(
+        ScanStamp.FORWARD,
+        'Stamp of a scan: start (of its turn) or forward (facing forward)',
+        parse_choice(ScanStamp),
+        unset='start with ring time, else forward',
+    )
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:

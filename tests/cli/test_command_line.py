@@ -83,7 +83,7 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'], 'raw or object or odometry'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
         (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none or lz4 or bz2'),
-        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "'noon' is no start or end"),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "invalid start or end 'noon'"),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '900'], 'takes no sample'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--split-size', 'much'], 'a size such as 2GB'),
         (
