@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: its sub-commands, and how words become a call of one."""
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
 
 from ..model.errors import UsageError
+from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.info import info
 from .commands.play import play
@@ -26,14 +28,22 @@ app = typer.Typer(
 )
 
 
+def get_command(words: list[str]) -> Any:  # noqa: ANN401 - a command of typer's own copy of click
+    """Return the command line, with the options of the sub-command that the words call."""
+    called = _COMMANDS.get(words[0]) if words else None
+    if called is not None:
+        add_options(called)
+    return typer.main.get_command(app)
+
+
 def run(words: list[str]) -> int:
-    """Parse words and run what they ask for; returns the exit code.
+    """Run the command that the words call, and return its exit code.
 
     Raises:
-        UsageError: The words cannot be meant.
+        UsageError: The words are invalid.
         KeyboardInterrupt: Ctrl-C.
     """
-    command = typer.main.get_command(app)
+    command = get_command(words)
     ros_args: list[str] = []
     if words[:1] == ['play']:
         from .play import complete_port, split_ros_args
@@ -82,11 +92,15 @@ def root(
     """
 
 
-app.command('to-bag')(to_bag)
-app.command('to-kitti')(to_kitti)
-app.command('recover')(recover)
-app.command('info')(info)
-app.command('view')(view)
-app.command('report')(report)
-app.command('demo')(demo)
-app.command('play')(play)
+_COMMANDS: dict[str, Callable[..., int]] = {
+    'to-bag': to_bag,
+    'to-kitti': to_kitti,
+    'recover': recover,
+    'info': info,
+    'view': view,
+    'report': report,
+    'demo': demo,
+    'play': play,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)

@@ -9,6 +9,7 @@ import sys
 from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
@@ -25,6 +26,8 @@ from .memory import keep_imports
 from .text import format_bytes, format_count, format_duration
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
@@ -33,14 +36,19 @@ if TYPE_CHECKING:
 _MOST_FRAMES = 24
 
 
-def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool) -> int:
-    """Look at a path and print what is there.
+def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
+    """Print a summary of a KITTI folder or a bag.
+
+    Args:
+        path: The folder or the bag.
+        given: The options layout and sequence.
+        json: Whether to print JSON instead of tables.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
     keep_imports()
-    overview = overlook(path, layout, sequence)
+    overview = overlook(path, given)
     if json:
         print_json(overview)
     else:
@@ -49,9 +57,9 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
     return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
 
-def overlook(path: Path, layout: str | None = None, sequence: str | None = None) -> Overview:
-    """The overview of a bag, or of a KITTI folder."""
-    read = make_settings({'layout': layout, 'sequence': sequence}).read
+def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> Overview:
+    """Return the overview of a bag, or of a KITTI folder."""
+    read = make_settings(given).read
     if is_bag(path, read.layout):
         from ..own_bags.recorded_layout import missing_from
 

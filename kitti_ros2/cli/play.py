@@ -69,7 +69,7 @@ def run_play(
 
     Args:
         src: KITTI folder or bag; None where the parameter `source` says it.
-        given: Parameters by name, None where the command line does not give them.
+        given: Parameters of the command line by name.
         config: YAML file with options, under the command line's.
         ros_args: For ROS.
         foxglove: The port that viewers connect to; None plays in ROS.
@@ -79,11 +79,12 @@ def run_play(
         The exit code: also 0 after Ctrl-C.
     """
     ending = end_by_signal()
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = dict(given)
     if config:
         from .config_file import load_config
 
-        chosen = load_config(config, PLAY_OPTIONS) | chosen
+        of_file = load_config(config, PLAY_OPTIONS)
+        chosen = {name: value for name, value in of_file.items() if value is not None} | chosen
     if foxglove is not None:
         return _play_for_viewers(src, chosen, ros_args, ending, foxglove, keyboard=keyboard)
     make_play_settings(chosen)

@@ -37,7 +37,7 @@ def run_to_bag(
     Args:
         src: KITTI folder.
         out: Bag.
-        given: Options by name, None where the command line does not give them.
+        given: Options of the command line by name.
         config: YAML file with options, under the command line's.
         quiet: Say only what was lost.
 
@@ -45,7 +45,7 @@ def run_to_bag(
         The exit code.
     """
     keep_imports()
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = dict(given)
     if config:
         from .config_file import load_config
 

@@ -42,7 +42,7 @@ def run_to_kitti(
 
     Args:
         paths: Bags, and the output last unless only the plan is wanted.
-        given: Options by name, None where they are not given.
+        given: Options by name.
         plan_file: A plan to go by.
         plan_only: Whether to print the plan and stop.
         quiet: Say only what was lost.

@@ -100,7 +100,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     Args:
         src: The folder or bag.
         out: A picture, a film (.mp4), or a folder for a PNG of each frame.
-        given: Values of settings.make_view_settings, None where they are not given.
+        given: Options by name.
         quiet: Say only what was lost.
 
     Returns:

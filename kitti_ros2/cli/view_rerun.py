@@ -21,7 +21,7 @@ from .progress import conversion_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -34,14 +34,10 @@ _KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])
 _PAGE_BYTES = 2 << 30
 
 
-def run_rerun(  # noqa: PLR0913 - each is an option of the command
+def run_rerun(
     src: Path,
+    given: Mapping[str, object],
     *,
-    layout: str | None = None,
-    sequence: str | None = None,
-    start: str | None = None,
-    end: str | None = None,
-    topics: Sequence[str] = (),
     web: bool = False,
     save: Path | None = None,
     overwrite: bool = False,
@@ -51,11 +47,7 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
 
     Args:
         src: KITTI folder or bag.
-        layout: Of a KITTI folder, None to guess.
-        sequence: Which one of a KITTI folder with several.
-        start: First moment, as in to-bag.
-        end: Last moment, included.
-        topics: Only these; * matches.
+        given: Options by name: layout, sequence, start, end and topics, as in to-bag.
         web: Serve a page on this machine until Ctrl-C.
         save: Write this .rrd file.
         overwrite: Whether an existing .rrd file may be replaced.
@@ -74,16 +66,9 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
     if save is not None and save.suffix != '.rrd':
         raise UsageError(f'{save}: expected a name that ends in .rrd')
     check_installed()
-    given = {
-        'layout': layout,
-        'sequence': sequence,
-        'start': start,
-        'end': end,
-        'topics': tuple(topics) or None,
-    }
-    # Rerun's own log repeats on several lines what is told here in one.
+    # Rerun's log repeats on several lines what is printed here in one.
     os.environ.setdefault('RUST_LOG', 'off')
-    settings = make_settings({name: each for name, each in given.items() if each is not None})
+    settings = make_settings(given)
     with closing(open_program(src, settings)) as program:
         keep_imports()
         if save is not None:

@@ -86,7 +86,7 @@ def parse_rounds(name: str, value: object) -> int:
 
 def parse_path(name: str, value: object) -> Path:
     """Parse a path."""
-    return Path(parse_text(name, value))
+    return value if isinstance(value, Path) else Path(parse_text(name, value))
 
 
 def parse_choice(kind: type[E]) -> Callable[[str, object], E]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every place that states a default states the one of the options objects.
+"""Every place that states a default states the declared one.
 
 Help texts, README's tables, config/*.yaml, the ROS parameters and the arguments of launch/.
 """
@@ -10,14 +10,17 @@ import re
 from pathlib import Path
 
 import pytest
-import typer
 import yaml
 
-from kitti_ros2.cli.app import app
+from kitti_ros2.cli.app import get_command
 from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.options.table import (
+    PLAY,
     PLAY_OPTIONS,
+    TO_BAG,
     TO_BAG_OPTIONS,
+    TO_KITTI,
+    VIEW,
     make_import_options,
     make_play_settings,
     make_settings,
@@ -25,54 +28,24 @@ from kitti_ros2.options.table import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKERS = {
-    'to-bag': make_settings,
-    'to-kitti': make_import_options,
-    'view': make_view_settings,
-    'play': make_play_settings,
+COMMANDS = {
+    'to-bag': (make_settings, TO_BAG),
+    'to-kitti': (make_import_options, TO_KITTI),
+    'view': (make_view_settings, VIEW),
+    'play': (make_play_settings, PLAY),
 }
-NAMES = {
-    'times': 'loop',
-    'split': 'train_fraction',
-    'qos_profile_overrides_path': 'qos_overrides_path',
-}
-"""Options of the command line that have another name elsewhere."""
-IN_WORDS = {
-    ('to-bag', 'layout'): 'guess',
-    ('to-bag', 'storage'): "by OUT's ending, or mcap",
-    ('to-bag', 'compression_level'): "the compressor's own",
-    ('to-bag', 'scan_stamp'): 'start with --ring-time, else forward',
-    ('to-kitti', 'layout'): "a to-bag bag's own",
-    ('view', 'layout'): 'guess',
-    ('view', 'frame'): 'the first',
-    ('view', 'frames'): 'all',
-    ('view', 'camera'): '2, or the first',
-    ('view', 'fps'): "the data's",
-    ('play', 'layout'): 'guess',
-    ('play', 'wait_for'): '1 with --lossless, else 0',
-}
-"""Defaults that depend on something, and so are no value."""
-FLAGS = {'on': True, 'off': False}
+DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]
+SPELLINGS = {'loop': 'times', 'train_fraction': 'split'}
+"""Of options that the command line calls otherwise than YAML."""
+README_TABLES = {'to-bag': '### Options of `to-bag`', 'play': '## Play it live'}
 
 
-def stated_in_help():
-    """(command, option, text) of every help text that states a default."""
-    for command, parsed in typer.main.get_command(app).commands.items():
-        for parameter in parsed.params if command in MAKERS else ():
-            stated = re.search(r'\[default: (.*)\]$', getattr(parameter, 'help', None) or '')
-            if stated and parameter.opts[0].startswith('--'):
-                name = parameter.opts[0].removeprefix('--').replace('-', '_')
-                yield command, NAMES.get(name, name), stated[1].strip("'")
+def name_of(case):
+    return case if isinstance(case, str) else case.name
 
 
-def stated_in_readme(command, heading):
-    """(command, option, text) of a table of README.md, of rows that state one default."""
-    text = (ROOT / 'README.md').read_text('utf-8').split(heading)[1].split('\n#')[0]
-    for row in re.findall(r'^\| (`--.*)\|$', text, re.MULTILINE):
-        options, _, default = (cell.strip() for cell in row.split(' | '))
-        for name in re.findall(r'--([a-z-]+)', options):
-            plain = name.replace('-', '_')
-            yield command, NAMES.get(plain, plain), default
+def spelling(option):
+    return SPELLINGS.get(option.name, option.name).replace('_', '-')
 
 
 def settled(settings):
@@ -82,61 +55,49 @@ def settled(settings):
     }
 
 
-@pytest.mark.parametrize(('command', 'name', 'text'), [*stated_in_help()])
-def test_help_states_the_default(command, name, text):
-    if (command, name) in IN_WORDS:
-        assert text == IN_WORDS[command, name]
-        return
-    make = MAKERS[command]
-    made = make({name: text == 'tf' if name == 'tf' else text_or_number(text)})
-    assert settled(made) == settled(make({}))
+def readme_defaults(command):
+    """The default by option, of a table of README.md."""
+    text = (ROOT / 'README.md').read_text('utf-8').split(README_TABLES[command])[1]
+    found = {}
+    for row in re.findall(r'^\| (`--.*)\|$', text.split('\n#')[0], re.MULTILINE):
+        options, _, default = (cell.strip() for cell in row.split(' | '))
+        found |= dict.fromkeys(re.findall(r'--([a-z-]+)', options), default)
+    return found
 
 
-def text_or_number(text):
-    """As typer hands it over: 0.1036 as a number, turbo as a word."""
-    try:
-        return float(text) if '.' in text else int(text)
-    except ValueError:
-        return text
+@pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
+def test_a_default_that_is_given_changes_nothing(command, option):
+    make, _ = COMMANDS[command]
+    default = option.plain(option.default)
+    if default is not None:
+        given = option.default_text if option.unset and default != () else default
+        given = given if option.name != 'scan_stamp' else 'forward'
+        assert settled(make({option.name: given})) == settled(make({}))
 
 
-README_IN_WORDS = {
-    'layout': 'guessed',
-    'sequence': 'the only one',
-    'storage': "by OUT's ending, else mcap",
-    'compression_level': 'its own',
-    'split_size': 'never',
-    'split_duration': 'never',
-    'topics': 'all',
-    'streams': 'all',
-    'start': 'all of it',
-    'end': 'all of it',
-    'scan_stamp': 'start with `--ring-time`, else forward',
-    'base_to_imu': '-0.05,0.32,0.93',
-    'epoch': 'fixed, not 0',
-    'loop': 'once',
-    'start_paused': '',
-    'delay': '',
-    'wait_for': '0; 1 with `--lossless`',
-    'lossless': 'by time',
-    'qos_overrides_path': 'reliable, 10',
-}
+@pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
+def test_help_states_the_default(command, option):
+    parameters = get_command([command]).commands[command].params
+    found = [each for each in parameters if f'--{spelling(option)}' in each.opts]
+    assert len(found) == 1
+    if option.default is not False:
+        assert found[0].help.endswith(f' [default: {option.default_text}]')
 
 
-@pytest.mark.parametrize(
-    ('command', 'name', 'text'),
-    [
-        *stated_in_readme('to-bag', '### Options of `to-bag`'),
-        *stated_in_readme('play', '## Play it live'),
-    ],
-)
-def test_readme_states_the_default(command, name, text):
-    if name in README_IN_WORDS or name in {'config', 'quiet'}:
-        assert text == README_IN_WORDS.get(name, text)
-        return
-    make = MAKERS[command]
-    made = make({name: FLAGS.get(text, text_or_number(text))})
-    assert settled(made) == settled(make({}))
+@pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
+def test_readme_states_the_default(command, option):
+    stated = {}
+    if command == 'play':
+        stated = {**readme_defaults('to-bag'), **readme_defaults('play')}
+    elif command == 'to-bag':
+        stated = readme_defaults('to-bag')
+    if stated:
+        assert stated[spelling(option)] == option.default_text
+
+
+def test_a_second_call_finds_the_same_options():
+    first, second = (get_command(['play']).commands['play'].params for _ in range(2))
+    assert [each.name for each in first] == [each.name for each in second]
 
 
 def test_the_installed_config_of_to_bag_holds_every_option_at_its_default():
