@@ -71,7 +71,7 @@ def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> 
 
 
 def print_json(overview: Overview) -> None:
-    """The overview as JSON on standard output; times in nanoseconds, sizes in bytes."""
+    """Print the overview as JSON; times in nanoseconds, sizes in bytes."""
     values = _finite(asdict(overview))
     if overview.compression is None:
         for series in values['series']:
@@ -80,7 +80,7 @@ def print_json(overview: Overview) -> None:
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """The value with null for every number that is NaN or infinite, which JSON does not have."""
+    """Return the value with null for NaN and infinite numbers, which JSON does not support."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -95,7 +95,7 @@ def _json_value(value: object) -> str:
 
 
 def print_overview(overview: Overview) -> None:
-    """The overview as tables, for a terminal of 80 columns."""
+    """Print the overview as tables for a terminal of 80 columns."""
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
@@ -145,7 +145,7 @@ def _rates(series: TopicSummary) -> tuple[str, str]:
 
 
 def _cell(text: str) -> str:
-    """A name as a table shows it: whatever is in it, none of it is markup."""
+    """Return a name with its markup escaped, for a table."""
     from rich.markup import escape
 
     return escape(one_line(text))
@@ -177,7 +177,7 @@ def _camera_table(overview: Overview) -> Table:
 
 
 def _link_table(overview: Overview) -> Table:
-    """The static tree, each frame indented below its parent."""
+    """Return a table of the static tree, each frame indented below its parent."""
     table = _table('frame')
     for heading in ('x y z m', 'roll pitch yaw deg'):
         table.add_column(heading, justify='right', no_wrap=True)

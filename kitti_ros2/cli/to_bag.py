@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 def run_to_bag(
     src: Path, out: Path, given: Mapping[str, object], config: Path | None, *, quiet: bool
 ) -> int:
-    """Convert, show how far it is, and say what came of it.
+    """Convert, show the progress, and print a summary.
 
     Args:
         src: KITTI folder.
         out: Bag.
         given: Options of the command line by name.
-        config: YAML file with options, under the command line's.
-        quiet: Say only what was lost.
+        config: YAML file of options; the command line wins.
+        quiet: Print only losses.
 
     Returns:
         The exit code.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _SHOWN_LOSSES = 20
 _KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])
-# A page's memory is 4 GB at most (WebAssembly); Rerun begins to drop somewhat before.
+# A page's memory is limited to 4 GB (WebAssembly); Rerun drops data somewhat earlier.
 _PAGE_BYTES = 2 << 30
 
 
@@ -48,18 +48,18 @@ def run_rerun(
     Args:
         src: KITTI folder or bag.
         given: Options by name: layout, sequence, start, end and topics, as in to-bag.
-        web: Serve a page on this machine until Ctrl-C.
+        web: Serve a page on localhost until Ctrl-C.
         save: Write this .rrd file.
         overwrite: Whether an existing .rrd file may be replaced.
-        quiet: Say only what went wrong.
+        quiet: Print only errors and losses.
 
     Returns:
         The exit code: 1 where something could not be shown.
 
     Raises:
         UsageError: Rerun is not installed, its viewer does not start, or options exclude others.
-        OutputExistsError: The file is there already.
-        OutputError: It cannot be written.
+        OutputExistsError: The file exists.
+        OutputError: The file cannot be written.
     """
     if web and save is not None:
         raise UsageError('--web and --save exclude each other; open the saved file with rerun')
@@ -75,7 +75,7 @@ def run_rerun(
             report = _save(program, save, overwrite=overwrite, quiet=quiet)
         else:
             report = _view(program, web=web, quiet=quiet)
-    _tell_losses(report)
+    _show_losses(report)
     return EXIT_LOSSES if report.losses or report.missing else EXIT_OK
 
 
@@ -107,8 +107,8 @@ def _view(program: Program, *, web: bool, quiet: bool) -> Report:
             if report.size_bytes > _PAGE_BYTES:
                 size = format_bytes(report.size_bytes)
                 say(
-                    f'note: {size} is more than a page can hold, and it drops the oldest; take'
-                    f' less with --start, --end or --topics, or use --save'
+                    f'note: {size} exceeds the memory of a page, which drops the oldest data;'
+                    f' select less with --start, --end or --topics, or use --save'
                 )
             if not quiet:
                 say('Open the page above in a browser; Ctrl-C ends it.')
@@ -132,8 +132,8 @@ def _summarize(report: Report, where: str) -> None:
     )
 
 
-def _tell_losses(report: Report) -> None:
-    """Name on standard error what is missing."""
+def _show_losses(report: Report) -> None:
+    """Print missing data on standard error."""
     lines = [f'missing: {text}' for text in report.missing]
     lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]
     for line in lines[:_SHOWN_LOSSES]:
@@ -142,4 +142,4 @@ def _tell_losses(report: Report) -> None:
         complain(f'and {len(lines) - _SHOWN_LOSSES} more lines like these')
     if lines:
         count = format_count(sum(report.losses.values()), 'message')
-        complain(f'kitti-ros2: {count} skipped, the rest as named above; exit code 1')
+        complain(f'kitti-ros2: {count} skipped, listed above; exit code 1')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player's ROS parameters, from the declared options."""
+"""ROS parameters of the player, from the declared options."""
 
 from __future__ import annotations
 

@@ -86,5 +86,5 @@ class BagOptions:
 
     @property
     def split(self) -> bool:
-        """Whether the bag may become several files."""
+        """Whether the bag may be split into several files."""
         return self.split_size is not None or self.split_duration_ns is not None

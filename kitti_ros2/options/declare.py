@@ -57,7 +57,7 @@ class Option:
 
     @property
     def default_text(self) -> str:
-        """The default for people."""
+        """Readable text of the default."""
         value = self.plain(self.default)
         if self.unset:
             return self.unset

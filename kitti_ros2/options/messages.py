@@ -40,7 +40,7 @@ KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
 
 
 class MarkerColors(str, Enum):
-    """What determines the colour of an object's markers."""
+    """Property that determines the colour of an object's markers."""
 
     CLASS = 'class'
     TRACK = 'track'

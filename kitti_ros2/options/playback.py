@@ -20,7 +20,7 @@ from .parsers import (
 
 
 class AtEnd(str, Enum):
-    """What a player does at the end of the recording."""
+    """Action of a player at the end of the recording."""
 
     EXIT = 'exit'
     PAUSE = 'pause'

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a KITTI folder is read: layout, sequence, and the time of recordings without stamps."""
+"""Options of reading a KITTI folder: layout, sequence, time of recordings without stamps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PERIODS_NS = (1_000_000, 60 * NS_PER_S)
 
 
 class ScanStamp(str, Enum):
-    """The moment of a scan that is its stamp: the start of the turn, or facing forward."""
+    """Moment of a scan that its stamp marks: the start of the turn, or facing forward."""
 
     START = 'start'
     FORWARD = 'forward'
@@ -33,17 +33,17 @@ class ScanStamp(str, Enum):
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a KITTI folder is read.
+    """Options of reading a KITTI folder.
 
     Attributes:
         layout: raw, object, odometry or tracking; None detects it.
         sequence: Which drive, split or sequence, where the folder holds several.
         epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
         semantic: Whether scans are read with SemanticKITTI's labels.
-        period_ns: Distance of the frames of recordings without time stamps, and length of a turn
+        period_ns: Time between frames of recordings without time stamps, and length of a turn
             of the scanner whose start and end are not known; 1 ms to 60 s.
-        scan_stamp: The moment of a scan that is its stamp. Scans that KITTI has compensated for
-            motion (odometry) keep theirs.
+        scan_stamp: Moment of a scan that its stamp marks. Scans that KITTI has compensated for
+            motion (odometry) keep their stamps.
 
     Raises:
         UsageError: The epoch is not after 1970, or the period is out of range.
@@ -99,5 +99,5 @@ class ReadOptions:
 
 
 def is_period(period_ns: int) -> bool:
-    """Whether a distance of frames is within the allowed range."""
+    """Whether a period of frames is within the allowed range."""
     return _PERIODS_NS[0] <= period_ns <= _PERIODS_NS[1]

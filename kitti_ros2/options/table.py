@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The options of each command, and its settings from values by name.
+"""Options of each command, and settings from values by name.
 
 Command lines, YAML files and ROS parameters all fill the same objects.
 """
@@ -149,7 +149,7 @@ _MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
-"""What to read: for every command with a KITTI folder."""
+"""Options of every command that reads a KITTI folder."""
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
@@ -248,4 +248,4 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
 
 TO_BAG_OPTIONS = tuple(each.name for each in TO_BAG)
 PLAY_OPTIONS = tuple(each.name for each in PLAY)
-"""The names that make_settings and make_play_settings accept."""
+"""Names that make_settings and make_play_settings accept."""

@@ -6,4 +6,4 @@ from typing import Annotated
 
 import typer
 
-QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only what went wrong.')]
+QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses.')]
