@@ -8,7 +8,7 @@ from launch.substitutions import LaunchConfiguration
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments and start the player; the launch ends when the bag does."""
+    """Declare the arguments and start the player; the launch ends at the end of the bag."""
     return LaunchDescription(
         [
             DeclareLaunchArgument('bag', description='rosbag2 folder, or a single .mcap file'),
@@ -16,7 +16,7 @@ def generate_launch_description() -> LaunchDescription:
                 'rate', default_value='1.0', description='speed; 1.0 is the recorded one'
             ),
             DeclareLaunchArgument(
-                'clock', default_value='100.0', description='messages a second on /clock, in Hz'
+                'clock', default_value='100.0', description='rate of /clock, in Hz'
             ),
             ExecuteProcess(
                 cmd=[

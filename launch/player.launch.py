@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Play a KITTI recording or a bag live: source:=PATH, and with rviz:=true look at it."""
+"""Play a KITTI recording or a bag live: source:=PATH; rviz:=true shows it in RViz."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from launch_ros.substitutions import FindPackageShare
 
 SHARE = FindPackageShare('kitti_ros2')
 
-# Name, description, type; as the node's parameters of the same name.
+# Name, description and type, which are those of the node's parameter of the same name.
 ARGUMENTS = (
     ('source', 'KITTI folder or bag', str),
     ('sequence', 'drive, split or sequence of the source', str),
     ('rate', 'speed; 1.0 is the recorded one', float),
-    ('loop', 'how many times to play; 0 is without end', int),
+    ('loop', 'number of rounds; 0 is endless', int),
     ('start_paused', 'wait for a resume', bool),
-    ('clock', '/clock messages a second; 0 is none', float),
+    ('clock', '/clock messages per second; 0 is none', float),
 )
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments, start the player and, if asked for, RViz."""
+    """Declare the arguments, start the player and, if requested, RViz."""
     declared = [
         DeclareLaunchArgument(
-            name, default_value='', description=f"{description}; empty is params_file's"
+            name, default_value='', description=f'{description}; empty takes that of params_file'
         )
         for name, description, _ in ARGUMENTS
     ]
@@ -37,7 +37,7 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'params_file',
             default_value=PathJoinSubstitution([SHARE, 'config', 'player.yaml']),
-            description='all parameters; arguments that are given win over it',
+            description='file of all parameters; given arguments win over it',
         ),
         DeclareLaunchArgument('rviz', default_value='false', description='whether to start RViz'),
     ]
@@ -52,7 +52,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start_player(context: LaunchContext) -> list[Node]:
-    """Start the player; an argument that is not given leaves its parameter to params_file."""
+    """Start the player; the parameter of an argument that is not given comes from params_file."""
     words = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     given = {
         name: ParameterValue(words[name], value_type=kind)

@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: its sub-commands, and how words become a call of one."""
+"""Sub-commands of the command line, and the parser of its arguments."""
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
 
 from ..model.errors import UsageError
+from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.info import info
 from .commands.play import play
@@ -26,14 +28,22 @@ app = typer.Typer(
 )
 
 
+def get_command(words: list[str]) -> Any:  # noqa: ANN401 - a command of typer's own copy of click
+    """Return the command line, with the options of the requested sub-command."""
+    called = _COMMANDS.get(words[0]) if words else None
+    if called is not None:
+        add_options(called)
+    return typer.main.get_command(app)
+
+
 def run(words: list[str]) -> int:
-    """Parse words and run what they ask for; returns the exit code.
+    """Run the requested command and return its exit code.
 
     Raises:
-        UsageError: The words cannot be meant.
+        UsageError: The arguments are invalid.
         KeyboardInterrupt: Ctrl-C.
     """
-    command = typer.main.get_command(app)
+    command = get_command(words)
     ros_args: list[str] = []
     if words[:1] == ['play']:
         from .play import complete_port, split_ros_args
@@ -45,7 +55,7 @@ def run(words: list[str]) -> int:
             args=words, prog_name='kitti-ros2', standalone_mode=False, obj=ros_args
         )
     except Exception as error:
-        # typer carries its own copy of click, so its usage errors are known by their shape.
+        # typer bundles its own click, so its usage errors are recognized by their attributes.
         message = getattr(error, 'format_message', None)
         if message is None:
             raise
@@ -56,7 +66,7 @@ def run(words: list[str]) -> int:
             return EXIT_USAGE
         raise UsageError(f'{message().rstrip(".")}; see {path} --help') from error
     if result == EXIT_INTERRUPTED:
-        raise KeyboardInterrupt  # typer has swallowed it
+        raise KeyboardInterrupt  # typer has caught it
     return result if isinstance(result, int) else EXIT_OK
 
 
@@ -75,18 +85,22 @@ def root(
     ] = False,
     debug: Annotated[bool, typer.Option('--debug', help='Show tracebacks.')] = False,
 ) -> None:
-    """KITTI recordings for ROS 2: into bags and back, live, and what is in them.
+    """KITTI recordings for ROS 2: convert to bags and back, play, draw and summarize.
 
-    Exit codes: 0 all is well, 1 something of the data was skipped (it is named), 2 wrong usage or
-    unreadable input.
+    Exit codes: 0 success, 1 some data was skipped (it is listed), 2 invalid usage or unreadable
+    input.
     """
 
 
-app.command('to-bag')(to_bag)
-app.command('to-kitti')(to_kitti)
-app.command('recover')(recover)
-app.command('info')(info)
-app.command('view')(view)
-app.command('report')(report)
-app.command('demo')(demo)
-app.command('play')(play)
+_COMMANDS: dict[str, Callable[..., int]] = {
+    'to-bag': to_bag,
+    'to-kitti': to_kitti,
+    'recover': recover,
+    'info': info,
+    'view': view,
+    'report': report,
+    'demo': demo,
+    'play': play,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where every error becomes one line and an exit code."""
+"""Error boundary: every error becomes one line and an exit code."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ def main(args: list[str] | None = None) -> int:
     """Run the command line.
 
     Returns:
-        0 when all is well, 1 when something of the data had to be skipped, 2 on wrong usage or
-        input that cannot be read at all, 130 after Ctrl-C.
+        0 on success, 1 when some data was skipped, 2 on invalid usage or unreadable input, 130
+        after Ctrl-C.
     """
     words = list(sys.argv[1:] if args is None else args)
     debug = _DEBUG in words
     words = [word for word in words if word != _DEBUG]
     if args is None:
-        # Imports make a hundred thousand objects and no garbage: looking for it takes a tenth of a
-        # second. Each command switches the collector on again, by memory.keep_imports.
+        # Imports create a hundred thousand objects and no garbage: collecting takes a tenth of a
+        # second. Each command enables the collector again, by memory.keep_imports.
         gc.disable()
-        # numpy's threads for large matrices, which we have none of, wait busily beside ours.
+        # numpy's threads for large matrices, which are not used here, busy-wait.
         os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
         _mend_streams()
         signal.signal(signal.SIGTERM, _terminate)
         if words[:1] == ['play']:
             from .ending import end_by_signal
 
-            # From the first moment on: a player that is told to end has no error.
+            # From the start: a player that is stopped by a signal exits without an error.
             ending = end_by_signal()
             code = _run_to_one_line(words, debug=debug)
             ending.leave(code)
@@ -48,14 +48,14 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run_to_one_line(words: list[str], *, debug: bool) -> int:
-    """Run; an error becomes a line and an exit code."""
+    """Run, and turn an error into a line and an exit code."""
     try:
         return _run_and_flush(words)
     except KeyboardInterrupt:
-        _complain('interrupted; nothing unfinished is left behind')
+        _complain('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output went away, as head does; Python would complain once more at exit.
+        # The reader of the pipe closed it, as head does; Python would report it again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except (KittiRos2Error, OSError) as error:
@@ -74,14 +74,14 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
 
 
 def _run_and_flush(words: list[str]) -> int:
-    """Run, and find out here, not at exit, that nobody reads the output any more."""
+    """Run and flush, to detect a closed pipe here and not at exit."""
     code = _run(words)
     sys.stdout.flush()
     return code
 
 
 def _mend_streams() -> None:
-    """Streams that were closed (``>&-``) take everything; what has no encoding is escaped."""
+    """Replace closed streams (``>&-``) by /dev/null; escape characters without an encoding."""
     for name in ('stdout', 'stderr'):
         stream = getattr(sys, name)
         if stream is None:
@@ -91,7 +91,7 @@ def _mend_streams() -> None:
 
 
 def _terminate(*_: object) -> None:
-    """End as Ctrl-C does: through the context managers that clean up."""
+    """Exit as Ctrl-C does: through the context managers that clean up."""
     sys.exit(EXIT_TERMINATED)
 
 
@@ -103,7 +103,7 @@ def _run(words: list[str]) -> int:
 
 def _describe(error: KittiRos2Error | OSError) -> str:
     if isinstance(error, OSError) and error.filename is None and error.errno == errno.ENOSPC:
-        return f'standard output: {error.strerror}'  # only streams have no name
+        return f'standard output: {error.strerror}'  # only standard streams have no file name
     return describe_error(error)
 
 
@@ -112,6 +112,6 @@ def _complain(message: str) -> None:
 
 
 def player() -> int:
-    """The executable of `ros2 run kitti_ros2 player`: the command play."""
+    """Run the command play, as `ros2 run kitti_ros2 player`."""
     sys.argv[1:] = ['play', *sys.argv[1:]]
     return main()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The YAML file of --config."""
+"""Reader of the YAML file of --config."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _KEPT_AS_TEXT = {'int', 'timestamp'}
 
 
 def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
-    """The options of a YAML file, a mapping of names to values.
+    """Read the options of a YAML file, a mapping of names to values.
 
     Args:
         path: The file.
-        known: The names it may hold.
+        known: The valid names.
 
     Raises:
-        UsageError: The file is not there, no YAML, or no mapping.
+        UsageError: The file is missing, invalid YAML, or not a mapping of known names.
     """
     try:
         values = yaml.load(path.read_text('utf-8'), _text_loader())  # noqa: S506 - a safe loader
@@ -34,14 +34,14 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
-        problem = getattr(error, 'problem', None) or 'no text'
+        problem = getattr(error, 'problem', None) or 'not UTF-8'
         raise UsageError(
-            f'{where}: no YAML, {problem}; expected lines like "images: raw"'
+            f'{where}: invalid YAML, {problem}; expected lines like "images: raw"'
         ) from None
     if values is None:
         return {}
     if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
-        raise UsageError(f'{path}: no mapping; expected lines like "images: raw"')
+        raise UsageError(f'{path}: not a mapping; expected lines like "images: raw"')
     unknown = sorted(set(values) - set(known))
     if unknown:
         raise UsageError(f'{path}: unknown option {unknown[0]!r}; known are {", ".join(known)}')
@@ -49,9 +49,9 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
 
 
 def _text_loader() -> type[yaml.SafeLoader]:
-    """A safe loader that leaves whole numbers and times as they are written.
+    """Return a safe loader that keeps whole numbers and times as text.
 
-    YAML would read 0010 as 8 and cut a stamp to microseconds.
+    YAML reads 0010 as 8 and truncates a stamp to microseconds.
     """
 
     class Loader(yaml.SafeLoader):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""kitti-ros2 demo: the main job on a recording that comes with the package."""
+"""kitti-ros2 demo: a conversion of a synthetic recording."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
 def run_demo(
     out: Path, layout: str, frames: int, seed: int, *, overwrite: bool, quiet: bool
 ) -> int:
-    """Make the synthetic recording in out, convert it to MCAP beside it, and show the bag.
+    """Write the synthetic recording to out, convert it to MCAP beside it, and summarize the bag.
 
     Returns:
         The exit code of the conversion.
 
     Raises:
-        OutputExistsError: out is there already and overwrite is not given.
+        OutputExistsError: out exists and overwrite is not given.
     """
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
@@ -47,7 +47,7 @@ def run_demo(
             raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
         shutil.rmtree(taken, ignore_errors=True)
     if kind is None:
-        raise AssertionError('make_settings parses a layout that is given')
+        raise AssertionError('a given layout is never None')
     with count_progress('making the street', frames, show=not quiet) as progress:
         source = write_synthetic(recording, kind, options, progress=progress)
     code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)

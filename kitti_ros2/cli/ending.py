@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM as a clean way out for a command that runs until it is told to end."""
+"""Clean exit on Ctrl-C and SIGTERM for a command that runs until it is stopped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from functools import lru_cache
 
 
 class Ending:
-    """A latch that signal handlers may set: a pipe, for a lock could be held already."""
+    """A latch that signal handlers may set; a pipe, because a lock could already be held."""
 
     def __init__(self) -> None:
         self._reader, self._writer = os.pipe()
@@ -21,20 +21,20 @@ class Ending:
         self._abandoned = False
 
     def set(self) -> None:
-        """Let the wait end."""
-        with suppress(BlockingIOError):  # then it is more than set
+        """Set the latch, which ends the wait."""
+        with suppress(BlockingIOError):  # the pipe is full, so it is set
             os.write(self._writer, b'.')
 
     def wait(self) -> None:
-        """Wait until it is set."""
+        """Block until the latch is set."""
         select.select([self._reader], [], [])
 
     def abandon(self) -> None:
-        """Let leave end the process without what cannot be closed."""
+        """Make leave end the process at once, because something cannot be closed."""
         self._abandoned = True
 
     def leave(self, code: int) -> None:
-        """End the process at once where something cannot be closed: an exit would wait for it."""
+        """End the process at once after abandon; a normal exit would wait for what cannot close."""
         if self._abandoned:
             sys.stdout.flush()
             sys.stderr.flush()
@@ -43,7 +43,7 @@ class Ending:
 
 @lru_cache(maxsize=1)
 def end_by_signal() -> Ending:
-    """The ending of this process, which SIGINT and SIGTERM set from now on."""
+    """Return the latch of this process, which SIGINT and SIGTERM set from now on."""
     ending = Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())

@@ -9,6 +9,7 @@ import sys
 from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
@@ -26,6 +27,8 @@ from .memory import keep_imports
 from .text import format_bytes, format_count, format_duration
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
@@ -34,14 +37,19 @@ if TYPE_CHECKING:
 _MOST_FRAMES = 24
 
 
-def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool) -> int:
-    """Look at a path and print what is there.
+def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
+    """Print a summary of a KITTI folder or a bag.
+
+    Args:
+        path: The folder or the bag.
+        given: The options layout and sequence.
+        json: Whether to print JSON instead of tables.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
     keep_imports()
-    overview = overlook(path, layout, sequence)
+    overview = overlook(path, given)
     if json:
         print_json(overview)
     else:
@@ -50,9 +58,9 @@ def run_info(path: Path, layout: str | None, sequence: str | None, *, json: bool
     return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
 
-def overlook(path: Path, layout: str | None = None, sequence: str | None = None) -> Overview:
-    """The overview of a bag, or of a KITTI folder."""
-    read = make_settings({'layout': layout, 'sequence': sequence}).read
+def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> Overview:
+    """Return the overview of a bag, or of a KITTI folder."""
+    read = make_settings(given).read
     if is_bag(path, read.layout):
         from ..own_bags.recorded_layout import missing_from
 
@@ -65,7 +73,7 @@ def overlook(path: Path, layout: str | None = None, sequence: str | None = None)
 
 
 def print_json(overview: Overview) -> None:
-    """The overview as JSON on standard output; times in nanoseconds, sizes in bytes."""
+    """Print the overview as JSON; times in nanoseconds, sizes in bytes."""
     values = _finite(asdict(overview))
     if overview.compression is None:
         for series in values['series']:
@@ -74,7 +82,7 @@ def print_json(overview: Overview) -> None:
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """The value with null for every number that is NaN or infinite, which JSON does not have."""
+    """Return the value with null for NaN and infinite numbers, which JSON does not support."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -89,7 +97,7 @@ def _json_value(value: object) -> str:
 
 
 def print_overview(overview: Overview) -> None:
-    """The overview as tables, for a terminal of 80 columns."""
+    """Print the overview as tables for a terminal of 80 columns."""
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
@@ -139,7 +147,7 @@ def _rates(series: TopicSummary) -> tuple[str, str]:
 
 
 def _cell(text: str) -> str:
-    """A name as a table shows it: whatever is in it, none of it is markup."""
+    """Return a name with its markup escaped, for a table."""
     from rich.markup import escape
 
     return escape(one_line(text))
@@ -171,7 +179,7 @@ def _camera_table(overview: Overview) -> Table:
 
 
 def _link_table(overview: Overview) -> Table:
-    """The static tree, each frame indented below its parent."""
+    """Return a table of the static tree, each frame indented below its parent."""
     table = _table('frame')
     for heading in ('x y z m', 'roll pitch yaw deg'):
         table.add_column(heading, justify='right', no_wrap=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What was skipped, named and counted."""
+"""Report of skipped data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SHOWN_LOSSES = 20
 
 
 def show_losses(losses: tuple[Loss, ...]) -> None:
-    """Name on standard error what was skipped, and count it; what has one cause is one line."""
+    """Print skipped data with its count on standard error, one line per cause."""
     if not losses:
         return
     causes: dict[str, list[Loss]] = {}
@@ -30,5 +30,5 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
         count = sum(loss.count for same in rest for loss in same)
         complain(f'skipped {count} more, for {len(rest)} more reasons')
     total = sum(loss.count for loss in losses)
-    named = 'the first of them named above' if rest else 'as named above'
-    complain(f'kitti-ros2: {total} skipped in all, {named}; exit code 1')
+    listed = 'the first of them listed above' if rest else 'listed above'
+    complain(f'kitti-ros2: {total} skipped in all, {listed}; exit code 1')

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the commands treat memory: what is freed is kept, imports are not searched for garbage."""
+"""Memory settings of the commands: freed blocks are kept, imports are not collected."""
 
 from __future__ import annotations
 
 import ctypes
 import gc
 
-# From glibc's malloc.h; other libraries have no mallopt, or ignore what they do not know.
+# From glibc's malloc.h; other C libraries have no mallopt, or ignore unknown parameters.
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_THRESHOLD = -3
 _KEPT_BYTES = 128 << 20
@@ -17,8 +17,8 @@ _BLOCK_BYTES = 32 << 20
 def keep_freed_memory() -> None:
     """Reuse freed blocks instead of returning them to the kernel.
 
-    A block that was returned costs a page fault for each 4 kB when it is taken anew: a tenth of
-    the time of decoding a drive's images.
+    A returned block costs a page fault for each 4 kB when it is allocated again: a tenth of the
+    time of decoding a drive's images.
     """
     mallopt = getattr(ctypes.CDLL(None), 'mallopt', None)
     if mallopt is not None:
@@ -27,6 +27,6 @@ def keep_freed_memory() -> None:
 
 
 def keep_imports() -> None:
-    """End what boundary.main began: imports make many objects and no garbage to look for."""
+    """Enable the collector that boundary.main disabled, without the objects of imports."""
     gc.freeze()
     gc.enable()

@@ -29,7 +29,7 @@ _VIEWERS_CLOCK_HZ = 20.0
 
 
 def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Our words, and what ROS is to read: from each --ros-args to the next -- or the end."""
+    """Return our arguments and those of ROS: from each --ros-args to the next -- or the end."""
     ours: list[str] = []
     theirs: list[str] = []
     reading = False
@@ -43,7 +43,7 @@ def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def complete_port(words: Sequence[str]) -> list[str]:
-    """The words with a port in `--foxglove`: its own, the number that follows it, or the usual."""
+    """Complete `--foxglove` with a port: its own, the number after it, or the default."""
     completed: list[str] = []
     waiting = False
     for word in words:
@@ -68,22 +68,23 @@ def run_play(
     """Play a recording or a bag as a ROS 2 node, or for viewers.
 
     Args:
-        src: KITTI folder or bag; None where the parameter `source` says it.
-        given: Parameters by name, None where the command line does not give them.
-        config: YAML file with options, under the command line's.
-        ros_args: For ROS.
-        foxglove: The port that viewers connect to; None plays in ROS.
-        keyboard: Whether the keys of a terminal control it.
+        src: KITTI folder or bag; None takes it from the parameter `source`.
+        given: Parameters of the command line by name.
+        config: YAML file of options; the command line wins.
+        ros_args: Arguments for ROS.
+        foxglove: Port for viewers; None plays in ROS.
+        keyboard: Whether keys in a terminal control it.
 
     Returns:
         The exit code: also 0 after Ctrl-C.
     """
     ending = end_by_signal()
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = dict(given)
     if config:
         from .config_file import load_config
 
-        chosen = load_config(config, PLAY_OPTIONS) | chosen
+        of_file = load_config(config, PLAY_OPTIONS)
+        chosen = {name: value for name, value in of_file.items() if value is not None} | chosen
     if foxglove is not None:
         return _play_for_viewers(src, chosen, ros_args, ending, foxglove, keyboard=keyboard)
     make_play_settings(chosen)
@@ -110,12 +111,12 @@ def _play_for_viewers(
     from ..bridge.installed import check_installed
 
     if not 0 <= port <= _LAST_PORT:
-        raise UsageError(f'{port} is no port; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
+        raise UsageError(f'invalid port {port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:
-        raise UsageError('there is nothing to play; give a KITTI folder or a bag: play SRC')
+        raise UsageError('no source; give a KITTI folder or a bag: play SRC')
     if ros_args:
         raise UsageError(f'{_ROS_ARGS} does not go with {_FOXGLOVE}: no node is started')
-    # A viewer wants to look again; and it draws its clock, where ROS programs count on /clock.
+    # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
     check_installed()
     from ..bridge.run import run_bridge

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The progress bar of the conversion: frames/s, MB/s, time left; none where nobody looks."""
+"""Progress bars on standard error: none where it is not a terminal."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ _REFRESH_S = 0.1
 def conversion_progress(
     samples: int, frames: int, *, show: bool
 ) -> Iterator[Callable[[int, int], None]]:
-    """A function to call with the samples done and the bytes written so far.
+    """Yield a function to call with the samples done and the bytes written so far.
+
+    The bar shows frames/s, MB/s and the time left.
 
     Args:
-        samples: How many there will be.
-        frames: How many frames these are, for the rate.
-        show: False for none, as where standard error is no terminal.
+        samples: Total number of samples.
+        frames: Number of frames, for the rate.
+        show: Whether to show a bar if standard error is a terminal.
     """
     if not show or not sys.stderr.isatty():
         yield lambda _done, _bytes: None
@@ -58,7 +60,7 @@ def conversion_progress(
 
 @contextmanager
 def count_progress(title: str, total: int, *, show: bool) -> Iterator[Callable[[int], None]]:
-    """A function to call with how many are done."""
+    """Yield a function to call with the number done."""
     if not show or not sys.stderr.isatty():
         yield lambda _done: None
         return
@@ -72,7 +74,7 @@ def count_progress(title: str, total: int, *, show: bool) -> Iterator[Callable[[
 
 @contextmanager
 def part_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], None]]:
-    """A function to call with how many are done, and of how many as far as is known."""
+    """Yield a function to call with the number done and the total as far as it is known."""
     if not show or not sys.stderr.isatty():
         yield lambda _done, _total: None
         return

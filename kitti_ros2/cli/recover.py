@@ -23,14 +23,14 @@ _PARTS = 1000
 
 
 def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, quiet: bool) -> int:
-    """Recover, and say what was lost.
+    """Recover a bag and report what was lost.
 
     Args:
-        bag: What is cut off or damaged.
-        out: The sound bag.
+        bag: The truncated or damaged bag.
+        out: The repaired bag.
         storage: The container, None for that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
-        quiet: Say only what was lost.
+        quiet: Print only losses.
 
     Returns:
         The exit code.
@@ -46,22 +46,22 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
         _summarize(report, time.monotonic() - started)
     if not report.losses:
         return EXIT_OK
-    complain(f'kitti-ros2: {_lost(report)}, as told above; exit code {EXIT_LOSSES}')
+    complain(f'kitti-ros2: {_lost(report)}, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
 
 
 def _in_parts(show: Callable[[int], None]) -> Callable[[int, int], None]:
-    """Show a new part only: most messages are small."""
+    """Return a progress function that updates only for each new part: most messages are small."""
     last = 0
 
-    def tell(done: int, expected: int) -> None:
+    def update(done: int, expected: int) -> None:
         nonlocal last
         part = done * _PARTS // max(expected, 1)
         if part != last:
             last = part
             show(part)
 
-    return tell
+    return update
 
 
 def _summarize(report: RecoveryReport, elapsed: float) -> None:

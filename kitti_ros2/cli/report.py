@@ -32,7 +32,7 @@ def run_report(
         out: The page.
         given: The options layout and sequence.
         overwrite: Whether an existing page may be replaced.
-        quiet: Print only what is lost.
+        quiet: Print only losses.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
@@ -42,9 +42,9 @@ def run_report(
     started = time.monotonic()
     options = make_settings(given).read
     if out.suffix.lower() not in _ENDINGS:
-        raise UsageError(f'{out}: a report is a page; expected a name that ends in .html')
+        raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
     check_output(out, overwrite=overwrite)
-    with part_progress('looking', show=not quiet) as progress:
+    with part_progress('reading', show=not quiet) as progress:
         report = gather(src, options, progress)
     size = write_page(out, make_page(report), overwrite=overwrite)
     for finding in report.findings:
@@ -58,5 +58,5 @@ def run_report(
         )
     if report.sound:
         return EXIT_OK
-    complain(f'kitti-ros2: data is missing or damaged, as told; exit code {EXIT_LOSSES}')
+    complain(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands say: lines for a terminal, paths and quantities as people read them."""
+"""Output of the commands: lines for a terminal, readable paths and quantities."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ __all__ = ['complain', 'format_bytes', 'format_count', 'format_duration', 'forma
 
 
 def say(line: str) -> None:
-    """A line on standard output; whatever is in it, it stays one line of plain text."""
+    """Print on standard output as one line of plain text, whatever the characters."""
     sys.stdout.write(f'{one_line(line)}\n')
 
 
 def complain(line: str) -> None:
-    """The same on standard error."""
+    """Print on standard error as one line of plain text."""
     sys.stderr.write(f'{one_line(line)}\n')
 
 
 def format_path(path: Path) -> str:
-    """A path as the user would type it: relative where it is below the working folder."""
+    """Return a path, relative if it is below the working directory."""
     try:
         return str(path.relative_to(Path.cwd()))
     except ValueError:

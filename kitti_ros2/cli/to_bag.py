@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 def run_to_bag(
     src: Path, out: Path, given: Mapping[str, object], config: Path | None, *, quiet: bool
 ) -> int:
-    """Convert, show how far it is, and say what came of it.
+    """Convert, show the progress, and print a summary.
 
     Args:
         src: KITTI folder.
         out: Bag.
-        given: Options by name, None where the command line does not give them.
-        config: YAML file with options, under the command line's.
-        quiet: Say only what was lost.
+        given: Options of the command line by name.
+        config: YAML file of options; the command line wins.
+        quiet: Print only losses.
 
     Returns:
         The exit code.
     """
     keep_imports()
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = dict(given)
     if config:
         from .config_file import load_config
 

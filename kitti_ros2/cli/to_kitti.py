@@ -40,27 +40,27 @@ def run_to_kitti(
     plan_only: bool,
     quiet: bool,
 ) -> int:
-    """Convert, and say what came of it; or print the plan.
+    """Convert and print a summary; or print the plan.
 
     Args:
-        paths: Bags, and the output last unless only the plan is wanted.
-        given: Options by name, None where they are not given.
-        plan_file: A plan to go by.
+        paths: Bags, and the output last unless plan_only.
+        given: Options by name.
+        plan_file: A plan to use.
         plan_only: Whether to print the plan and stop.
-        quiet: Say only what was lost.
+        quiet: Print only losses.
 
     Returns:
         The exit code.
 
     Raises:
-        UsageError: The words cannot be meant.
+        UsageError: The arguments are invalid.
     """
     keep_imports()
     options = make_import_options(given)
     if plan_only:
         return _print_plan(paths, options)
     if len(paths) < 2:
-        raise UsageError('to-kitti needs a bag and a folder to make: kitti-ros2 to-kitti BAG OUT')
+        raise UsageError('to-kitti needs a bag and a folder to create: kitti-ros2 to-kitti BAG OUT')
     *bags, out = paths
     for bag in bags:
         refuse_inside(bag, out)
@@ -123,8 +123,8 @@ def _convert(
     samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
     with conversion_progress(samples, samples, show=not quiet) as progress:
         report = convert_by_plan(bags, plan, survey, out, options, progress)
-    told = {loss.text() for loss in losses}
-    notes = tuple(note for note in report.notes if note not in told)
+    reported = {loss.text() for loss in losses}
+    notes = tuple(note for note in report.notes if note not in reported)
     return [replace(report, losses=(*losses, *report.losses), notes=notes)]
 
 
@@ -138,19 +138,19 @@ def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
 def _own(
     bags: Sequence[OpenBag], options: ImportOptions, *, planned: bool = False
 ) -> tuple[list[tuple[OpenBag, Blueprint]], tuple[Loss, ...]]:
-    """Bags with how their recordings were laid out, and descriptions that are damaged.
+    """Return bags written by to-bag with their original layouts, and damaged descriptions.
 
     Args:
-        bags: Those of one call.
-        options: A layout among them allows to go by a plan.
+        bags: All bags of the call.
+        options: With a layout, a bag may be converted by a plan instead.
         planned: Whether a plan is given.
 
     Returns:
-        No bag unless every one is of our own.
+        No bags unless every one was written by to-bag; and the damaged descriptions.
 
     Raises:
-        BadBagError: One is no bag.
-        UndescribedError: A description cannot be used, and there is no plan to go by.
+        BadBagError: One is not a bag.
+        UndescribedError: A description is unusable, and there is no plan.
     """
     found, losses = [], []
     for bag in bags:
@@ -168,7 +168,7 @@ def _own(
 
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
-    """Print the plan as YAML, with what is missing as comments."""
+    """Print the plan as YAML, with missing data as comments."""
     with ExitStack() as stack:
         sys.stdout.write(_make_plan(_open(paths, stack), options))
     return EXIT_OK

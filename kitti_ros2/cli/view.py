@@ -37,20 +37,20 @@ _MOVIE = '.mp4'
 
 
 class _PictureTally:
-    """What came of a series of frames."""
+    """Result of drawing a series of frames."""
 
     def __init__(self) -> None:
         self.drawn = 0
         self.kinds: set[str] = set()
-        self._lacks: dict[tuple[str, str], list[int]] = {}
+        self._missing: dict[tuple[str, str], list[int]] = {}
 
     def pictures(
         self, series: Iterable[Drawn], progress: Callable[[int], None]
     ) -> Iterator[tuple[int, Pixels]]:
-        """The pictures with their frames' numbers; what lacks is counted."""
+        """Yield the pictures with their frame numbers; count missing data."""
         for done, each in enumerate(series, 1):
             for name, reason in each.missing.items():
-                self._lacks.setdefault((name.split()[0], reason), []).append(each.number)
+                self._missing.setdefault((name.split()[0], reason), []).append(each.number)
             self.kinds |= each.kinds
             if each.picture is not None:
                 self.drawn += 1
@@ -58,27 +58,27 @@ class _PictureTally:
             progress(done)
 
     def check(self) -> None:
-        """Refuse to write nothing.
+        """Raise if nothing was drawn.
 
         Raises:
-            MissingDataError: Says why nothing was drawn.
+            MissingDataError: Nothing was drawn; contains the reason.
         """
         if not self.drawn:
             losses = self.losses() or (Loss('picture', 0, 'no frames'),)
             raise MissingDataError(f'nothing to draw: {losses[-1].text()}')
 
     def losses(self) -> tuple[Loss, ...]:
-        """What was lacking; what has one reason is one of them."""
+        """Return the missing data, one loss per reason."""
         return tuple(
             Loss(name, len(numbers), reason, tuple(numbers))
-            for (name, reason), numbers in self._lacks.items()
+            for (name, reason), numbers in self._missing.items()
         )
 
 
 def _concerned(
     source: FrameSource, settings: ViewSettings, numbers: Sequence[int]
 ) -> tuple[Loss, ...]:
-    """What of the source is missing or damaged from the start and was wanted for these frames."""
+    """Return the losses of the source itself that concern the requested frames and streams."""
     wanted = MODES[settings.mode].streams(source.cameras, settings.pictures)
     others = {stream.value for stream in Stream} - wanted - {Stream.CALIBRATION.value}
     drawn = set(numbers)
@@ -100,14 +100,14 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     Args:
         src: The folder or bag.
         out: A picture, a film (.mp4), or a folder for a PNG of each frame.
-        given: Values of settings.make_view_settings, None where they are not given.
-        quiet: Say only what was lost.
+        given: Options by name.
+        quiet: Print only losses.
 
     Returns:
         The exit code.
 
     Raises:
-        UsageError: The words cannot be meant.
+        UsageError: The arguments are invalid.
         MissingDataError: No picture could be drawn.
     """
     keep_imports()
@@ -131,7 +131,7 @@ def _draw(
     *,
     quiet: bool,
 ) -> tuple[Loss, ...]:
-    """Draw and write what is asked for; returns what was lost."""
+    """Draw and write the requested frames; return the losses."""
     single = out.suffix.lower() in PICTURES
     _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
@@ -155,14 +155,14 @@ def _draw(
 
 
 def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:
-    """A word on each class that is asked for and not there, such as a misspelt one."""
+    """Return a note on each requested class that is missing, such as a misspelt one."""
     wanted = settings.pictures.classes
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
-        return [f'{settings.mode} draws no objects, of whatever class'] if wanted else []
-    there = ', '.join(sorted(found)) or 'none at all'
-    lacking = [kind for kind in wanted if kind not in found]
+        return [f'{settings.mode} draws no objects; --classes has no effect'] if wanted else []
+    present = ', '.join(sorted(found)) or 'none'
+    missing = [kind for kind in wanted if kind not in found]
     return [
-        f'no object of class {kind} in what was asked for; there are {there}' for kind in lacking
+        f'no object of class {kind} in the requested frames; found: {present}' for kind in missing
     ]
 
 
@@ -171,7 +171,7 @@ def _keep(frame: Frame) -> Frame:
 
 
 def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
-    """Refuse a camera that has no images at all; one that lacks a few is named frame by frame."""
+    """Raise for a camera without any images; a few missing ones are reported per frame."""
     camera = settings.pictures.camera
     if camera is None or camera in source.cameras or not MODES[settings.mode].image:
         return
@@ -180,23 +180,23 @@ def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
 
 
 def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> list[int]:
-    """The frames to draw."""
+    """Return the numbers of the frames to draw."""
     if settings.frame is not None:
         return [settings.frame]
     return [int(source.numbers[0])] if single else parse_frames(settings.frames or ':', source)
 
 
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
-    """Refuse what cannot be meant before anything is read."""
+    """Raise for invalid arguments before anything is read."""
     if settings.mode not in MODES:
-        raise UsageError(f'there is no mode {settings.mode!r}; choose one of {", ".join(MODES)}')
+        raise UsageError(f'unknown mode {settings.mode!r}; choose one of {", ".join(MODES)}')
     if single and settings.frames is not None:
         raise UsageError(
             f'{out}: one picture takes --frame N; for --frames give a film (.mp4) or a folder'
         )
     if not single and out.suffix and out.suffix.lower() != _MOVIE and not out.is_dir():
         known = ', '.join((*PICTURES, _MOVIE))
-        raise UsageError(f'{out}: ends in none of {known}, and a folder has no ending')
+        raise UsageError(f'{out}: unsupported ending; expected {known}, or none for a folder')
 
 
 def _write(
@@ -207,10 +207,10 @@ def _write(
     *,
     overwrite: bool,
 ) -> str:
-    """Write the pictures; returns how, for people.
+    """Write the pictures and return a description of the output.
 
     Raises:
-        MissingDataError: There are none.
+        MissingDataError: There are no pictures.
     """
     refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:

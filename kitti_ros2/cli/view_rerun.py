@@ -21,7 +21,7 @@ from .progress import conversion_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -30,18 +30,14 @@ if TYPE_CHECKING:
 
 _SHOWN_LOSSES = 20
 _KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])
-# A page's memory is 4 GB at most (WebAssembly); Rerun begins to drop somewhat before.
+# A page's memory is limited to 4 GB (WebAssembly); Rerun drops data somewhat earlier.
 _PAGE_BYTES = 2 << 30
 
 
-def run_rerun(  # noqa: PLR0913 - each is an option of the command
+def run_rerun(
     src: Path,
+    given: Mapping[str, object],
     *,
-    layout: str | None = None,
-    sequence: str | None = None,
-    start: str | None = None,
-    end: str | None = None,
-    topics: Sequence[str] = (),
     web: bool = False,
     save: Path | None = None,
     overwrite: bool = False,
@@ -51,46 +47,35 @@ def run_rerun(  # noqa: PLR0913 - each is an option of the command
 
     Args:
         src: KITTI folder or bag.
-        layout: Of a KITTI folder, None to guess.
-        sequence: Which one of a KITTI folder with several.
-        start: First moment, as in to-bag.
-        end: Last moment, included.
-        topics: Only these; * matches.
-        web: Serve a page on this machine until Ctrl-C.
+        given: Options by name: layout, sequence, start, end and topics, as in to-bag.
+        web: Serve a page on localhost until Ctrl-C.
         save: Write this .rrd file.
         overwrite: Whether an existing .rrd file may be replaced.
-        quiet: Say only what went wrong.
+        quiet: Print only errors and losses.
 
     Returns:
         The exit code: 1 where something could not be shown.
 
     Raises:
         UsageError: Rerun is not installed, its viewer does not start, or options exclude others.
-        OutputExistsError: The file is there already.
-        OutputError: It cannot be written.
+        OutputExistsError: The file exists.
+        OutputError: The file cannot be written.
     """
     if web and save is not None:
         raise UsageError('--web and --save exclude each other; open the saved file with rerun')
     if save is not None and save.suffix != '.rrd':
         raise UsageError(f'{save}: expected a name that ends in .rrd')
     check_installed()
-    given = {
-        'layout': layout,
-        'sequence': sequence,
-        'start': start,
-        'end': end,
-        'topics': tuple(topics) or None,
-    }
-    # Rerun's own log repeats on several lines what is told here in one.
+    # Rerun's log repeats on several lines what is printed here in one.
     os.environ.setdefault('RUST_LOG', 'off')
-    settings = make_settings({name: each for name, each in given.items() if each is not None})
+    settings = make_settings(given)
     with closing(open_program(src, settings)) as program:
         keep_imports()
         if save is not None:
             report = _save(program, save, overwrite=overwrite, quiet=quiet)
         else:
             report = _view(program, web=web, quiet=quiet)
-    _tell_losses(report)
+    _show_losses(report)
     return EXIT_LOSSES if report.losses or report.missing else EXIT_OK
 
 
@@ -122,8 +107,8 @@ def _view(program: Program, *, web: bool, quiet: bool) -> ShowReport:
             if report.size_bytes > _PAGE_BYTES:
                 size = format_bytes(report.size_bytes)
                 say(
-                    f'note: {size} is more than a page can hold, and it drops the oldest; take'
-                    f' less with --start, --end or --topics, or use --save'
+                    f'note: {size} exceeds the memory of a page, which drops the oldest data;'
+                    f' select less with --start, --end or --topics, or use --save'
                 )
             if not quiet:
                 say('Open the page above in a browser; Ctrl-C ends it.')
@@ -147,8 +132,8 @@ def _summarize(report: ShowReport, where: str) -> None:
     )
 
 
-def _tell_losses(report: ShowReport) -> None:
-    """Name on standard error what is missing."""
+def _show_losses(report: ShowReport) -> None:
+    """Print missing data on standard error."""
     lines = [f'missing: {text}' for text in report.missing]
     lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]
     for line in lines[:_SHOWN_LOSSES]:
@@ -157,4 +142,4 @@ def _tell_losses(report: ShowReport) -> None:
         complain(f'and {len(lines) - _SHOWN_LOSSES} more lines like these')
     if lines:
         count = format_count(sum(report.losses.values()), 'message')
-        complain(f'kitti-ros2: {count} skipped, the rest as named above; exit code 1')
+        complain(f'kitti-ros2: {count} skipped, listed above; exit code 1')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a bag is written: storage, compression, splitting."""
+"""Options of a written bag: storage, compression, splitting."""
 
 from __future__ import annotations
 
@@ -8,40 +8,55 @@ from dataclasses import dataclass
 
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
+from .declare import option
+from .parsers import parse_flag, parse_integer, parse_seconds_ns, parse_split_size, parse_text
 
 
 @dataclass(frozen=True)
 class BagOptions:
-    """How a bag is written.
+    """Options of a written bag.
 
     Attributes:
         storage: The container, one of model.containers.
         compression: One of the container's.
-        compression_level: One of the compression's; None is the compressor's own default.
-        split_size: Bytes of messages, before compression, after which a new file begins.
-        split_duration_ns: Nanoseconds of recording after which a new file begins.
+        compression_level: One of the compression's; None is the compressor's default.
+        split_size: Bytes of messages, before compression, after which a new file is started.
+        split_duration_ns: Nanoseconds of recording after which a new file is started.
         overwrite: Whether an existing bag at the output may be replaced.
 
     Raises:
-        UsageError: A value is unknown or does not go with the others.
+        UsageError: A value is unknown or does not match the others.
     """
 
     storage: str = 'mcap'
-    compression: str = 'none'
-    compression_level: int | None = None
-    split_size: int | None = None
-    split_duration_ns: int | None = None
-    overwrite: bool = False
+    compression: str = option('none', 'none, lz4, zstd or (ros1) bz2', parse_text)
+    compression_level: int | None = option(
+        None, 'lz4 0 to 16, zstd 1 to 22', parse_integer, unset="the compressor's default"
+    )
+    split_size: int | None = option(
+        None,
+        'Start a new file after so many bytes, such as 2GB (at least 1MB)',
+        parse_split_size,
+        unset='never',
+    )
+    split_duration_ns: int | None = option(
+        None,
+        'Start a new file after so many seconds, such as 60s',
+        parse_seconds_ns,
+        name='split_duration',
+        unset='never',
+    )
+    overwrite: bool = option(False, 'Replace an existing bag', parse_flag)
 
     def __post_init__(self) -> None:
         if self.storage not in CONTAINERS:
             raise UsageError(
-                f'there is no storage {self.storage!r}; choose one of {", ".join(CONTAINERS)}'
+                f'unknown storage {self.storage!r}; choose one of {", ".join(CONTAINERS)}'
             )
         known = CONTAINERS[self.storage].compressions
         if self.compression not in known:
             raise UsageError(
-                f'storage {self.storage} takes compression {" or ".join(known)},'
+                f'storage {self.storage} supports compression {" or ".join(known)},'
                 f' not {self.compression!r}'
             )
         self._check_level(known[self.compression])
@@ -55,15 +70,15 @@ class BagOptions:
             return
         if levels is None:
             raise UsageError(
-                f'compression {self.compression} of storage {self.storage} has no level to choose'
+                f'compression {self.compression} of storage {self.storage} has no levels'
             )
         if level not in levels:
             raise UsageError(
                 f'compression level {level} is out of range;'
-                f' {self.compression} takes {levels[0]} to {levels[-1]}'
+                f' {self.compression} supports {levels[0]} to {levels[-1]}'
             )
 
     @property
     def split(self) -> bool:
-        """Whether the bag may become several files."""
+        """Whether the bag may be split into several files."""
         return self.split_size is not None or self.split_duration_ns is not None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How bags become a KITTI data set."""
+"""Options of the conversion from bags to a KITTI data set."""
 
 from __future__ import annotations
 
@@ -8,39 +8,62 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
+from ..model.streams import LAYOUT_NAMES, Layout
+from .declare import option
+from .parsers import parse_choice, parse_flag, parse_number, parse_path, parse_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..model.streams import Layout
-
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How bags become KITTI.
+    """Options of the conversion from bags to KITTI.
 
     Attributes:
-        layout: raw, object, odometry or tracking; None for a bag of our own, which has one.
-        name: Drive, split or sequence, None for the plan's.
+        layout: One of KITTI's; None keeps that of a bag written by to-bag.
+        name: Drive, split or sequence, None takes the plan's.
         calib: A KITTI calibration file or folder instead of the bag's own calibration.
-        train_fraction: The part of an object set's frames that trains, 0 to 1.
-        append: Whether an object set is continued instead of begun.
+        train_fraction: Fraction of an object set's frames in train, 0 to 1.
+        append: Whether to continue the numbering of an existing object set.
 
     Raises:
         UsageError: A value is out of range, or does not go with the others.
     """
 
-    layout: Layout | None = None
-    name: str | None = None
-    calib: Path | None = None
-    train_fraction: float = 1.0
-    append: bool = False
+    layout: Layout | None = option(
+        None,
+        LAYOUT_NAMES,
+        parse_choice(Layout),
+        unset='that of a bag written by to-bag',
+    )
+    name: str | None = option(
+        None,
+        '2011_09_26_drive_0001_sync, training or testing, sequence 00 or 0000',
+        parse_text,
+        unset="the plan's",
+    )
+    calib: Path | None = option(
+        None,
+        "KITTI calibration file or folder instead of the bag's calibration",
+        parse_path,
+        unset="the bag's",
+    )
+    train_fraction: float = option(
+        1.0,
+        'Object: fraction of the frames in train, the rest in val',
+        parse_number,
+        flags=('--split',),
+    )
+    append: bool = option(
+        False, 'Object: continue the numbering of the data set in OUT', parse_flag
+    )
 
     def __post_init__(self) -> None:
         if not 0 <= self.train_fraction <= 1:
             raise UsageError(f'a split of {self.train_fraction:g}; expected 0 to 1, such as 0.8')
 
     def keeps(self, layout: Layout) -> bool:
-        """Whether a recording of a layout is to be laid out as it was."""
-        as_it_was = self.layout in (None, layout) and self.name is None and self.calib is None
-        return as_it_was and not self.append
+        """Whether a recording of this layout keeps its original folders and names."""
+        unchanged = self.layout in (None, layout) and self.name is None and self.calib is None
+        return unchanged and not self.append

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What messages are made of a recording: names, frames, fields, markers."""
+"""Options of the messages of a recording: names, frames, fields, markers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ..model.errors import UsageError
+from .declare import option
+from .parsers import parse_choice, parse_flag, parse_number, parse_place, parse_seconds_ns
 
 
 class Preset(str, Enum):
@@ -19,14 +21,14 @@ class Preset(str, Enum):
 
 
 class MapFrame(str, Enum):
-    """What the map frame is: east-north-up from the first base_link, or KITTI's own."""
+    """Axes of the map frame: east-north-up from the first base_link, or those of KITTI's poses."""
 
     ENU = 'enu'
     DEVKIT = 'devkit'
 
 
 class Images(str, Enum):
-    """How images are written: the PNG's own bytes, decoded pixels, or both."""
+    """Form of images: the bytes of the PNG file, decoded pixels, or both."""
 
     COMPRESSED = 'compressed'
     RAW = 'raw'
@@ -38,7 +40,7 @@ KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
 
 
 class MarkerColors(str, Enum):
-    """What the colour of an object's markers tells."""
+    """Property that determines the colour of an object's markers."""
 
     CLASS = 'class'
     TRACK = 'track'
@@ -46,30 +48,61 @@ class MarkerColors(str, Enum):
 
 @dataclass(frozen=True)
 class MarkerOptions:
-    """How labels are drawn.
+    """Options of the markers of labels.
 
     Attributes:
-        colors: One colour a class, or one a track.
+        colors: One colour per class, or one per track.
         alpha: Opacity of the boxes, 0..1.
-        line_width: Of edges and trails, metres.
-        arrow_length: How far a heading reaches out of its box, metres.
-        text_height: Metres.
-        lifetime_ns: After which a marker goes by itself, nanoseconds; 0 never.
-        trails: Whether tracks draw where they were.
+        line_width: Width of edges and trails, metres.
+        arrow_length: How far a heading arrow extends beyond its box, metres.
+        text_height: Height of the text, metres.
+        lifetime_ns: Nanoseconds after which viewers remove a marker; 0 never.
+        trails: Whether tracks show their past positions.
         ego: Whether the recording car is drawn.
 
     Raises:
         UsageError: A size is not positive, or alpha is out of range.
     """
 
-    colors: MarkerColors = MarkerColors.CLASS
-    alpha: float = 0.35
-    line_width: float = 0.05
-    arrow_length: float = 1.0
-    text_height: float = 0.6
-    lifetime_ns: int = 300_000_000
-    trails: bool = False
-    ego: bool = True
+    colors: MarkerColors = option(
+        MarkerColors.CLASS,
+        'Colour of label markers: class or track',
+        parse_choice(MarkerColors),
+        name='marker_colors',
+    )
+    alpha: float = option(
+        0.35, 'Opacity of label boxes', parse_number, name='marker_alpha', bounds=(0.0, 1.0)
+    )
+    line_width: float = option(
+        0.05,
+        'Width of label edges and trails, metres',
+        parse_number,
+        name='marker_line_width',
+        bounds=(0.001, 10.0),
+    )
+    arrow_length: float = option(
+        1.0,
+        'How far a heading arrow extends beyond its box, metres',
+        parse_number,
+        name='marker_arrow_length',
+        bounds=(0.01, 100.0),
+    )
+    text_height: float = option(
+        0.6,
+        'Height of label text, metres',
+        parse_number,
+        name='marker_text_height',
+        bounds=(0.01, 100.0),
+    )
+    lifetime_ns: int = option(
+        300_000_000,
+        'Seconds after which a label marker disappears; 0 is never',
+        parse_seconds_ns,
+        name='marker_lifetime',
+        bounds=(0.0, 3600.0),
+    )
+    trails: bool = option(False, 'Label markers also show the past positions of tracks', parse_flag)
+    ego: bool = option(True, 'Marker of the recording car', parse_flag, name='ego_marker')
 
     def __post_init__(self) -> None:
         if not 0 <= self.alpha <= 1:
@@ -85,32 +118,51 @@ class MarkerOptions:
 
 @dataclass(frozen=True)
 class MessageOptions:
-    """Which messages are made, and how.
+    """Options of messages: which are created, and how.
 
     Attributes:
         images: compressed, raw or both.
-        preset: Names of topics and frames.
+        preset: Set of topic and frame names.
         map: Axes and origin of the map frame; see messages/map_frame.py.
-        publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack owns it.
+        publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack publishes it.
         ring_and_time: Whether points also have ring and time.
-        base_to_imu: x, y, z of imu_link in base_link, metres; None as the preset has it.
+        base_to_imu: x, y, z of imu_link in base_link, metres; None takes the preset's.
         semantic: Whether points also have SemanticKITTI's label, instance and rgb.
-        markers: How labels are drawn.
-        annotated: Whether there are images with the labels drawn on them.
+        markers: Options of the markers of labels.
+        annotated: Whether images with the labels drawn on them are published, too.
 
     Raises:
         UsageError: base_to_imu is not three finite numbers.
     """
 
-    images: Images = Images.COMPRESSED
-    preset: Preset = Preset.DEFAULT
-    map: MapFrame = MapFrame.ENU
-    publish_tf: bool = True
-    ring_and_time: bool = False
-    base_to_imu: tuple[float, ...] | None = None
+    images: Images = option(
+        Images.COMPRESSED,
+        'compressed (the PNG itself), raw (pixels) or both',
+        parse_choice(Images),
+    )
+    preset: Preset = option(
+        Preset.DEFAULT, 'Topic and frame names: default or kitti2bag', parse_choice(Preset)
+    )
+    map: MapFrame = option(
+        MapFrame.ENU,
+        "Map frame: enu (east-north-up at the first base_link) or devkit (KITTI's poses)",
+        parse_choice(MapFrame),
+    )
+    publish_tf: bool = option(
+        True, 'map -> base_link on /tf; off where a SLAM stack publishes it', parse_flag, name='tf'
+    )
+    ring_and_time: bool = option(
+        False, 'Points also have ring and time, in order of time', parse_flag, name='ring_time'
+    )
+    base_to_imu: tuple[float, ...] | None = option(
+        None,
+        'x,y,z of imu_link in base_link, metres',
+        parse_place,
+        unset="the preset's, -0.05,0.32,0.93",
+    )
     semantic: bool = False
     markers: MarkerOptions = field(default_factory=MarkerOptions)
-    annotated: bool = False
+    annotated: bool = option(False, 'Also images with the labels drawn on them', parse_flag)
 
     def __post_init__(self) -> None:
         place = self.base_to_imu or BASE_T_IMU

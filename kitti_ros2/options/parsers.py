@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One value of a setting, as a command line, a YAML file or a ROS parameter has it.
+"""Parsers of one value from a command line, a YAML file or a ROS parameter.
 
-Each function takes the setting's name and the value, and raises UsageError where it is none.
+Each function takes the option's name and the value, and raises UsageError if it is invalid.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ..model.errors import UsageError
 from ..model.stamps import parse_seconds, parse_stamp
-from .selection import Bound
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,10 +26,10 @@ _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
 def parse_bytes(text: str) -> int:
-    """Bytes from a size such as 2GB, 500 MB or 1GiB.
+    """Parse a size such as 2GB, 500 MB or 1GiB to bytes.
 
     Raises:
-        ValueError: The text is no size.
+        ValueError: The text is not a size.
     """
     match = _SIZE.fullmatch(text.strip())
     if match is None:
@@ -39,14 +38,14 @@ def parse_bytes(text: str) -> int:
 
 
 def parse_text(name: str, value: object) -> str:
-    """A word; a whole number is one, too."""
+    """Parse a word; a whole number becomes its text."""
     if isinstance(value, (str, int)) and not isinstance(value, bool):
         return str(value)
     raise UsageError(f'{name} takes a word, not {value!r}')
 
 
 def parse_texts(name: str, value: object) -> tuple[str, ...]:
-    """Words, of a list or apart by commas and blanks."""
+    """Parse a list of words, or words separated by commas or spaces."""
     items = value if isinstance(value, (list, tuple)) else [value]
     return tuple(
         word for item in items for word in parse_text(name, item).replace(',', ' ').split()
@@ -54,14 +53,14 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
 
 
 def parse_flag(name: str, value: object) -> bool:
-    """True or false."""
+    """Parse true or false."""
     if isinstance(value, bool):
         return value
     raise UsageError(f'{name} takes true or false, not {value!r}')
 
 
 def parse_integer(name: str, value: object) -> int:
-    """A whole number."""
+    """Parse a whole number."""
     if isinstance(value, int) and not isinstance(value, bool):
         return value
     if isinstance(value, str) and value.removeprefix('-').isdecimal():
@@ -70,7 +69,7 @@ def parse_integer(name: str, value: object) -> int:
 
 
 def parse_number(name: str, value: object) -> float:
-    """A number."""
+    """Parse a number."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
     if isinstance(value, str) and value.removeprefix('-').isdecimal():
@@ -79,19 +78,19 @@ def parse_number(name: str, value: object) -> float:
 
 
 def parse_rounds(name: str, value: object) -> int:
-    """A number of rounds; true is without end, false once."""
+    """Parse a number of rounds; true is endless, false is once."""
     if isinstance(value, bool):
         return 0 if value else 1
     return parse_integer(name, value)
 
 
 def parse_path(name: str, value: object) -> Path:
-    """A path."""
-    return Path(parse_text(name, value))
+    """Parse a path."""
+    return value if isinstance(value, Path) else Path(parse_text(name, value))
 
 
 def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
-    """What parses a value of a kind."""
+    """Return a parser of the values of an enum."""
 
     def parse(name: str, value: object) -> E:
         known = [item.value for item in kind]
@@ -102,13 +101,8 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     return parse
 
 
-def parse_bound(name: str, value: object) -> Bound:
-    """The first or last of a selection."""
-    return Bound.parse(parse_text(name, value))
-
-
 def parse_split_size(name: str, value: object) -> int:
-    """Bytes of one file of a bag, of a size such as 2GB; below 1MB the unit was forgotten."""
+    """Parse the size of one file of a bag, such as 2GB; below 1MB the unit is likely missing."""
     try:
         size = parse_bytes(parse_text(name, value))
     except ValueError:
@@ -121,7 +115,7 @@ def parse_split_size(name: str, value: object) -> int:
 
 
 def parse_seconds_ns(name: str, value: object) -> int:
-    """Nanoseconds, of seconds such as 60s."""
+    """Parse seconds such as 60s to nanoseconds."""
     try:
         return parse_seconds(str(value).removesuffix('s'))
     except ValueError:
@@ -129,7 +123,7 @@ def parse_seconds_ns(name: str, value: object) -> int:
 
 
 def parse_epoch(name: str, value: object) -> int:
-    """Nanoseconds since 1970, of a UTC time."""
+    """Parse a UTC time to nanoseconds since 1970."""
     try:
         return parse_stamp(str(value).removesuffix('+00:00'))
     except ValueError:
@@ -139,7 +133,7 @@ def parse_epoch(name: str, value: object) -> int:
 
 
 def parse_place(name: str, value: object) -> tuple[float, ...]:
-    """Numbers in metres, such as x, y and z."""
+    """Parse numbers in metres, such as x, y and z."""
     items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
     try:
         return tuple(float(item) for item in items)
@@ -148,12 +142,12 @@ def parse_place(name: str, value: object) -> tuple[float, ...]:
 
 
 def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
-    """Four numbers in metres: from and to forward, from and to the left."""
+    """Parse four numbers in metres: from and to forward, from and to to the left."""
     try:
         back, front, right, left = (float(word) for word in str(value).split(','))
     except ValueError:
         raise UsageError(
-            f'{name} takes four numbers in metres, from and to forward, from and to the left, such'
-            f" as '-10,60,-25,25', not {value!r}"
+            f'{name} takes four numbers in metres, from and to forward, from and to to the left,'
+            f" such as '-10,60,-25,25', not {value!r}"
         ) from None
     return back, front, right, left

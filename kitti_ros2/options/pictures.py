@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of pictures, as options.py has those of everything else."""
+"""Options of pictures."""
 
 from __future__ import annotations
 
@@ -9,10 +9,18 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ..model.errors import UsageError
+from .declare import option
+from .parsers import (
+    parse_choice,
+    parse_four_numbers,
+    parse_integer,
+    parse_number,
+    parse_texts,
+)
 
 
 class ColorBy(str, Enum):
-    """What the colour of a scan's point tells."""
+    """Quantity that the colour of a scan's point shows."""
 
     DEPTH = 'depth'
     HEIGHT = 'height'
@@ -20,7 +28,7 @@ class ColorBy(str, Enum):
 
 
 class ColorMap(str, Enum):
-    """Which colours a scale has."""
+    """Colours of a scale."""
 
     VIRIDIS = 'viridis'
     PLASMA = 'plasma'
@@ -37,7 +45,7 @@ MOST_POINT_SIZE = 15
 
 @dataclass(frozen=True)
 class BirdOptions:
-    """What a bird's-eye view shows; forward is up, left is left.
+    """Extent and resolution of a bird's-eye view; forward is up, left is left.
 
     Attributes:
         x_range: From and to, metres forward of the scanner.
@@ -48,9 +56,18 @@ class BirdOptions:
         UsageError: A range is empty, or the picture would be of no pixels or of too many.
     """
 
-    x_range: tuple[float, float] = (-10.0, 60.0)
+    # --range sets both ranges; table.py takes it apart.
+    x_range: tuple[float, float] = option(
+        (-10.0, 60.0),
+        'Of bev, metres: from,to forward, from,to to the left',
+        parse_four_numbers,
+        name='range',
+        unset='-10,60,-25,25',
+    )
     y_range: tuple[float, float] = (-25.0, 25.0)
-    pixels_per_metre: float = 14.0
+    pixels_per_metre: float = option(
+        14.0, 'Of bev: pixels per metre', parse_number, name='resolution'
+    )
 
     def __post_init__(self) -> None:
         for name, (low, high) in (('x', self.x_range), ('y', self.y_range)):
@@ -81,27 +98,35 @@ class BirdOptions:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """How pictures are drawn.
+    """Options of pictures.
 
     Attributes:
-        camera: KITTI camera index; None is camera 2, or the first there is.
-        color_by: What the colour of a point over an image tells.
+        camera: KITTI camera index; None is camera 2, or the first of the recording.
+        color_by: Quantity that the colour of a point on an image shows.
         color_map: Its colours.
-        point_size: Diameter of a point over an image, pixels.
+        point_size: Diameter of a point on an image, pixels.
         bird: The bird's-eye view.
-        classes: Those that are drawn; all where empty.
+        classes: Classes of the objects to draw; empty is all.
         named: Whether boxes have tags with class, track and score.
 
     Raises:
         UsageError: A value is out of range.
     """
 
-    camera: int | None = None
-    color_by: ColorBy = ColorBy.DEPTH
-    color_map: ColorMap = ColorMap.TURBO
-    point_size: int = 2
+    camera: int | None = option(
+        None, "KITTI's camera number", parse_integer, unset='2, or the first'
+    )
+    color_by: ColorBy = option(
+        ColorBy.DEPTH, 'Colour of points: depth, height or intensity', parse_choice(ColorBy)
+    )
+    color_map: ColorMap = option(
+        ColorMap.TURBO, 'turbo, viridis, plasma, cividis, ...', parse_choice(ColorMap)
+    )
+    point_size: int = option(2, 'Diameter of a point, pixels', parse_integer)
     bird: BirdOptions = field(default_factory=BirdOptions)
-    classes: tuple[str, ...] = ()
+    classes: tuple[str, ...] = option(
+        (), 'Only objects of this class; repeatable', parse_texts, unset='all'
+    )
     named: bool = True
 
     def __post_init__(self) -> None:

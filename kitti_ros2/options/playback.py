@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a recording or a bag is played."""
+"""Options of playing a recording or a bag."""
 
 from __future__ import annotations
 
@@ -8,65 +8,115 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ..model.errors import UsageError
+from .declare import option
+from .parsers import (
+    parse_choice,
+    parse_flag,
+    parse_integer,
+    parse_number,
+    parse_rounds,
+    parse_seconds_ns,
+)
 
 
 class AtEnd(str, Enum):
-    """What a player does when everything is played."""
+    """Action of a player at the end of the recording."""
 
     EXIT = 'exit'
     PAUSE = 'pause'
 
 
 class Stamps(str, Enum):
-    """Which stamps a player's messages carry: the recording's, or those of the moment."""
+    """Stamps of a player's messages: those of the recording, or the current time."""
 
     ORIGINAL = 'original'
     NOW = 'now'
 
 
 RATES = (0.01, 100.0)
+CLOCK_RATES_HZ = (0.0, 1000.0)
 MOST_STEP = 10_000
 MOST_SUBSCRIBERS = 1000
 
 
 @dataclass(frozen=True)
 class PlaybackOptions:
-    """How something is played.
+    """Options of playing.
 
     Attributes:
-        rate: Seconds of recording a second, 0.01 to 100.
-        loop: How many times it is played; 0 without end.
+        rate: Seconds of recording per second, 0.01 to 100.
+        loop: Number of rounds; 0 is endless.
         start_paused: Whether it waits for a resume.
-        delay_ns: Nanoseconds before the first message, from when the subscribers are there.
-        clock_hz: How often the recording's time is told; 0 never.
+        delay_ns: Nanoseconds before the first message, after the wait for subscribers.
+        clock_hz: How often the recording's time is published, 0 to 1000; 0 never.
         step: Frames that one play_next plays; 0 is a single sample.
-        lossless: Whether it goes as fast as subscribers take it, not by time.
+        lossless: Whether it goes as fast as subscribers keep up, instead of in real time.
         wait_for: Subscribers to wait for before it begins; None is 1 with lossless, else 0.
-        at_end: What happens when everything is played.
+        at_end: What happens at the end of the recording.
 
     Raises:
         UsageError: A value is out of range.
     """
 
-    rate: float = 1.0
-    loop: int = 1
-    start_paused: bool = False
-    delay_ns: int = 0
-    clock_hz: float = 100.0
-    step: int = 1
-    lossless: bool = False
-    wait_for: int | None = None
-    at_end: AtEnd = AtEnd.EXIT
+    rate: float = option(
+        1.0,
+        'Seconds of recording per second, 0.01 to 100',
+        parse_number,
+        bounds=RATES,
+        flags=('-r',),
+        live=True,
+    )
+    loop: int = option(
+        1, 'Number of rounds; 0 or true is endless', parse_rounds, live=True, any_type=True
+    )
+    start_paused: bool = option(False, 'Wait for a resume', parse_flag, flags=('-p',))
+    delay_ns: int = option(
+        0,
+        'Seconds before the first message, after the wait for subscribers',
+        parse_seconds_ns,
+        name='delay',
+        bounds=(0.0, 3600.0),
+        flags=('-d',),
+    )
+    clock_hz: float = option(
+        100.0,
+        '/clock messages per second; 0 is none',
+        parse_number,
+        name='clock',
+        bounds=CLOCK_RATES_HZ,
+    )
+    step: int = option(
+        1,
+        'Frames that one play_next plays; 0 is a single sample',
+        parse_integer,
+        bounds=(0, MOST_STEP),
+        live=True,
+    )
+    lossless: bool = option(
+        False, 'As fast as subscribers keep up; no message is dropped', parse_flag
+    )
+    wait_for: int | None = option(
+        None,
+        'Wait until so many nodes subscribe, to any of the topics, and for 1 s no subscription'
+        ' was added: a recorder subscribes to one topic after the other',
+        parse_integer,
+        unset='1 with lossless, else 0',
+        any_type=True,
+    )
+    at_end: AtEnd = option(AtEnd.EXIT, 'exit or pause', parse_choice(AtEnd))
 
     def __post_init__(self) -> None:
         if not RATES[0] <= self.rate <= RATES[1]:
             raise UsageError(f'rate {self.rate:g} is not within {RATES[0]:g} to {RATES[1]:g}')
         if self.loop < 0:
-            raise UsageError(f'loop {self.loop} is negative; it is a number of rounds, 0 no end')
+            raise UsageError(
+                f'loop {self.loop} is negative; it is a number of rounds, 0 is endless'
+            )
         if self.delay_ns < 0:
             raise UsageError(f'delay {self.delay_ns / 1e9:g} is negative, seconds')
-        if not 0 <= self.clock_hz <= 1000:
-            raise UsageError(f'clock {self.clock_hz:g} is not within 0 to 1000, times a second')
+        if not CLOCK_RATES_HZ[0] <= self.clock_hz <= CLOCK_RATES_HZ[1]:
+            low, high = CLOCK_RATES_HZ
+            raise UsageError(f'clock {self.clock_hz:g} is not within {low:g} to {high:g}, in Hz')
         if not 0 <= self.step <= MOST_STEP:
             raise UsageError(f'step {self.step} is not within 0 to {MOST_STEP} frames')
         if not 0 <= self.subscribers <= MOST_SUBSCRIBERS:
@@ -74,5 +124,5 @@ class PlaybackOptions:
 
     @property
     def subscribers(self) -> int:
-        """How many subscribers it waits for before it begins."""
+        """Number of subscribers to wait for before it begins."""
         return int(self.lossless) if self.wait_for is None else self.wait_for

@@ -1,18 +1,17 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a KITTI folder is read: layout, sequence, and the time of recordings without stamps."""
+"""Options of reading a KITTI folder: layout, sequence, time of recordings without stamps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S
-
-if TYPE_CHECKING:
-    from ..model.streams import Layout
+from ..model.streams import LAYOUT_NAMES, Layout
+from .declare import option
+from .parsers import parse_choice, parse_epoch, parse_flag, parse_seconds_ns, parse_text
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
 """2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
@@ -26,7 +25,7 @@ _PERIODS_NS = (1_000_000, 60 * NS_PER_S)
 
 
 class ScanStamp(str, Enum):
-    """The moment of a scan that is its stamp: the start of the turn, or facing forward."""
+    """Moment of a scan that its stamp marks: the start of the turn, or facing forward."""
 
     START = 'start'
     FORWARD = 'forward'
@@ -34,28 +33,60 @@ class ScanStamp(str, Enum):
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a KITTI folder is read.
+    """Options of reading a KITTI folder.
 
     Attributes:
-        layout: raw, object, odometry or tracking; None to find out.
+        layout: One of KITTI's; None detects it.
         sequence: Which drive, split or sequence, where the folder holds several.
         epoch_ns: When recordings without absolute time begin, nanoseconds since 1970.
         semantic: Whether scans are read with SemanticKITTI's labels.
-        period_ns: Distance of the frames of recordings without time stamps, and length of a turn
+        period_ns: Time between frames of recordings without time stamps, and length of a turn
             of the scanner whose start and end are not known; 1 ms to 60 s.
-        scan_stamp: The moment of a scan that is its stamp. Scans that KITTI has compensated for
-            motion (odometry) keep theirs.
+        scan_stamp: Moment of a scan that its stamp marks. Scans that KITTI has compensated for
+            motion (odometry) keep their stamps.
 
     Raises:
         UsageError: The epoch is not after 1970, or the period is out of range.
     """
 
-    layout: Layout | None = None
-    sequence: str | None = None
-    epoch_ns: int = DEFAULT_EPOCH_NS
-    semantic: bool = False
-    period_ns: int = NOMINAL_PERIOD_NS
-    scan_stamp: ScanStamp = ScanStamp.FORWARD
+    layout: Layout | None = option(
+        None,
+        LAYOUT_NAMES,
+        parse_choice(Layout),
+        unset='detected',
+        live=True,
+    )
+    sequence: str | None = option(
+        None,
+        'Which drive, split or sequence of the source, such as 00',
+        parse_text,
+        unset='the only one',
+        live=True,
+        any_type=True,
+    )
+    epoch_ns: int = option(
+        DEFAULT_EPOCH_NS,
+        'UTC start of recordings without absolute time',
+        parse_epoch,
+        name='epoch',
+        unset='2011-09-26 00:00:00',
+    )
+    semantic: bool = option(
+        False, "Points also have SemanticKITTI's label, instance and rgb", parse_flag
+    )
+    period_ns: int = option(
+        NOMINAL_PERIOD_NS,
+        'Seconds between frames of recordings without time stamps',
+        parse_seconds_ns,
+        name='period',
+        bounds=(0.001, 60.0),
+    )
+    scan_stamp: ScanStamp = option(
+        ScanStamp.FORWARD,
+        'Stamp of a scan: start (of its turn) or forward (facing forward)',
+        parse_choice(ScanStamp),
+        unset='start with ring time, else forward',
+    )
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:
@@ -68,5 +99,5 @@ class ReadOptions:
 
 
 def is_period(period_ns: int) -> bool:
-    """Whether a distance of frames is within the allowed range."""
+    """Whether a period of frames is within the allowed range."""
     return _PERIODS_NS[0] <= period_ns <= _PERIODS_NS[1]

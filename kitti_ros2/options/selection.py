@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which part of a recording or a bag is taken: topics, streams, first and last."""
+"""Selected part of a recording or a bag: topics, streams, start and end."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S, format_stamp, parse_seconds, parse_stamp
+from .declare import option
+from .parsers import parse_text, parse_texts
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """A bound from its text: `12` (frame), `3.5s` (from the start), or a KITTI time stamp.
+        """Parse `12` (frame), `3.5s` (from the start), or a KITTI time stamp.
 
         Raises:
             UsageError: The text is none of these.
@@ -40,12 +42,12 @@ class Bound:
             return cls(stamp_ns=parse_stamp(text))
         except ValueError:
             raise UsageError(
-                f'{text!r} is no start or end; write a frame (12), seconds from the start (3.5s)'
+                f'invalid start or end {text!r}; write a frame (12), seconds from the start (3.5s)'
                 f" or a time stamp ('2011-09-26 13:02:25.9')"
             ) from None
 
     def __str__(self) -> str:
-        """For people: frame 12, 3.5s, or a time stamp."""
+        """Return readable text: frame 12, 3.5s, or a time stamp."""
         if self.frame is not None:
             return f'frame {self.frame}'
         if self.offset_ns is not None:
@@ -53,7 +55,7 @@ class Bound:
         return format_stamp(self.stamp_ns or 0)
 
     def is_before(self, other: Bound) -> bool:
-        """Whether it is before another one of the same kind; False for another kind."""
+        """Whether it is before another bound of the same kind; False for a different kind."""
         pairs = (
             (self.frame, other.frame),
             (self.offset_ns, other.offset_ns),
@@ -62,28 +64,51 @@ class Bound:
         return any(ours is not None and other is not None and ours < other for ours, other in pairs)
 
 
+def parse_bound(name: str, value: object) -> Bound:
+    """Parse the start or end of a selection."""
+    return Bound.parse(parse_text(name, value))
+
+
 @dataclass(frozen=True)
 class SelectionOptions:
-    """Which part of a recording is taken.
+    """Selected part of a recording.
 
     Attributes:
-        streams: Names of streams; image stands for all cameras; empty takes all.
-        topics: Names of topics, wildcards allowed; empty takes all.
-        start, end: First and last moment, both included; None takes all.
+        streams: Names of streams; image selects all cameras; empty selects all.
+        topics: Names of topics, wildcards allowed; empty selects all.
+        start, end: First and last moment, both included; None is unlimited.
 
     Raises:
         UsageError: The end is before the start.
     """
 
-    streams: tuple[str, ...] = ()
-    topics: tuple[str, ...] = ()
-    start: Bound | None = None
-    end: Bound | None = None
+    streams: tuple[str, ...] = option(
+        (),
+        'Only these: scan, image, image_0..4, oxts, pose, path, labels, calibration; repeatable',
+        parse_texts,
+        unset='all',
+    )
+    topics: tuple[str, ...] = option(
+        (),
+        "Only these topics; * matches, such as '/kitti/oxts/*'; repeatable",
+        parse_texts,
+        unset='all',
+    )
+    start: Bound | None = option(
+        None,
+        "First frame (12), seconds from the start (3.5s) or time ('2011-09-26 13:02:26')",
+        parse_bound,
+        unset='the first',
+        any_type=True,
+    )
+    end: Bound | None = option(
+        None, 'Last one, included; written as start', parse_bound, unset='the last', any_type=True
+    )
 
     def __post_init__(self) -> None:
         if self.start is not None and self.end is not None and self.end.is_before(self.start):
             raise self.reversed_error()
 
     def reversed_error(self) -> UsageError:
-        """The error for an end before the start."""
+        """Return the error for an end before the start."""
         return UsageError(f'the end ({self.end}) is before the start ({self.start})')

@@ -1,57 +1,50 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options from words: command lines, YAML files and ROS parameters fill the same objects."""
+"""Options of each command, and settings from values by name.
+
+Command lines, YAML files and ROS parameters all fill the same objects.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from ..model.containers import CONTAINER_NAMES
 from ..model.errors import UsageError
-from ..model.streams import Layout
 from .bag import BagOptions
+from .declare import option, options_of, parse_values, values_for
 from .importing import ImportOptions
-from .messages import Images, MapFrame, MarkerColors, MarkerOptions, MessageOptions, Preset
+from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import (
-    parse_bound,
     parse_choice,
-    parse_epoch,
     parse_flag,
-    parse_four_numbers,
     parse_integer,
     parse_number,
     parse_path,
-    parse_place,
-    parse_rounds,
-    parse_seconds_ns,
-    parse_split_size,
     parse_text,
-    parse_texts,
 )
-from .pictures import BirdOptions, ColorBy, ColorMap, PictureOptions
-from .playback import AtEnd, PlaybackOptions, Stamps
+from .pictures import BirdOptions, PictureOptions
+from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-_Parser: TypeAlias = Callable[[str, object], Any]
-
-DEFAULT_READ_AHEAD = 8
-MOST_READ_AHEAD = 1000
+READ_AHEAD = (1, 1000)
 FPS = (0.1, 240.0)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything to-bag can be told.
+    """Settings of to-bag.
 
     Attributes:
-        read, messages, selection, bag: The options objects of each part.
-        storage: As asked for; None leaves it to the output's name.
+        read, messages, selection: The options objects of each part.
+        bag: Returns the options of the bag for a storage.
+        storage: As requested; None is chosen by the output's name.
         strict: Whether to stop at the first loss.
     """
 
@@ -59,292 +52,201 @@ class Settings:
     messages: MessageOptions
     selection: SelectionOptions
     bag: Callable[[str], BagOptions]
-    storage: str | None
-    strict: bool
+    storage: str | None = option(
+        None, CONTAINER_NAMES, parse_text, unset="by OUT's ending, else mcap"
+    )
+    strict: bool = option(False, 'Stop at the first bad file and leave nothing behind', parse_flag)
 
 
 @dataclass(frozen=True)
 class PlaySettings:
-    """Everything the player can be told.
+    """Settings of the player.
 
     Attributes:
         read, messages, selection, playback: The options objects of each part.
-        stamps: Which stamps messages carry.
+        stamps: Stamps of the messages.
         read_ahead: Frames to fetch ahead.
         qos_overrides_path: A rosbag2 QoS override file, or None.
+
+    Raises:
+        UsageError: read_ahead is out of range.
     """
 
     read: ReadOptions
     messages: MessageOptions
     selection: SelectionOptions
     playback: PlaybackOptions
-    stamps: Stamps
-    read_ahead: int
-    qos_overrides_path: Path | None
+    stamps: Stamps = option(
+        Stamps.ORIGINAL,
+        'original (of the recording) or now (the current time, without /clock)',
+        parse_choice(Stamps),
+    )
+    read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=READ_AHEAD)
+    qos_overrides_path: Path | None = option(
+        None,
+        'QoS by topic, a file as ros2 bag play takes it',
+        parse_path,
+        unset='reliable, 10',
+        flags=('--qos-overrides-path', '--qos-profile-overrides-path'),
+    )
+
+    def __post_init__(self) -> None:
+        low, high = READ_AHEAD
+        if not low <= self.read_ahead <= high:
+            raise UsageError(f'read_ahead {self.read_ahead} is not within {low} to {high} frames')
 
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """Everything that drawing can be told.
+    """Settings of drawing.
 
     Attributes:
         read, pictures: The options objects of each part.
         mode: What is drawn.
         frame: The frame of a picture; None is the first.
-        frames: Those of a film or folder, FIRST:LAST[:STEP]; None is all.
+        frames: Frames of a film or folder, FIRST:LAST[:STEP]; None is all.
         predictions: Label files of a detector or tracker.
-        rate_hz: Pictures a second of a film; None is that of the recording.
+        rate_hz: Pictures per second of a film; None is the rate of the recording.
         overwrite: Whether an existing file may be replaced.
+
+    Raises:
+        UsageError: A value is out of range, or excludes another.
     """
 
     read: ReadOptions
     pictures: PictureOptions
-    mode: str
-    frame: int | None
-    frames: str | None
-    predictions: Path | None
-    rate_hz: float | None
-    overwrite: bool
+    mode: str = option('panel', 'camera, boxes, lidar, bev or panel', parse_text)
+    frame: int | None = option(None, 'Frame number of a picture', parse_integer, unset='the first')
+    frames: str | None = option(
+        None,
+        'FIRST:LAST[:STEP] of a film or folder, both included',
+        parse_text,
+        unset='all',
+    )
+    predictions: Path | None = option(
+        None,
+        'Label files of a detector (a folder) or of a tracker (a file)',
+        parse_path,
+        unset='none',
+    )
+    rate_hz: float | None = option(
+        None,
+        'Of a film: pictures per second',
+        parse_number,
+        name='fps',
+        unset="the recording's",
+    )
+    overwrite: bool = option(False, 'Replace an existing file', parse_flag)
+
+    def __post_init__(self) -> None:
+        if self.frame is not None and self.frames is not None:
+            raise UsageError('--frame and --frames exclude each other')
+        low, high = FPS
+        if self.rate_hz is not None and not low <= self.rate_hz <= high:
+            raise UsageError(f'{self.rate_hz:g} pictures a second; expected {low:g} to {high:g}')
+
+
+_MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
+_PLAY_DEFAULTS = {'images': Images.BOTH}
+
+SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
+"""Options of every command that reads a KITTI folder."""
+TO_BAG = (
+    *options_of(ReadOptions),
+    *options_of(SelectionOptions),
+    *(each for each in _MESSAGES if each.name != 'annotated'),
+    *options_of(Settings),
+    *options_of(BagOptions),
+)
+PLAY = tuple(
+    replace(each, default=_PLAY_DEFAULTS.get(each.name, each.default))
+    for each in (
+        *options_of(ReadOptions),
+        *options_of(SelectionOptions),
+        *options_of(PlaybackOptions),
+        *options_of(PlaySettings),
+        *_MESSAGES,
+    )
+)
+TO_KITTI = options_of(ImportOptions)
+VIEW = (
+    *options_of(ViewSettings),
+    *options_of(PictureOptions),
+    *options_of(BirdOptions),
+    *SOURCE,
+)
 
 
 def make_settings(values: Mapping[str, object]) -> Settings:
-    """Settings of to-bag from values by name; None and absent ones take their default.
+    """Make the settings of to-bag from values by name; None is the default.
 
     Raises:
-        UsageError: A name is unknown, or a value cannot be meant.
+        UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = _parse(values, _TO_BAG)
-    bag = _pick(
-        parsed,
-        compression='compression',
-        compression_level='compression_level',
-        split_size='split_size',
-        split_duration_ns='split_duration',
-        overwrite='overwrite',
-    )
+    parsed = parse_values(values, TO_BAG)
+    bag = values_for(BagOptions, parsed)
     return Settings(
-        read=_read_options(parsed),
-        messages=_message_options(parsed),
-        selection=_selection_options(parsed),
+        **_recording(parsed),
         bag=lambda storage: BagOptions(storage=storage, **bag),
-        storage=parsed.get('storage'),
-        strict=parsed.get('strict', False),
+        **values_for(Settings, parsed),
     )
 
 
 def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
-    """Settings of the player from values by name; None and absent ones take their default.
+    """Make the settings of the player from values by name; None is the default.
 
     Raises:
-        UsageError: A name is unknown, or a value cannot be meant.
+        UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = {'images': Images.BOTH, **_parse(values, _PLAY)}
-    playback = _pick(
-        parsed,
-        rate='rate',
-        loop='loop',
-        start_paused='start_paused',
-        delay_ns='delay',
-        clock_hz='clock',
-        step='step',
-        lossless='lossless',
-        wait_for='wait_for',
-        at_end='at_end',
-    )
-    read_ahead = parsed.get('read_ahead', DEFAULT_READ_AHEAD)
-    if not 1 <= read_ahead <= MOST_READ_AHEAD:
-        raise UsageError(f'read_ahead {read_ahead} is not within 1 to {MOST_READ_AHEAD} frames')
+    parsed = {**_PLAY_DEFAULTS, **parse_values(values, PLAY)}
     return PlaySettings(
-        read=_read_options(parsed),
-        messages=_message_options(parsed),
-        selection=_selection_options(parsed),
-        playback=PlaybackOptions(**playback),
-        stamps=parsed.get('stamps', Stamps.ORIGINAL),
-        read_ahead=read_ahead,
-        qos_overrides_path=parsed.get('qos_overrides_path'),
+        **_recording(parsed),
+        playback=PlaybackOptions(**values_for(PlaybackOptions, parsed)),
+        **values_for(PlaySettings, parsed),
     )
 
 
 def make_import_options(values: Mapping[str, object]) -> ImportOptions:
-    """Options of to-kitti from values by name; None and absent ones take their default.
+    """Make the options of to-kitti from values by name; None is the default.
 
     Raises:
-        UsageError: A name is unknown, or a value cannot be meant.
+        UsageError: A name is unknown, or a value is invalid.
     """
-    return ImportOptions(**_parse(values, _TO_KITTI))
+    return ImportOptions(**values_for(ImportOptions, parse_values(values, TO_KITTI)))
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
-    """Settings of view from values by name; None and absent ones take their default.
+    """Make the settings of view from values by name; None is the default.
 
     Raises:
-        UsageError: A name is unknown, or a value cannot be meant.
+        UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = _parse(values, _VIEW)
-    bird = _pick(parsed, pixels_per_metre='resolution')
-    if 'range' in parsed:
-        back, front, right, left = parsed['range']
+    parsed = parse_values(values, VIEW)
+    bird = values_for(BirdOptions, parsed)
+    if 'x_range' in bird:
+        back, front, right, left = bird['x_range']
         bird |= {'x_range': (back, front), 'y_range': (right, left)}
-    fields = ('camera', 'color_by', 'color_map', 'point_size', 'classes')
-    pictures = PictureOptions(
-        **{name: parsed[name] for name in fields if name in parsed}, bird=BirdOptions(**bird)
-    )
-    if parsed.get('frame') is not None and parsed.get('frames') is not None:
-        raise UsageError('--frame and --frames exclude each other')
-    if not FPS[0] <= parsed.get('fps', 1) <= FPS[1]:
-        raise UsageError(f'{parsed["fps"]:g} pictures a second; expected {FPS[0]:g} to {FPS[1]:g}')
     return ViewSettings(
-        read=_read_options(parsed),
-        pictures=pictures,
-        mode=parsed.get('mode', 'panel'),
-        frame=parsed.get('frame'),
-        frames=parsed.get('frames'),
-        predictions=parsed.get('predictions'),
-        rate_hz=parsed.get('fps'),
-        overwrite=parsed.get('overwrite', False),
+        read=ReadOptions(**values_for(ReadOptions, parsed)),
+        pictures=PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird)),
+        **values_for(ViewSettings, parsed),
     )
 
 
-def _parse(values: Mapping[str, object], parsers: Mapping[str, _Parser]) -> dict[str, Any]:
-    unknown = sorted(set(values) - set(parsers))
-    if unknown:
-        raise UsageError(f'there is no option {unknown[0]!r}; known are {", ".join(parsers)}')
-    return {name: parsers[name](name, value) for name, value in values.items() if value is not None}
-
-
-def _pick(parsed: Mapping[str, Any], **fields: str) -> dict[str, Any]:
-    """The fields of an options object, each by the name of its option, where it is given."""
-    return {field: parsed[name] for field, name in fields.items() if name in parsed}
-
-
-def _read_options(parsed: Mapping[str, Any]) -> ReadOptions:
-    fields = _pick(
-        parsed,
-        layout='layout',
-        sequence='sequence',
-        epoch_ns='epoch',
-        semantic='semantic',
-        period_ns='period',
-        scan_stamp='scan_stamp',
-    )
+def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
+    """Return the options objects that to-bag and the player share."""
     if parsed.get('ring_time'):
-        fields.setdefault('scan_stamp', ScanStamp.START)
-    return ReadOptions(**fields)
-
-
-def _message_options(parsed: Mapping[str, Any]) -> MessageOptions:
-    markers = _pick(
-        parsed,
-        colors='marker_colors',
-        alpha='marker_alpha',
-        line_width='marker_line_width',
-        arrow_length='marker_arrow_length',
-        text_height='marker_text_height',
-        lifetime_ns='marker_lifetime',
-        trails='trails',
-        ego='ego_marker',
+        parsed.setdefault('scan_stamp', ScanStamp.START)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    messages = MessageOptions(
+        **values_for(MessageOptions, parsed),
+        semantic=read.semantic,
+        markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
     )
-    fields = _pick(
-        parsed,
-        images='images',
-        preset='preset',
-        map='map',
-        publish_tf='tf',
-        ring_and_time='ring_time',
-        base_to_imu='base_to_imu',
-        semantic='semantic',
-        annotated='annotated',
-    )
-    return MessageOptions(**fields, markers=MarkerOptions(**markers))
+    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
+    return {'read': read, 'messages': messages, 'selection': selection}
 
 
-def _selection_options(parsed: Mapping[str, Any]) -> SelectionOptions:
-    return SelectionOptions(
-        **_pick(parsed, streams='streams', topics='topics', start='start', end='end')
-    )
-
-
-_RECORDING: dict[str, _Parser] = {
-    'layout': parse_choice(Layout),
-    'sequence': parse_text,
-    'epoch': parse_epoch,
-    'period': parse_seconds_ns,
-    'images': parse_choice(Images),
-    'preset': parse_choice(Preset),
-    'map': parse_choice(MapFrame),
-    'tf': parse_flag,
-    'ring_time': parse_flag,
-    'scan_stamp': parse_choice(ScanStamp),
-    'base_to_imu': parse_place,
-    'semantic': parse_flag,
-    'marker_colors': parse_choice(MarkerColors),
-    'trails': parse_flag,
-    'ego_marker': parse_flag,
-    'marker_alpha': parse_number,
-    'marker_line_width': parse_number,
-    'marker_arrow_length': parse_number,
-    'marker_text_height': parse_number,
-    'marker_lifetime': parse_seconds_ns,
-    'streams': parse_texts,
-    'topics': parse_texts,
-    'start': parse_bound,
-    'end': parse_bound,
-}
-
-_TO_BAG: dict[str, _Parser] = {
-    **_RECORDING,
-    'storage': parse_text,
-    'compression': parse_text,
-    'compression_level': parse_integer,
-    'split_size': parse_split_size,
-    'split_duration': parse_seconds_ns,
-    'strict': parse_flag,
-    'overwrite': parse_flag,
-}
-
-_PLAY: dict[str, _Parser] = {
-    **_RECORDING,
-    'annotated': parse_flag,
-    'rate': parse_number,
-    'loop': parse_rounds,
-    'start_paused': parse_flag,
-    'delay': parse_seconds_ns,
-    'clock': parse_number,
-    'step': parse_integer,
-    'lossless': parse_flag,
-    'wait_for': parse_integer,
-    'at_end': parse_choice(AtEnd),
-    'stamps': parse_choice(Stamps),
-    'read_ahead': parse_integer,
-    'qos_overrides_path': parse_path,
-}
-
-_TO_KITTI: dict[str, _Parser] = {
-    'layout': parse_choice(Layout),
-    'name': parse_text,
-    'calib': parse_path,
-    'train_fraction': parse_number,
-    'append': parse_flag,
-}
-
-_VIEW: dict[str, _Parser] = {
-    'layout': parse_choice(Layout),
-    'sequence': parse_text,
-    'mode': parse_text,
-    'frame': parse_integer,
-    'frames': parse_text,
-    'predictions': parse_path,
-    'fps': parse_number,
-    'overwrite': parse_flag,
-    'camera': parse_integer,
-    'color_by': parse_choice(ColorBy),
-    'color_map': parse_choice(ColorMap),
-    'point_size': parse_integer,
-    'classes': parse_texts,
-    'range': parse_four_numbers,
-    'resolution': parse_number,
-}
-
-TO_BAG_OPTIONS = tuple(_TO_BAG)
-PLAY_OPTIONS = tuple(_PLAY)
-"""The names that make_settings and make_play_settings know."""
+TO_BAG_OPTIONS = tuple(each.name for each in TO_BAG)
+PLAY_OPTIONS = tuple(each.name for each in PLAY)
+"""Names that make_settings and make_play_settings accept."""

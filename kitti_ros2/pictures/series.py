@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
     Attributes:
         number: The frame number.
         picture: (H, W, 3) uint8 BGR.
-        missing: Missing data of the frame: name to the reason, one line; {} stands for frame numbers.
+        missing: Missing data of the frame: name to the reason, one line; {} stands for numbers.
         kinds: The classes of its objects and predictions, drawn or not.
     """
 

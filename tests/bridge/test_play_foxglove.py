@@ -108,10 +108,10 @@ def test_a_port_that_is_taken(play):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['play', '--foxglove'], 'there is nothing to play'),
+        (['play', '--foxglove'], 'no source'),
         (['play', '/nowhere', '--foxglove'], '/nowhere: no such file or folder'),
-        (['play', '{raw}', '--foxglove', '65536'], '65536 is no port'),
-        (['play', '{raw}', '--foxglove=-1'], '-1 is no port'),
+        (['play', '{raw}', '--foxglove', '65536'], 'invalid port 65536'),
+        (['play', '{raw}', '--foxglove=-1'], 'invalid port -1'),
         (['play', '{raw}', '--foxglove', '--rate', '101'], 'rate 101 is not within'),
         (['play', '{raw}', '--foxglove', '--stamps', 'now'], '--stamps now does not go with'),
         (['play', '{raw}', '--foxglove', '--lossless'], '--lossless does not go with'),

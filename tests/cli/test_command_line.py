@@ -56,7 +56,7 @@ def test_losses_are_named_and_the_exit_code_says_so(drive, tmp_path, capsys):
     assert main(['to-bag', str(drive), str(tmp_path / 'o.mcap'), '-q']) == 1
     said = capsys.readouterr().err
     assert '0000000001.bin: 5 bytes, cut inside a point; expected a multiple of 16 bytes' in said
-    assert '2 skipped in all, as named above; exit code 1' in said
+    assert '2 skipped in all, listed above; exit code 1' in said
     assert (tmp_path / 'o.mcap').is_file()
 
 
@@ -83,7 +83,7 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'], 'raw or object or odometry'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
         (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none or lz4 or bz2'),
-        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "'noon' is no start or end"),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "invalid start or end 'noon'"),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '900'], 'takes no sample'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--split-size', 'much'], 'a size such as 2GB'),
         (
@@ -342,8 +342,8 @@ def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_pat
     ('text', 'said'),
     [
         ('imges: raw', "unknown option 'imges'"),
-        ('- a\n- b', 'no mapping'),
-        ('a: [1,\nb: 2', ':2: no YAML'),
+        ('- a\n- b', 'not a mapping'),
+        ('a: [1,\nb: 2', ':2: invalid YAML'),
         ('images: 3', "compressed or raw or both, not '3'"),
         ('tf: maybe', 'true or false'),
     ],

@@ -254,7 +254,7 @@ def test_a_class_that_is_not_there_is_told(recordings, tmp_path, capsys):
     words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out.png')]
     assert main([*words, '--classes', 'Car', '--classes', 'car']) == 0
     said = capsys.readouterr().out
-    assert 'note: no object of class car in what was asked for; there are Car' in said
+    assert 'note: no object of class car in the requested frames; found: Car' in said
     assert 'class Car' not in said
 
 

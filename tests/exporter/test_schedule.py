@@ -111,5 +111,5 @@ def test_bounds_from_text(text, bound):
 
 @pytest.mark.parametrize('text', ['', 'x', '-1', '1.5', 's', 'yesterday'])
 def test_what_is_no_bound(text):
-    with pytest.raises(UsageError, match='no start or end'):
+    with pytest.raises(UsageError, match='invalid start or end'):
         Bound.parse(text)

@@ -113,7 +113,7 @@ def test_what_is_lost_is_named_and_the_exit_code_says_so(tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out == ''
     assert 'skipped /cam/left/image_raw (1): /cam/left/image_raw at' in said.err
-    assert '1 skipped in all, as named above; exit code 1' in said.err
+    assert '1 skipped in all, listed above; exit code 1' in said.err
 
 
 def test_an_append_says_what_it_did_about_one_that_was_interrupted(bag, tmp_path, capsys):

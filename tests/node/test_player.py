@@ -224,7 +224,7 @@ def test_rate(player, listen, recordings, rate):
         ('step', -1, 'step'),
         ('loop', -1, 'loop'),
         ('position', 99, 'there is no frame 99; there are 0 to 4'),
-        ('position', '"soon"', 'is no start or end'),
+        ('position', '"soon"', 'invalid start or end'),
         ('source', '"/nowhere"', '/nowhere: no such file or folder'),
         ('layout', '"round"', 'layout takes raw or object'),
         ('clock', 10.0, 'read-only'),

@@ -146,7 +146,7 @@ def test_a_message_that_is_lost_is_named(made, back, topic, said_of):
     assert code == 1
     assert len(said) == 2
     assert said_of in said[0]
-    assert said[1] == 'kitti-ros2: 1 skipped in all, as named above; exit code 1'
+    assert said[1] == 'kitti-ros2: 1 skipped in all, listed above; exit code 1'
     assert len(true) - len(files) == 1
 
 
@@ -480,7 +480,7 @@ def test_what_the_first_pass_could_not_decode_is_named(topic, place, back, tmp_p
     code, said, _ = back(rewrite(bag, change), '--layout', 'raw')
     assert code == 1
     assert said[0].startswith(f'skipped {topic} (1): {topic}')
-    assert said[1] == 'kitti-ros2: 1 skipped in all, as named above; exit code 1'
+    assert said[1] == 'kitti-ros2: 1 skipped in all, listed above; exit code 1'
 
 
 MUST = {

@@ -309,7 +309,7 @@ def test_lines_of_frames_that_would_escape_are_named_and_nothing_else_is_lost(
     first, last = capsys.readouterr().err.splitlines()
     assert first.startswith('skipped /kitti/source/labels (5): ')
     assert "names a file '../../evil', which is no labels file of training" in first
-    assert last == 'kitti-ros2: 5 skipped in all, as named above; exit code 1'
+    assert last == 'kitti-ros2: 5 skipped in all, listed above; exit code 1'
     made = files_of(tmp_path / 'a')
     true = {f'b/out/{name}': data for name, data in files_of(source).items()}
     assert made == {name: data for name, data in true.items() if 'label_2' not in name}

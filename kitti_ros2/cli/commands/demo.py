@@ -16,14 +16,16 @@ def demo(
         'kitti_ros2_demo'
     ),
     layout: Annotated[str, typer.Option(help=LAYOUT_NAMES)] = 'raw',
-    frames: Annotated[int, typer.Option(help='How many frames to make.')] = 20,
+    frames: Annotated[int, typer.Option(help='Number of frames.')] = 20,
     seed: Annotated[
-        int, typer.Option(help='Which street; the same seed gives the same bytes.')
+        int, typer.Option(help='Seed of the street; the same seed gives the same bytes.')
     ] = 0,
-    overwrite: Annotated[bool, typer.Option('--overwrite', help='Make it again.')] = False,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace an existing demo.')
+    ] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Make a synthetic KITTI recording, write it to MCAP, and say what is in it."""
+    """Write a synthetic KITTI recording, convert it to MCAP, and summarize it."""
     from ..demo import run_demo
 
     return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)

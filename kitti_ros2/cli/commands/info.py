@@ -7,16 +7,16 @@ from typing import Annotated
 
 import typer
 
-from .shared import LayoutOption, SequenceOption
+from .declared import chosen, takes
 
 
+@takes('SOURCE')
 def info(
     path: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
-    layout: LayoutOption = None,
-    sequence: SequenceOption = None,
     json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
+    **given: object,
 ) -> int:
-    """Say what is in a KITTI folder or a bag: streams, counts, rates, gaps, calibration."""
+    """Summarize a KITTI folder or a bag: streams, counts, rates, gaps, calibration."""
     from ..info import run_info
 
-    return run_info(path, layout, sequence, json=json)
+    return run_info(path, chosen(given), json=json)

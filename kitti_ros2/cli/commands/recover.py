@@ -12,17 +12,18 @@ from .shared import QuietOption
 
 
 def recover(
-    bag: Annotated[Path, typer.Argument(help='A bag that was cut off or damaged.')],
-    out: Annotated[Path, typer.Argument(help='The sound bag, as OUT of to-bag.')],
+    bag: Annotated[Path, typer.Argument(help='A truncated or damaged bag.')],
+    out: Annotated[Path, typer.Argument(help='The repaired bag, named like OUT of to-bag.')],
     storage: Annotated[
-        Optional[str], typer.Option(help=f"{CONTAINER_NAMES} [default: by OUT, or BAG's own]")
+        Optional[str],
+        typer.Option(help=f'{CONTAINER_NAMES} [default: by OUT, else that of BAG]'),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='Replace an existing bag.')
     ] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Write a sound bag from a damaged one; each loss is named."""
+    """Repair a truncated or damaged bag; each loss is listed."""
     from ..recover import run_recover
 
     return run_recover(bag, out, storage, overwrite=overwrite, quiet=quiet)

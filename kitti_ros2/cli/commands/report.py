@@ -7,26 +7,26 @@ from typing import Annotated
 
 import typer
 
-from .shared import LayoutOption, QuietOption, SequenceOption
+from .declared import chosen, takes
+from .shared import QuietOption
 
 
+@takes('SOURCE')
 def report(
     src: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
-    out: Annotated[Path, typer.Option('--out', '-o', help='The page to make.')] = Path(
+    out: Annotated[Path, typer.Option('--out', '-o', help='The page to write.')] = Path(
         'report.html'
     ),
-    layout: LayoutOption = None,
-    sequence: SequenceOption = None,
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='Replace an existing page.')
     ] = False,
     quiet: QuietOption = False,
+    **given: object,
 ) -> int:
-    """Write a page that tells a KITTI folder or a bag: one HTML file, nothing else needed.
+    """Write a report on a KITTI folder or a bag: one self-contained HTML file.
 
     Findings, frames in pictures, streams with gaps and jitter, route, objects, calibration.
     """
     from ..report import run_report
 
-    given = {'layout': layout, 'sequence': sequence}
-    return run_report(src, out, given, overwrite=overwrite, quiet=quiet)
+    return run_report(src, out, chosen(given), overwrite=overwrite, quiet=quiet)

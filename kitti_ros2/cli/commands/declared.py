@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options of commands from their declarations in options/."""
+
+from __future__ import annotations
+
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from ...options.declare import Option
+
+Command = TypeVar('Command', bound='Callable[..., int]')
+
+_TABLES: dict[str, tuple[str, frozenset[str], list[Parameter]]] = {}
+"""By name of a function: its table in options/table.py, the options left out, its parameters."""
+
+
+def takes(table: str, *, but: tuple[str, ...] = ()) -> Callable[[Command], Command]:
+    """Mark a command whose **given are the options of a table in options/table.py.
+
+    Args:
+        table: Name of the table.
+        but: Options that the command declares itself.
+    """
+
+    def mark(command: Command) -> Command:
+        own = [
+            each.replace(kind=Parameter.KEYWORD_ONLY)
+            for each in signature(command).parameters.values()
+            if each.kind is not Parameter.VAR_KEYWORD
+        ]
+        _TABLES[command.__name__] = table, frozenset(but), own
+        return _with_parameters(command, own)
+
+    return mark
+
+
+def add_options(command: Callable[..., int]) -> None:
+    """Add the options of its table to the signature of a command, for typer to read.
+
+    Only the command that runs needs them: `kitti-ros2 --help` does not import options/.
+    """
+    if command.__name__ not in _TABLES:
+        return
+    from ...options import table
+
+    name, excluded, own = _TABLES[command.__name__]
+    declared = [_parameter(each) for each in getattr(table, name) if each.name not in excluded]
+    _with_parameters(command, [*own, *declared])
+
+
+def _with_parameters(command: Command, parameters: list[Parameter]) -> Command:
+    command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return command
+
+
+def chosen(given: Mapping[str, object]) -> dict[str, object]:
+    """Return the options that are given: those that are neither None nor an empty list."""
+    return {name: value for name, value in given.items() if value is not None and value != []}
+
+
+def _parameter(option: Option) -> Parameter:
+    described = typer.Option(*_spellings(option), help=_help(option))
+    kind: Any = Annotated[_kind(option), described]
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+
+
+def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
+    from ...options import parsers
+
+    kinds: dict[Any, Any] = {
+        parsers.parse_flag: Optional[bool],
+        parsers.parse_integer: Optional[int],
+        parsers.parse_number: Optional[float],
+        parsers.parse_path: Optional[Path],
+        parsers.parse_texts: Optional[list[str]],
+    }
+    return kinds.get(option.parse, Optional[str])
+
+
+def _spellings(option: Option) -> tuple[str, ...]:
+    from ...options.parsers import parse_flag
+
+    if any(flag.startswith('--') for flag in option.flags):
+        return option.flags
+    dashed = option.name.replace('_', '-')
+    no = f'/--no-{dashed}' if option.parse is parse_flag else ''
+    return (f'--{dashed}{no}', *option.flags)
+
+
+def _help(option: Option) -> str:
+    return option.meaning + (
+        '' if option.default is False else f' [default: {option.default_text}]'
+    )

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Declaration of an option, once, on the field of the options object that it fills.
+
+The command line, YAML files, ROS parameters and README's tables take it from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import Any, TypeAlias
+
+from ..model.errors import UsageError
+from ..model.stamps import NS_PER_S
+from .parsers import parse_seconds_ns
+
+Parser: TypeAlias = Callable[[str, object], Any]
+
+_METADATA = 'option'
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option.
+
+    Attributes:
+        field: Name of the field that it fills.
+        default: Default of the field.
+        meaning: One line of help, without the default.
+        parse: Parser of a value; see parsers.py.
+        name: Name in YAML and ROS; the command line has dashes for underscores.
+        unset: What applies without it, where that is no single value.
+        bounds: Lowest and highest value of the ROS parameter.
+        flags: Further spellings on the command line; one with two dashes replaces --name.
+        live: Whether the ROS parameter may change while the node runs.
+        any_type: Whether the ROS parameter takes values of other types, such as 12 for '12'.
+    """
+
+    field: str
+    default: Any
+    meaning: str
+    parse: Parser
+    name: str
+    unset: str = ''
+    bounds: tuple[float, float] | None = None
+    flags: tuple[str, ...] = ()
+    live: bool = False
+    any_type: bool = False
+
+    def plain(self, value: Any) -> Any:  # noqa: ANN401 - of the type that the option has
+        """Return a field's value as users write it: seconds for ns, a word for a choice."""
+        if self.parse is parse_seconds_ns and value is not None:
+            return value / NS_PER_S
+        return value.value if isinstance(value, Enum) else value
+
+    @property
+    def default_text(self) -> str:
+        """Readable text of the default."""
+        value = self.plain(self.default)
+        if self.unset:
+            return self.unset
+        if isinstance(value, bool):
+            return 'on' if value else 'off'
+        return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def option(default: object, meaning: str, parse: Parser, **metadata: Any) -> Any:  # noqa: ANN401
+    """Return a dataclass field that is an option; the rest are attributes of Option."""
+    return field(
+        default=default, metadata={_METADATA: {'meaning': meaning, 'parse': parse, **metadata}}
+    )
+
+
+def options_of(kind: type) -> tuple[Option, ...]:
+    """Return the options that are declared on the fields of a dataclass, in their order."""
+    return tuple(
+        Option(
+            field=each.name, default=each.default, **{'name': each.name} | each.metadata[_METADATA]
+        )
+        for each in fields(kind)
+        if _METADATA in each.metadata
+    )
+
+
+def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by field of a dataclass, from values by name of option."""
+    return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
+
+
+def parse_values(values: Mapping[str, object], options: tuple[Option, ...]) -> dict[str, Any]:
+    """Parse values by name; None is not given.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsers = {each.name: each.parse for each in options}
+    unknown = sorted(set(values) - set(parsers))
+    if unknown:
+        raise UsageError(f'unknown option {unknown[0]!r}; known are {", ".join(parsers)}')
+    return {name: parsers[name](name, value) for name, value in values.items() if value is not None}
