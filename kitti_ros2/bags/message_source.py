@@ -282,7 +282,7 @@ class BagMessages:
             for msgtype in sorted(lacking)
         }
         if self._as_stored:
-            self.typestore = definitions.in_own_words(self.typestore)
+            self.typestore = definitions.with_original_texts(self.typestore)
             for reason in reasons.values():
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
