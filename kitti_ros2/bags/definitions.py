@@ -63,12 +63,12 @@ class Definitions:
     def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
         """Return the store of all types, and the names of undefined types."""
         types = dict(self._types)
-        lacking = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
+        undefined = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
         store = get_typestore(Stores.EMPTY)
         store.register(
             {name: definition for name, definition in types.items() if name not in store.fielddefs}
         )
-        return store, lacking
+        return store, undefined
 
     def with_original_texts(self, typestore: Typestore) -> Typestore:
         """Return a store whose definition texts are those of the bags, if they are of ROS 2."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read any bags: what is in them at a glance, and their messages in time order."""
+"""Readers of bags of any container: summaries, and messages in time order."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ Bags: TypeAlias = Path | Sequence[Path]
 
 
 def summarize_bag(paths: Bags) -> BagSummary:
-    """Topics, counts, times, rates and gaps of a bag, from its index where it has one.
+    """Summarize topics, counts, times, rates and gaps of bags, from their index if they have one.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     bags = _locate(paths)
     index = index_bag(paths)
@@ -52,11 +52,11 @@ def summarize_bag(paths: Bags) -> BagSummary:
 
 
 def index_bag(paths: Bags) -> BagIndex:
-    """The stamps of a bag's messages, and what is wrong with it.
+    """Return the stamps of the messages of bags, and warnings about damage.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     bags = _locate(paths)
     index = BagIndex()
@@ -72,27 +72,27 @@ def index_bag(paths: Bags) -> BagIndex:
 
 
 def bag_stamps(paths: Bags) -> dict[str, Int64Array]:
-    """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
+    """Return by topic the log times of its messages, (N,) int64 nanoseconds, ascending.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     return index_bag(paths).by_topic()
 
 
 def open_messages(paths: Bags, topics: Collection[str] | None = None) -> BagMessages:
-    """Open bags to read their messages; a context manager, and then an iterable.
+    """Open bags to read their messages; the result is a context manager, and an iterable.
 
     Args:
-        paths: What to read; the messages of several are merged by time.
+        paths: The bags to read; the messages of several are merged by time.
         topics: The topics to read; all of them by default.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all; bags disagree about a
-            topic's type; or a topic was asked for whose type has no definition, or two.
+            topic's type; or the type of a requested topic has no definition, or two.
         UsageError: A path is given twice.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     return BagMessages(_locate(paths), topics)
 
