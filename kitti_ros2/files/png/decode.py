@@ -64,7 +64,7 @@ def inflated(png: bytes) -> bytes:
         # A few bytes can inflate to all of the memory.
         most = _most_bytes(png)
         raw = inflater.decompress(b''.join(parts), most)
-    except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, whatever its stub says
+    except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, unlike in its stub
         return png
     if not inflater.eof:
         if len(raw) < most:

@@ -98,7 +98,7 @@ def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
     isal's compression of a stream's first bytes hashes the third of them from a register that it
     did not set (tmp2 in igzip_icf_body_h1_gr_bt.asm, after .write_first_byte): it holds an address
     on the thread's stack, and now and then other matches are found. A start of at most 16 bytes,
-    flushed on its own, goes another way (igzip_icf_finish.asm), after which nothing is first.
+    flushed on its own, takes another path (igzip_icf_finish.asm), and no later byte is a first.
     """
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
