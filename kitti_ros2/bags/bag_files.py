@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag opened for reading, whatever their storage, unpacked where they are packed."""
+"""The files of a bag opened for reading, of any container, decompressed if rosbag2 packed them."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 
 def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
-    """Open the files of a bag; one of several that cannot be read is entered as lost.
+    """Open the files of a bag; if some of several cannot be read, they are entered as losses.
 
     Args:
-        bag: What to open.
-        findings: What is damaged is entered there.
-        stack: Closes them.
+        bag: The bag to open.
+        findings: Damage is entered there.
+        stack: Closes the files.
 
     Raises:
-        BadBagError: None can be read.
-        OSError: One cannot be opened.
+        BadBagError: No file can be read.
+        OSError: A file cannot be opened.
     """
     for loss in bag.losses:
         findings.lose(loss)
@@ -160,11 +160,13 @@ def path_of(bag: BagSource) -> Path:
 
 
 def _unpacked(path: Path, stack: ExitStack) -> Path:
-    """The file itself, or what is in it if rosbag2 compressed it as a whole, as far as it goes.
+    """Return the file itself, or a decompressed copy if rosbag2 compressed it as a whole.
+
+    A truncated file is decompressed up to its end.
 
     Raises:
-        BadBagError: It is a pipe or a device.
-        OSError: It cannot be read, or there is no room for what is in it.
+        BadBagError: The path is a pipe or a device.
+        OSError: The file cannot be read, or the disk has no room for the copy.
     """
     if not path.is_file():
         raise BadBagError(path, 'is no regular file')

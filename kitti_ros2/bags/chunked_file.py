@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What files of chunks have in common: MCAP and ROS 1, with an index at the end or without."""
+"""The common part of MCAP and ROS 1 files: chunks, with or without an index at the end."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 
 class ChunkedFile(ABC):
-    """A BagFile of chunks.
+    """A BagFile that consists of chunks.
 
     Args:
         file: The bytes.
-        findings: What is damaged is entered there.
+        findings: Damage is entered there.
         channels: By id.
         pieces: Chunks, and runs of records outside of chunks.
-        stamps: Nanoseconds by channel id, from a pass over the file; None with an index.
-        compressions: Names of those met so far.
+        stamps: Nanoseconds by channel id, from a scan of the file; None with an index.
+        compressions: Names of those found so far.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class ChunkedFile(ABC):
         self.compressions = compressions
 
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
-        """The messages of some channels in a piece from a stamp on, in time order."""
+        """Return the messages of some channels in a piece from a stamp on, in time order."""
         data = self._file.read(piece.position, piece.length)
         end = piece.position + len(data)
         try:
@@ -71,25 +71,25 @@ class ChunkedFile(ABC):
                 for message in self._salvaged(piece.position, data, cost)
                 if message[1] in wanted and message[0] >= since_ns
             ]
-        found.sort(key=itemgetter(0))  # next to nothing where it is sorted already
+        found.sort(key=itemgetter(0))  # costs little if it is sorted already
         return iter(found)
 
     def _compare(
         self, piece: Piece, wanted: Collection[int], found: Sequence[StoredMessage]
     ) -> None:
-        """Tell where a piece holds other messages than its index tells: one is damaged."""
-        told = {key: count for key, count in piece.counts.items() if count and key in wanted}
+        """Enter a loss if a piece and its index list different messages: one of them is damaged."""
+        listed = {key: count for key, count in piece.counts.items() if count and key in wanted}
         there = Counter(map(itemgetter(1), found))
         stamps = [message[0] for message in found]
         early = min(stamps, default=piece.start_ns) < piece.start_ns
         late = max(stamps, default=piece.end_ns) > piece.end_ns
-        if told != there or early or late:
-            lost = sum((Counter(told) - there).values())
+        if listed != there or early or late:
+            lost = sum((Counter(listed) - there).values())
             place = f'{self._file.name}: the chunk at byte {piece.position}'
             self._findings.lose(f'{place} holds other messages than its index tells', lost)
 
     def index(self) -> BagIndex:
-        """The stamps of all messages, by topic and type."""
+        """Return the stamps of all messages, by topic and type."""
         index = BagIndex()
         for channel in self.channels.values():
             index.add((channel.topic, channel.msgtype), [])
@@ -107,11 +107,11 @@ class ChunkedFile(ABC):
         return other
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
     def _all_stamps(self) -> list[tuple[int, npt.ArrayLike]]:
-        """The stamps by channel as the file indexes them; by a pass where that is damaged."""
+        """Return the stamps by channel from the file's index, or from a scan if that is damaged."""
         found: list[tuple[int, npt.ArrayLike]] = []
         if self._stamps is not None:
             return list(self._stamps.items())
@@ -129,24 +129,24 @@ class ChunkedFile(ABC):
     def _messages(
         self, data: bytes, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], bool]:
-        """The messages of a piece, and whether it is sound.
+        """Return the messages of a piece, and whether it is undamaged.
 
         Raises:
-            ValueError: It is damaged.
+            ValueError: The piece is damaged.
         """
 
     @abstractmethod
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
-        """What can be had of a damaged piece, in the order of the file; the rest is told."""
+        """Yield the recoverable messages of a damaged piece in file order; enter the losses."""
 
     @abstractmethod
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
-        """The stamps of a piece by channel id, from its index.
+        """Return the stamps of a piece by channel id, from its index.
 
         Raises:
-            ValueError: That is damaged.
+            ValueError: The index is damaged.
         """
 
     @abstractmethod
     def _scanned(self) -> Mapping[int, array[int]]:
-        """The stamps by channel id, from a pass over the file."""
+        """Return the stamps by channel id, from a scan of the file."""

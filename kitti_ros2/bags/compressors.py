@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The compressions that bags know, as functions that any thread may call."""
+"""The compressions of bags, as thread-safe functions."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 _ZSTD_LEVEL = 3
 _LZ4_LEVEL = 0
 
-POOL_AHEAD = 2  # few, for each chunk that waits takes megabytes
+POOL_AHEAD = 2  # few, because each pending chunk takes megabytes
 
 
 def compressor(name: str, level: int | None) -> Callable[[bytes], bytes]:
-    """The function that compresses a block.
+    """Return the function that compresses a block.
 
     Args:
         name: zstd or lz4 (frame format).
-        level: The effort, None for the compressor's own default.
+        level: The compression level, None for the compressor's own default.
     """
     if name == 'zstd':
         return partial(_zstd, _ZSTD_LEVEL if level is None else level)
@@ -31,9 +31,9 @@ def compressor(name: str, level: int | None) -> Callable[[bytes], bytes]:
 
 
 def ros1_lz4(data: bytes) -> bytes:
-    """An lz4 frame that ROS 1 reads.
+    """Compress to an lz4 frame that ROS 1 reads.
 
-    roslz4, the reader of rosbag, refuses a frame unless its blocks are independent, its content
+    roslz4, the reader of rosbag, rejects a frame unless its blocks are independent, its content
     has a checksum, and its header names no content size. ROS 1 writes blocks of 1 MiB.
 
     Source: ros_comm, utilities/roslz4/src/lz4s.c, processHeader.
@@ -54,5 +54,5 @@ def ros1_lz4(data: bytes) -> bytes:
 def _zstd(level: int, data: bytes) -> bytes:
     import zstandard  # noqa: PLC0415 - most bags are not compressed
 
-    # A compressor is not to be shared between threads, and cheap to make.
+    # A compressor is not thread-safe, and cheap to create.
     return zstandard.ZstdCompressor(level=level).compress(data)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the rest of the package sees of a bag being written, and what a storage must offer."""
+"""The data of bags being written, and the interface that the writer of a container implements."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .pieces import SourceChannel
 
 Parts: TypeAlias = Sequence[bytes | memoryview]
-"""One CDR message (encapsulation header included) as buffers to be laid end to end, so that a bulk
+"""One CDR message (encapsulation header included) as buffers to be concatenated, so that a bulk
 payload is never copied. A memoryview is flat bytes (format 'B'); no buffer may change afterwards.
 """
 
@@ -29,10 +29,10 @@ class Channel:
     Attributes:
         topic: Full topic name.
         msgtype: ROS 2 type name, such as sensor_msgs/msg/Imu.
-        latched: Whether late subscribers get the last messages: QoS transient local.
+        latched: Whether late subscribers receive the last messages: QoS transient local.
         depth: History depth of the offered QoS (keep last).
         reliable: Whether the offered QoS is reliable.
-        source: The channel of another bag whose messages are copied as they are stored there.
+        source: The channel of another bag whose messages are copied in their stored form.
     """
 
     topic: str
@@ -45,11 +45,11 @@ class Channel:
 
 @dataclass
 class Tally:
-    """Messages counted: of a whole bag, or of one of its files.
+    """Message counts of a whole bag, or of one of its files.
 
     Attributes:
         counts: Messages by channel id.
-        start_ns, end_ns: Least and greatest stamp; meaningless while empty.
+        start_ns, end_ns: Least and greatest stamp; undefined without messages.
     """
 
     counts: list[int] = field(default_factory=list)
@@ -58,7 +58,7 @@ class Tally:
 
     @property
     def total(self) -> int:
-        """All messages."""
+        """Number of all messages."""
         return sum(self.counts)
 
     @property
@@ -69,12 +69,12 @@ class Tally:
 
 @dataclass(frozen=True)
 class SegmentContext:
-    """What the writer of one file is given.
+    """Arguments of the writer of one file.
 
     Attributes:
         options: Storage, compression and level.
-        typestore: Knows the definition of every channel's type.
-        source_metadata: Where the data came from, kept in the file where the storage can.
+        typestore: Contains the definition of every channel's type.
+        source_metadata: Origin of the data, stored in the file if the container supports that.
     """
 
     options: BagOptions
@@ -83,10 +83,10 @@ class SegmentContext:
 
 
 class SegmentWriter(Protocol):
-    """The writer of one file of one storage, free to raise OSError and its library's errors."""
+    """The writer of one file of a container; it may raise OSError and Storage.write_errors."""
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
-        """Declare a channel under an id that the bag chose (0, 1, 2, ...)."""
+        """Declare a channel under an id of the bag (0, 1, 2, ...)."""
         ...
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
@@ -94,7 +94,7 @@ class SegmentWriter(Protocol):
         ...
 
     def close(self, information: str) -> None:
-        """Complete the file; information is the bag's metadata as YAML, where it is kept."""
+        """Complete the file; information is the bag's metadata as YAML, empty outside rosbag2."""
         ...
 
     def abort(self) -> None:

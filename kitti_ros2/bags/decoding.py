@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of bags -> objects, by the definitions that the bags bring."""
+"""Decoding of messages by the definitions in their bags."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Decoder:
-    """Decodes messages whose types have the fields that are read of them.
+    """A decoder of messages whose types have all the fields that are read.
 
     Args:
         typestore: The types as the bags define them.
@@ -22,23 +22,23 @@ class Decoder:
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore
-        self._lacking: dict[str, str] = {}
+        self._missing: dict[str, str] = {}
 
     def __call__(self, message: BagMessage) -> Any:  # noqa: ANN401 - of the bag's types
-        """The object that a message is.
+        """Decode a message to an object.
 
         Raises:
-            ValueError: It cannot be decoded, or its type lacks a field.
+            ValueError: The message cannot be decoded, or a field is missing in its type.
         """
         msgtype = message.msgtype
-        if msgtype not in self._lacking:
-            self._lacking[msgtype] = lacking_field(self._typestore, msgtype)
-        if self._lacking[msgtype]:
+        if msgtype not in self._missing:
+            self._missing[msgtype] = lacking_field(self._typestore, msgtype)
+        if self._missing[msgtype]:
             raise ValueError(
-                f'cannot be decoded (the bag defines {msgtype} without {self._lacking[msgtype]},'
+                f'cannot be decoded (the bag defines {msgtype} without {self._missing[msgtype]},'
                 f' or as another kind of value)'
             )
         try:
             return self._typestore.deserialize_cdr(message.data, msgtype)
-        except Exception as error:  # generated code lets anything out
+        except Exception as error:  # generated code may raise anything
             raise ValueError(f'cannot be decoded ({error})') from error

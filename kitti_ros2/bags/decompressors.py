@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The compressions that bags know, undone: whole blocks, and the beginning of one that is cut."""
+"""Decompression of whole blocks, files and messages, and of the beginning of truncated ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 ZSTD_MAGIC = b'(\xb5/\xfd'
-# What their libraries let out: lz4 raises RuntimeError, bz2 OSError; a damaged size is too large.
+# Raised by the libraries: lz4 raises RuntimeError, bz2 OSError; a damaged size is too large.
 _ERRORS = (
     zstandard.ZstdError,
     RuntimeError,
@@ -32,7 +32,7 @@ _ERRORS = (
     OverflowError,
 )
 _STEP = 2**16
-_STEP_IN = 2**14  # what is decompressed of a step is lost where the step is damaged
+_STEP_IN = 2**14  # damage costs the data of its whole step
 
 _BLOCKS: dict[str, Callable[[Buffer, int], bytes]] = {
     'zstd': lambda data, size: zstandard.ZstdDecompressor().decompress(data, max_output_size=size),
@@ -48,15 +48,15 @@ UNCOMPRESSED = ('', 'none')
 
 
 def decompress(name: str, data: Buffer, size: int) -> Buffer:
-    """A whole block.
+    """Decompress a whole block.
 
     Args:
-        name: zstd, lz4 (frame format), bz2; empty or none for what is not compressed.
+        name: zstd, lz4 (frame format), bz2; empty or none for uncompressed data.
         data: The block.
-        size: Its bytes before compression.
+        size: Of the data before compression, in bytes.
 
     Raises:
-        ValueError: It is damaged, or the compression is unknown.
+        ValueError: The block is damaged, or the compression is unknown.
     """
     if name not in UNCOMPRESSED:
         if name not in _BLOCKS:
@@ -71,14 +71,14 @@ def decompress(name: str, data: Buffer, size: int) -> Buffer:
 
 
 def decompress_beginning(name: str, data: Buffer) -> Buffer:
-    """As much of a block that was cut off as can be had."""
+    """Decompress as much as possible of a truncated block."""
     if name in UNCOMPRESSED:
         return data
     return b''.join(decompress_stream(name, _slices(data))) if name in _STREAMS else b''
 
 
 def decompress_stream(name: str, slices: Iterator[Buffer]) -> Iterator[bytes]:
-    """What slices of a block hold, one after the other, up to where it is damaged or cut."""
+    """Decompress the slices of a block one after the other, up to the first damage."""
     stream = _STREAMS[name]()
     for piece in slices:
         try:
@@ -89,7 +89,7 @@ def decompress_stream(name: str, slices: Iterator[Buffer]) -> Iterator[bytes]:
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:
-    """What a file that was compressed by zstd holds, in small blocks, up to where it is damaged."""
+    """Decompress a zstd file in small blocks, up to the first damage."""
     blocks = zstandard.ZstdDecompressor().read_to_iter(source, _STEP_IN, _STEP)
     while True:
         try:
@@ -102,10 +102,10 @@ def decompress_file(source: BinaryIO) -> Iterator[bytes]:
 
 
 def decompress_message(data: Buffer) -> bytes:
-    """A message that rosbag2 compressed by itself.
+    """Decompress a message of rosbag2's message mode.
 
     Raises:
-        ValueError: It is damaged.
+        ValueError: The message is damaged.
     """
     stream = zstandard.ZstdDecompressor().decompressobj()
     try:

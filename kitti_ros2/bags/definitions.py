@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The message types of bags as the bags themselves define them, in one typestore."""
+"""One typestore of the message types as the bags define them."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _IDL_DIVIDER = '=' * 80 + '\n'
 
 
 class Definitions:
-    """The types of channels, gathered from bag after bag.
+    """The types of channels, collected from all bags.
 
-    A definition that differs from an earlier one of the same bag is told and not used; a channel
-    whose types another bag defines otherwise cannot be read along with that bag. Types that no bag
-    defines are those of ROS 2 Jazzy.
+    A definition that differs from an earlier one of the same bag is noted and ignored; a channel
+    whose types another bag defines differently cannot be read together with that bag. Types that no
+    bag defines are those of ROS 2 Jazzy.
     """
 
     def __init__(self, findings: Findings) -> None:
@@ -48,10 +48,10 @@ class Definitions:
         self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
 
     def add(self, bag: Path, file: Path, channel: SourceChannel) -> str:
-        """Enter what a channel of a bag's file brings.
+        """Enter the definition of a channel.
 
         Returns:
-            Why its messages cannot be read along with those of other bags, empty if they can.
+            Why its messages cannot be read together with those of other bags, empty if they can.
         """
         key = (channel.msgtype, channel.definition, channel.definition_encoding)
         if not channel.definition.strip():
@@ -61,29 +61,29 @@ class Definitions:
         return self._seen[bag, key]
 
     def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
-        """The store of everything, and those types that nobody defines."""
+        """Return the store of all types, and the names of undefined types."""
         types = dict(self._types)
-        lacking = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
+        undefined = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
         store = get_typestore(Stores.EMPTY)
         store.register(
             {name: definition for name, definition in types.items() if name not in store.fielddefs}
         )
-        return store, lacking
+        return store, undefined
 
-    def in_own_words(self, typestore: Typestore) -> Typestore:
-        """A store that gives the text of a definition as the bags have it, where ROS 2 wrote it."""
+    def with_original_texts(self, typestore: Typestore) -> Typestore:
+        """Return a store whose definition texts are those of the bags, if they are of ROS 2."""
         texts = {
             msgtype: text
             for _, (msgtype, text, encoding) in sorted(self._seen)
             if encoding == 'ros2msg'
         }
-        return _OwnWords(typestore, texts)
+        return _OriginalTexts(typestore, texts)
 
     def _enter(self, bag: Path, file: Path, key: tuple[str, str, str]) -> str:
         try:
             found = parse_definition(*key)
             _check_names(found)
-        except Exception as error:  # noqa: BLE001 - a parser of any text lets anything out
+        except Exception as error:  # noqa: BLE001 - a parser of any text may raise anything
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
             self._findings.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
             return ''
@@ -99,8 +99,8 @@ class Definitions:
         return ''
 
 
-class _OwnWords(Typestore):
-    """A typestore that tells texts as they were told; a type that it does not know has no text."""
+class _OriginalTexts(Typestore):
+    """A typestore that returns the original definition texts, empty ones for unknown types."""
 
     def __init__(self, typestore: Typestore, texts: Mapping[str, str]) -> None:
         super().__init__()
@@ -108,7 +108,7 @@ class _OwnWords(Typestore):
         self._texts = texts
 
     def generate_msgdef(self, typename: str, ros_version: int = 1) -> tuple[str, str]:
-        """The text of a definition, and its md5 sum for ROS 1."""
+        """Return the text of a definition, and its md5 sum for ROS 1."""
         if ros_version == 2 and typename in self._texts:
             return self._texts[typename], ''
         if typename not in self.fielddefs:
@@ -116,7 +116,7 @@ class _OwnWords(Typestore):
         return super().generate_msgdef(typename, ros_version)
 
     def hash_rihs01(self, typ: str) -> str:
-        """The hash of a type, empty where it has none."""
+        """Return the hash of a type, empty if it has none."""
         try:
             return super().hash_rihs01(typ)
         except (KeyError, TypesysError):
@@ -125,11 +125,11 @@ class _OwnWords(Typestore):
 
 @lru_cache(maxsize=1024)
 def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
-    """The types that a text defines, as ROS 2 spells them.
+    """Parse the types that a text defines, as ROS 2 spells them.
 
     Args:
         msgtype: The first of them.
-        text: Messages, divided as rosbag2 and ROS 1 do; or IDL.
+        text: Messages, separated as in rosbag2 and ROS 1; or IDL.
         encoding: ros2msg, ros1msg, ros2idl or omgidl.
 
     Raises:
@@ -152,10 +152,10 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
 
 
 def _check_names(types: Typesdict) -> None:
-    """Names become those of Python classes and their fields.
+    """Check that names can become Python classes and their fields.
 
     Raises:
-        ValueError: One cannot be that.
+        ValueError: A name is not an identifier.
     """
     for name, (constants, fields) in types.items():
         inner = [str(each[0]) for each in (*constants, *fields)]
@@ -165,7 +165,7 @@ def _check_names(types: Typesdict) -> None:
 
 
 def _ros2_like(types: Typesdict) -> Typesdict:
-    """The types of a ROS 1 bag as ROS 2 defines them: a Header without seq, names in lower case."""
+    """Convert the types of a ROS 1 bag to ROS 2: a Header without seq, names in lower case."""
     definitions = dict(types)
     if _HEADER in definitions:
         constants, fields = definitions[_HEADER]
@@ -177,12 +177,12 @@ def _ros2_like(types: Typesdict) -> Typesdict:
 
 
 def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
-    """What a definition's fields are, whatever they are called."""
+    """Return the types of a definition's fields, without their names."""
     return [kind for _, kind in definition[1]]
 
 
 def _complete(types: Typesdict, msgtype: str) -> bool:
-    """Add what a type needs and the bags do not define; False where nobody does."""
+    """Add the types that a type needs and no bag defines; False if one is not in Jazzy either."""
     missing = [name for name in _closure(types, msgtype) if name not in types]
     if not missing:
         return True
@@ -195,7 +195,7 @@ def _complete(types: Typesdict, msgtype: str) -> bool:
 
 
 def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
-    """A type and those in it, each once, also those that are not defined."""
+    """Yield a type and those in it, each once, including undefined ones."""
     waiting, seen = [msgtype], {msgtype}
     while waiting:
         name = waiting.pop()
@@ -217,5 +217,5 @@ def _nested(description: FieldDesc) -> str | None:
 
 
 def _jazzy() -> Typesdict:
-    # Loading every type of ROS 2 takes its time; most bags do without.
+    # Loading all types of ROS 2 is slow, and most bags do not need it.
     return {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **TYPESTORE.fielddefs}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a user should know of a bag that is being read."""
+"""Notes and losses found while a bag is read."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Findings:
-    """Grows while a bag is read; what is met again is told once.
+    """Notes and losses of a bag, each listed once.
 
     Attributes:
-        notes: What is worth a word and no loss, one line each.
-        losses: What is damaged or cannot be read, one line each with its place (file, byte or row),
-            and how many messages it costs; None where that cannot be told.
+        notes: Non-fatal remarks without loss, one line each.
+        losses: Damaged or unreadable parts, one line each with their place (file, byte or row),
+            and the number of lost messages; None if that is unknown.
     """
 
     notes: dict[str, None] = field(default_factory=dict)
     losses: dict[str, int | None] = field(default_factory=dict)
 
     def note(self, text: str) -> None:
-        """Enter what is no loss."""
+        """Enter a remark that is not a loss."""
         self.notes[text] = None
 
     def lose(self, text: str, messages: int | None = None) -> None:
-        """Enter what is damaged."""
+        """Enter a loss."""
         self.losses[text] = messages
 
     def lose_one(self, text: str) -> None:
@@ -39,10 +39,10 @@ class Findings:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is damaged, as far as is known."""
+        """Whether nothing is known to be damaged."""
         return not self.losses
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Everything, one line each."""
+        """Notes and losses, one line each."""
         return (*self.notes, *self.losses)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The moments at which the scanner faced forward, of bags whose scans are stamped at the start.
+"""The times at which the scanner faced forward, for bags whose scans are stamped at the start.
 
-Scans of such a bag of our own are half a turn earlier than the images of their frame, and would
-match those of the frame before.
+In such a bag written by to-bag, scans are half a turn earlier than the images of their frame, and
+would match those of the previous frame.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _STRING = 'std_msgs/msg/String'
 
 
 class ForwardStamps:
-    """Collects a bag's own description of its scans."""
+    """A collector of the description of the scans that to-bag writes."""
 
     topics = frozenset({RECORDING, SWEEP})
 
@@ -38,7 +38,7 @@ class ForwardStamps:
         """Enter a message of one of the topics.
 
         Raises:
-            ValueError: It is not what to-bag writes.
+            ValueError: The message was not written by to-bag.
         """
         try:
             if topic == SWEEP:
@@ -56,11 +56,11 @@ class ForwardStamps:
 
     @property
     def lead_ns(self) -> int:
-        """How long before facing forward scans are stamped, by the nominal period."""
+        """Nanoseconds by which scan stamps precede facing forward, from the nominal period."""
         return self._period_ns // 2 if self._at_start else 0
 
     def forward(self, stamps_ns: Iterable[int]) -> dict[int, int]:
-        """Scan stamp to the moment of facing forward; empty unless scans are stamped otherwise."""
+        """Map scan stamps to the times of facing forward; empty if they are the same."""
         if not self._at_start:
             return {}
         return {
@@ -69,12 +69,12 @@ class ForwardStamps:
 
 
 def read_lead_ns(path: Path) -> int:
-    """How long before facing forward the scans of a bag are stamped, by the nominal period.
+    """Read the nanoseconds by which a bag's scan stamps precede facing forward (nominal period).
 
-    It is 0 for bags of others, and where the bag's own description cannot be read.
+    The result is 0 for bags not written by to-bag, and if their description cannot be read.
 
     Raises:
-        BadBagError: It is no bag.
+        BadBagError: The path holds no bag.
     """
     found = ForwardStamps()
     with open_messages(path, {RECORDING}) as messages:
@@ -84,7 +84,7 @@ def read_lead_ns(path: Path) -> int:
             try:
                 text: Any = messages.typestore.deserialize_cdr(bytes(message.data), _STRING)
                 found.take(RECORDING, text, message.stamp_ns)
-            except Exception:  # noqa: BLE001 - generated code lets anything out
+            except Exception:  # noqa: BLE001 - generated code may raise anything
                 return 0
             break
     return found.lead_ns

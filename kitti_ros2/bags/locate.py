@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which kind of bag a path holds, told from its content, and which files belong to it."""
+"""Detection of the container of a bag from its content, and of the files that belong to it."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class BagFiles:
     """A bag on disk.
 
     Attributes:
-        path: What the user named.
+        path: As the user gave it.
         storage: The container of its files, one of model.containers.
         files: The files with messages, in order.
         directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
         compression_mode: rosbag2's own compression around the storage: '', file or message.
-        message_count: What metadata.yaml says, None without one.
-        topics: Those that metadata.yaml names.
-        losses: What is wrong with it already, one line each.
+        message_count: From metadata.yaml, None without one.
+        topics: Those listed in metadata.yaml.
+        losses: Defects found so far, one line each.
     """
 
     path: Path
@@ -53,24 +53,24 @@ class BagFiles:
 
     @property
     def container(self) -> str:
-        """What a user would call it."""
+        """The name of the container for users."""
         in_rosbag2 = self.directory and CONTAINERS[self.storage].in_rosbag2
         return f'rosbag2 {self.storage}' if in_rosbag2 else self.storage
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a file of any kind, or a folder that holds a bag's."""
+    """Whether a path is a file of any kind, or a folder that contains files of a bag."""
     if not path.is_dir():
         return path.exists()
     return (path / _METADATA).is_file() or any(_files(path).values())
 
 
 def is_bag(path: Path, layout: Layout | None) -> bool:
-    """Whether what a user names is a bag; else it is a KITTI folder.
+    """Whether a path is a bag; else it is a KITTI folder.
 
     Args:
-        path: What is named.
-        layout: The layout that is forced; with one it is a KITTI folder.
+        path: As the user gave it.
+        layout: The requested layout; with one it is a KITTI folder.
 
     Raises:
         UsageError: There is no such path.
@@ -81,10 +81,10 @@ def is_bag(path: Path, layout: Layout | None) -> bool:
 
 
 def locate_bag(path: Path) -> BagFiles:
-    """Find out what a path holds.
+    """Locate the files of a bag, and detect its container.
 
     Raises:
-        BadBagError: It holds no bag.
+        BadBagError: The path holds no bag.
         OSError: It cannot be read.
     """
     if not path.exists():
@@ -100,7 +100,7 @@ def locate_bag(path: Path) -> BagFiles:
 
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:
-    """The files of each storage in a folder, in the order of their numbers."""
+    """List the files of each container in a folder, in the order of their numbers."""
     return {
         storage: tuple(
             sorted(
@@ -113,10 +113,10 @@ def _files(path: Path) -> dict[str, tuple[Path, ...]]:
 
 
 def _without_metadata(path: Path, found: str) -> BagFiles:
-    """What a recorder left that did not come to write its metadata.
+    """Locate the files of a recorder that was killed before it wrote its metadata.
 
     Raises:
-        BadBagError: It left no files.
+        BadBagError: There are no files.
     """
     for storage, files in _files(path).items():
         if files and CONTAINERS[storage].in_rosbag2:
@@ -126,10 +126,10 @@ def _without_metadata(path: Path, found: str) -> BagFiles:
 
 
 def reindex_advice(path: Path, files: Sequence[Path]) -> str:
-    """How a user gets a right metadata.yaml for the files of a folder.
+    """Return the steps by which a user gets a correct metadata.yaml for the files of a folder.
 
-    ros2 bag reindex leaves out files that are not named NAME_N.ENDING, and fails where none is;
-    compressed files never are. Source: rosbag2_cpp/reindexer.cpp.
+    ros2 bag reindex skips files that are not named NAME_N.SUFFIX, compressed ones among them, and
+    fails if no file is left. Source: rosbag2_cpp/reindexer.cpp.
     """
     packed = any(file.suffix == '.zstd' for file in files)
     named = all(_REINDEXED.fullmatch(file.name.removesuffix('.zstd')) for file in files)
@@ -177,18 +177,18 @@ def _rosbag2(path: Path) -> BagFiles:
     if storage not in CONTAINERS or not CONTAINERS[storage].in_rosbag2:
         raise BadBagError(path, f'has a storage {storage!r} that is not known here')
     files = tuple(path / name for name in names)
-    lacking = [file.name for file in files if not file.is_file()]
-    if lacking and len(lacking) == len(files):
-        raise BadBagError(path, f'lacks {lacking[0]}, which its {_METADATA} names')
+    missing = [file.name for file in files if not file.is_file()]
+    if missing and len(missing) == len(files):
+        raise BadBagError(path, f'lacks {missing[0]}, which its {_METADATA} names')
     return BagFiles(
         path,
         storage,
-        tuple(file for file in files if file.name not in lacking),
+        tuple(file for file in files if file.name not in missing),
         directory=True,
         compression_mode=mode,
         message_count=count,
         topics=topics,
-        losses=tuple(f'{path}: lacks {name}, which its {_METADATA} names' for name in lacking),
+        losses=tuple(f'{path}: lacks {name}, which its {_METADATA} names' for name in missing),
     )
 
 

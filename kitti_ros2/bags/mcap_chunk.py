@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The chunks of an MCAP file: messages, their CRC and their indexes.
+"""The chunks of an MCAP file being written: messages, their CRC and their indexes.
 
 Record layouts (https://mcap.dev/spec), little endian; every record begins with opcode (uint8) and
 length (uint64) of what follows:
@@ -26,7 +26,7 @@ from .compressors import POOL_AHEAD, compressor
 
 try:
     from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
-except ImportError:  # a workspace may do without
+except ImportError:  # isal is optional
     from zlib import crc32
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .contract import Parts
 
 TARGET_SIZE = 4 * 2**20
-# Below this a copy costs less than one more buffer to hand over.
+# Below this size a copy costs less than one more buffer to pass on.
 _COPIED_BELOW = 4096
 _WRITTEN_FROM = 64 * 2**10
 
@@ -47,7 +47,7 @@ _INDEX_HEAD = struct.Struct('<BQHI')
 
 
 class Chunks(Protocol):
-    """Takes messages, cuts them into chunks and writes these to a file."""
+    """A writer that groups messages into chunks and writes these to a file."""
 
     def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
         """Append a message; the chunk ends when it has its size."""
@@ -58,28 +58,28 @@ class Chunks(Protocol):
         ...
 
     def finish(self) -> list[ChunkIndex]:
-        """Write what is left; the index records of all chunks."""
+        """Write the rest, and return the index records of all chunks."""
         ...
 
     def cancel(self) -> None:
-        """Drop what is not written, and stop all work."""
+        """Drop unwritten data and stop all threads."""
         ...
 
 
 def open_chunks(file: VectoredFile, options: BagOptions) -> Chunks:
-    """The chunks of a file with the options' compression."""
+    """Open the chunks of a file with the compression of the options."""
     if options.compression == 'none':
         return StreamedChunks(file)
     return CompressedChunks(file, options)
 
 
 class _Contents:
-    """What a chunk's records say about it while it grows.
+    """Size, checksum and index of a chunk while it grows.
 
     Attributes:
         size: Bytes of the uncompressed records.
         crc: CRC-32 of those.
-        index: Stamp and offset of each message, flat, by channel id.
+        index: Stamp and offset of each message, in one flat list by channel id.
     """
 
     __slots__ = ('crc', 'index', 'size')
@@ -90,7 +90,7 @@ class _Contents:
         self.index: dict[int, list[int]] = {}
 
     def message_head(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> bytes:
-        """Enter a message; the bytes that go before its parts."""
+        """Enter a message, and return the bytes that precede its parts."""
         length = 22
         for part in parts:
             length += len(part)
@@ -102,18 +102,18 @@ class _Contents:
         return _pack_message(5, length, channel_id, sequence, stamp_ns, stamp_ns)
 
     def span(self) -> tuple[int, int]:
-        """Least and greatest stamp."""
+        """Return the least and greatest stamp."""
         stamps = [entries[::2] for entries in self.index.values()]
         return min(map(min, stamps)), max(map(max, stamps))
 
     def head(self, compression: bytes, stored: int) -> bytes:
-        """The chunk's record up to the records in it."""
+        """Return the chunk record up to the records in it."""
         length = 40 + len(compression) + stored
         head = _CHUNK_HEAD.pack(Opcode.CHUNK, length, *self.span(), self.size, self.crc)
         return head + struct.pack(f'<I{len(compression)}sQ', len(compression), compression, stored)
 
     def indexes(self, position: int) -> tuple[bytes, dict[int, int]]:
-        """The message index records, and where each begins if they stand at a position."""
+        """Return the message index records for a position, and the offset of each by channel id."""
         records = bytearray()
         offsets = {}
         for channel_id, entries in self.index.items():
@@ -126,7 +126,7 @@ class _Contents:
     def entry(
         self, start: int, compression: str, stored: int, indexes: bytes, offsets: dict[int, int]
     ) -> ChunkIndex:
-        """The chunk's record for the summary; start is where it stands in the file."""
+        """Return the chunk index record for the summary; start is the chunk's file position."""
         start_ns, end_ns = self.span()
         return ChunkIndex(
             chunk_length=9 + 40 + len(compression) + stored,
@@ -142,10 +142,10 @@ class _Contents:
 
 
 class StreamedChunks:
-    """Uncompressed chunks: payloads go to the file at once, the chunk's head when it is known.
+    """Uncompressed chunks: payloads are written at once, the chunk's head when it is known.
 
-    A payload that is summed up and written while it is still in the processor's cache costs half
-    of one that waits for its chunk, and more than a second thread can win back.
+    Checksumming and writing a payload while it is in the processor's cache halves the cost, which
+    is more than a second thread would save.
     """
 
     def __init__(self, file: VectoredFile) -> None:
@@ -177,12 +177,12 @@ class StreamedChunks:
         self._file.write([records])
 
     def finish(self) -> list[ChunkIndex]:
-        """Write what is left; the index records of all chunks."""
+        """Write the rest, and return the index records of all chunks."""
         self._end_chunk()
         return self._entries
 
     def cancel(self) -> None:
-        """Drop what is not written."""
+        """Drop unwritten data."""
         self._tail = bytearray()
 
     def _write(self, *buffers: bytes | bytearray | memoryview) -> None:
@@ -191,7 +191,7 @@ class StreamedChunks:
             contents.crc = crc32(buffer, contents.crc)
         if self._start < 0:
             self._start = self._file.position
-            # By itself: what is written with large buffers would be read again to be changed.
+            # Alone: pages written along with large buffers would be read again to be changed.
             self._file.write([bytes(_CHUNK_HEAD.size + 12)])
         self._file.write(buffers)
         self._tail = bytearray()
@@ -211,7 +211,7 @@ class StreamedChunks:
 
 
 class CompressedChunks:
-    """Compressed chunks: packed on all cores, written in order."""
+    """Compressed chunks: compressed on all cores, written in order."""
 
     def __init__(self, file: VectoredFile, options: BagOptions) -> None:
         self._file = file
@@ -237,14 +237,14 @@ class CompressedChunks:
         self._file.write([records])
 
     def finish(self) -> list[ChunkIndex]:
-        """Write what is left; the index records of all chunks."""
+        """Write the rest, and return the index records of all chunks."""
         self._end_chunk()
         self._drain()
         self._pool.close()
         return self._entries
 
     def cancel(self) -> None:
-        """Drop what is not written, and wait for the threads to end."""
+        """Drop unwritten data and wait for the threads to end."""
         self._pool.close()
 
     def _end_chunk(self) -> None:

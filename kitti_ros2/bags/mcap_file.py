@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An MCAP file open for reading: by its summary, or by a pass over it where that is lacking."""
+"""An MCAP file open for reading: by its summary, or by a scan if the summary is missing."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class McapFile(ChunkedFile):
 
     Args:
         path: The file.
-        name: The path to tell the user.
-        findings: What is damaged is entered there.
+        name: The path in messages.
+        findings: Damage is entered there.
 
     Raises:
-        BadBagError: It does not begin as an MCAP file does.
-        OSError: It cannot be read.
+        BadBagError: The magic bytes are missing.
+        OSError: The file cannot be read.
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
@@ -102,7 +102,7 @@ class McapFile(ChunkedFile):
 
 
 def _read_summary(file: FileBytes, findings: Findings) -> McapContents | None:
-    """What the summary tells, None where there is none that tells of every message."""
+    """Parse the summary; None unless it indexes every message."""
     if file.size < _FOOTER.size + len(MAGIC):
         return None
     tail = file.read(file.size - _FOOTER.size - len(MAGIC), _FOOTER.size + len(MAGIC))
@@ -123,11 +123,11 @@ def _read_summary(file: FileBytes, findings: Findings) -> McapContents | None:
 
 def _summarized(section: bytes, start: int) -> McapContents | None:
     contents = McapContents()
-    told: int | None = None
+    message_count: int | None = None
     for opcode, position, end in split_records(section):
         body = section[position + RECORD_HEAD.size : end]
         if opcode == Opcode.STATISTICS:
-            told = Statistics.read(ReadDataStream(BytesIO(body))).message_count
+            message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count
         elif opcode == Opcode.CHUNK_INDEX:
             chunk = ChunkIndex.read(ReadDataStream(BytesIO(body)))
             contents.compressions.add(chunk.compression)
@@ -138,8 +138,8 @@ def _summarized(section: bytes, start: int) -> McapContents | None:
     found = sum(sum(piece.counts.values()) for piece in contents.pieces)
     known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
     inside = all(piece.position + piece.length <= start for piece in contents.pieces)
-    # Messages outside of chunks, or chunks without index: only the file itself can tell.
-    return contents if told == found and known and inside else None
+    # Messages outside of chunks, or chunks without index, are found by a scan only.
+    return contents if message_count == found and known and inside else None
 
 
 def _piece(chunk: ChunkIndex) -> Piece:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The records of an MCAP file; mcap_chunk says how they are laid out."""
+"""Parsers of the records of an MCAP file; their layouts are documented in mcap_chunk."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .record_walk import Kind, Record
 
 try:
     from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
-except ImportError:  # a workspace may do without
+except ImportError:  # isal is optional
     from zlib import crc32
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ _LOOKED_AT = RECORD_HEAD.size + 64
 _LONGEST_NAME = 16  # of a compression
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _FIRST_PRIVATE = 0x80
-# The least length of each record's body, that of an empty one.
+# The least length of each record's body in bytes: that of an empty one.
 _LEAST: dict[int, int] = {
     Opcode.HEADER: 8,
     Opcode.FOOTER: 20,
@@ -54,19 +54,19 @@ _LEAST: dict[int, int] = {
     Opcode.DATA_END: 4,
 }
 _FIXED = {Opcode.FOOTER, Opcode.SUMMARY_OFFSET, Opcode.DATA_END}
-# Those with lengths inside that must agree.
+# Records with inner lengths that must agree.
 _CHECKED = {*_FIXED, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 
 
 class DamagedHeadError(ValueError):
-    """The head of a chunk tells nothing that can be meant."""
+    """The head of a chunk is invalid."""
 
     def __init__(self) -> None:
         super().__init__('its head is damaged')
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk says of itself; records_at counts from the record's head."""
+    """The head of a chunk; records_at is relative to the start of the chunk record."""
 
     size: int
     crc: int
@@ -76,10 +76,10 @@ class ChunkHead(NamedTuple):
 
 
 def parse_chunk_head(record: Buffer) -> ChunkHead:
-    """The head of a chunk, from its record.
+    """Parse the head of a chunk from its record.
 
     Raises:
-        DamagedHeadError: It is damaged or cut.
+        DamagedHeadError: The head is damaged or truncated.
     """
     at = RECORD_HEAD.size
     try:
@@ -97,16 +97,16 @@ def parse_chunk_head(record: Buffer) -> ChunkHead:
 
 
 def agrees(data: Buffer, crc: int) -> bool:
-    """Whether bytes have a checksum; 0 stands for none."""
+    """Whether bytes match a checksum; 0 means that there is none."""
     return crc in (0, crc32(data))
 
 
 def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
-    """The records in a chunk, and whether it is whole; of one that is cut, the first of them.
+    """Return the records in a chunk, and whether it is whole; the first ones if it is truncated.
 
     Raises:
-        DamagedHeadError: Its head is damaged.
-        ValueError: Its records are.
+        DamagedHeadError: The head is damaged.
+        ValueError: The records are damaged.
     """
     head = parse_chunk_head(record)
     stored = memoryview(record)[head.records_at : head.records_at + head.records_size]
@@ -119,7 +119,7 @@ def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
 
 
 def split_records(records: Buffer) -> Iterator[Record]:
-    """Records as they follow each other, up to the first that is damaged."""
+    """Yield consecutive records, up to the first damaged one."""
     view = memoryview(records)
     position, end = 0, len(view)
     while end - position >= RECORD_HEAD.size:
@@ -134,12 +134,12 @@ def split_records(records: Buffer) -> Iterator[Record]:
 def messages_in(
     records: Buffer, wanted: Collection[int], since_ns: int
 ) -> tuple[list[StoredMessage], int]:
-    """The messages of some channels among records, and where what can be split ends."""
+    """Return the messages of some channels, and the end of the last record that can be split."""
     view = memoryview(records)
     found: list[StoredMessage] = []
     position, end = 0, len(view)
     head_size, message_size, unpack = RECORD_HEAD.size, _MESSAGE.size, _MESSAGE.unpack_from
-    # split_records says the same; this is what the speed of reading hangs on.
+    # The same as split_records; inlined because reading spends its time here.
     while end - position >= message_size:
         opcode, length, channel_id, _, stamp_ns, _ = unpack(view, position)
         following = position + head_size + length
@@ -154,7 +154,7 @@ def messages_in(
 
 
 class McapFormat:
-    """What records of MCAP look like."""
+    """The record format of MCAP."""
 
     chunk = int(Opcode.CHUNK)
     candidate = re.compile(rb'(?=[\x03-\x0f].{5}\0\0\0)', re.DOTALL)
@@ -162,7 +162,7 @@ class McapFormat:
     row = 3
 
     def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
-        """What stands at a position."""
+        """Classify the bytes at a position."""
         head = source.read(position, min(_LOOKED_AT, end - position))
         if len(head) < RECORD_HEAD.size:
             return Kind.CUT, Record(0, position, end + 1)
@@ -173,11 +173,11 @@ class McapFormat:
         return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether such a record has a second length."""
+        """Whether records of an opcode contain a second length."""
         return opcode in _CHECKED
 
     def inside(self, source: Source, position: int) -> int | None:
-        """Where the records of a chunk begin."""
+        """Return the position of a chunk's first record, None if compressed or damaged."""
         try:
             head = parse_chunk_head(source.read(position, _LOOKED_AT))
         except DamagedHeadError:
@@ -186,7 +186,7 @@ class McapFormat:
 
 
 def _agrees(opcode: int, length: int, head: Buffer) -> bool:
-    """Whether there is such a record, and the lengths inside it agree with its own."""
+    """Whether the opcode is known and the inner lengths agree with the record's."""
     if opcode not in _LEAST:
         return opcode >= _FIRST_PRIVATE
     if opcode in _FIXED:

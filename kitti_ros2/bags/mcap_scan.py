@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An MCAP file read from its start, record by record, as far as it goes.
+"""A scan of an MCAP file from its start, record by record, up to its end.
 
-This needs neither summary nor footer: it reads what a recorder left that was cut off. What is
-damaged is passed over and said aloud.
+It needs neither summary nor footer, so it reads files that a recorder left truncated. Damaged
+bytes are skipped and entered as losses.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ if TYPE_CHECKING:
 
 _OF_A_RUN = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
 
-# What the library lets out on records that are damaged.
+# Raised by the library on damaged records.
 RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupError, ValueError)
 
 
 @dataclass
 class McapContents:
-    """What a file holds.
+    """The contents of a file.
 
     Attributes:
         schemas, channels: By id.
         pieces: Chunks, and runs of records outside of chunks.
-        compressions: Names of the compressions met.
-        stamps: Nanoseconds by channel id; None where only the message indexes tell.
-        index_lengths: Bytes of those behind each piece.
+        compressions: Names of the compressions found.
+        stamps: Nanoseconds by channel id; None if they are in the message indexes only.
+        index_lengths: Bytes of the message indexes behind each piece.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -67,11 +67,11 @@ class McapContents:
 
 
 class McapScan:
-    """A pass over a file.
+    """A scan of a file.
 
     Args:
-        file: To be read.
-        findings: What is damaged is entered there.
+        file: The file to read.
+        findings: Damage is entered there.
     """
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
@@ -84,7 +84,7 @@ class McapScan:
         self._read = 'what comes before'
 
     def run(self) -> McapContents:
-        """Pass over it once.
+        """Scan the file once.
 
         Raises:
             OSError: The file cannot be read.
@@ -134,10 +134,10 @@ class McapScan:
         try:
             compression = parse_chunk_head(data).compression
         except DamagedHeadError:
-            return  # cut before its records
+            return  # truncated before its records
         self.contents.compressions.add(compression)
         if len(data) < record.end - record.position and compression in UNCOMPRESSED:
-            return  # its records come next, one by one
+            return  # its records follow, one by one
         run = Run(record.position, record.position + len(data))
         for opcode, body in piece_records(self._file, record.position, data, self._findings):
             self._enter_record(opcode, body, run)
@@ -161,12 +161,12 @@ class McapScan:
 
 
 def enter_description(contents: McapContents, opcode: int, body: Buffer) -> None:
-    """Enter a schema or a channel; others tell nothing about messages.
+    """Enter a schema or a channel; ignore other records.
 
-    The first of an id counts: chunks have a checksum, the copies in a damaged summary have none.
+    The first of an id is used: chunks have a checksum, the copies in a damaged summary have none.
 
     Raises:
-        RECORD_ERRORS: It is damaged.
+        RECORD_ERRORS: The record is damaged.
     """
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(ReadDataStream(BytesIO(body)))
@@ -179,14 +179,14 @@ def enter_description(contents: McapContents, opcode: int, body: Buffer) -> None
 def piece_records(
     file: FileBytes, position: int, data: Buffer, findings: Findings, cost: int | None = None
 ) -> Iterator[tuple[int, memoryview]]:
-    """The records of a piece, with their opcodes; what is damaged is passed over.
+    """Yield the records of a piece with their opcodes; skip damaged bytes.
 
     Args:
-        file: Where the piece is.
+        file: The file of the piece.
         position: Of its first byte.
         data: A chunk, or records outside of chunks.
-        findings: What is damaged is entered there.
-        cost: How many messages it costs if nothing of it can be read.
+        findings: Damage is entered there.
+        cost: Number of messages lost if nothing of it can be read.
     """
     place = f'{file.name}: the chunk at byte {position} is damaged'
     view, end, whole = memoryview(data), 0, True
@@ -198,7 +198,7 @@ def piece_records(
             yield record.opcode, view[record.position + RECORD_HEAD.size : record.end]
             end = record.end
     except DamagedHeadError:
-        pass  # if it is not compressed, the records in it can be found
+        pass  # if it is not compressed, its records can be found below
     except ValueError as error:
         findings.lose(f'{place} ({error})', cost)
         return

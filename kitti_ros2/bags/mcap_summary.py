@@ -20,7 +20,7 @@ MAGIC = b'\x89MCAP0\r\n'
 
 
 def encode(*records: McapRecord) -> bytes:
-    """Records as they stand in a file."""
+    """Encode records as bytes of a file."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -36,18 +36,18 @@ def summary_section(
     chunks: Sequence[ChunkIndex],
     metadata: Sequence[MetadataIndex],
 ) -> list[bytes]:
-    """Everything that follows the data section, the closing magic included.
+    """Return everything that follows the data section, including the closing magic.
 
     Args:
-        position: Where in the file the summary begins.
-        schemas: Their records.
-        channels: Their records.
+        position: File position of the summary.
+        schemas: Schema records.
+        channels: Channel records.
         counts: Messages by channel id.
-        chunks: Their index records.
-        metadata: Their index records.
+        chunks: Chunk index records.
+        metadata: Metadata index records.
 
     Returns:
-        Buffers to be laid end to end.
+        Buffers to be concatenated.
     """
     statistics = Statistics(
         attachment_count=0,

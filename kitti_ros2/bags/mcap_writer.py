@@ -40,7 +40,7 @@ class McapSegment:
             raise
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
-        """Write the channel's record, and its schema's where the type is new."""
+        """Write the channel's record, preceded by its schema's if the type is new."""
         records: list[McapRecord] = []
         schema = self._schemas.get(channel.msgtype)
         if schema is None:
@@ -92,7 +92,7 @@ class McapSegment:
         self._file.close()
 
     def abort(self) -> None:
-        """Stop all work and let go of the file."""
+        """Stop all threads and close the file."""
         self._chunks.cancel()
         self._file.close()
 

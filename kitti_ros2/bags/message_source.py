@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of bags in time order, always as CDR, whatever their storage."""
+"""The messages of bags in time order, always as CDR, from any container."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ class BagMessage(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """A topic that is not read.
+    """A skipped topic.
 
     Attributes:
         topic: Its name.
-        msgtype: Its type, as the bag spells it.
-        messages: How many it has.
-        reason: Why it is not read, one line with the file.
+        msgtype: Its type, as spelled in the bag.
+        messages: Their number.
+        reason: Why it is skipped, one line with the file.
     """
 
     topic: str
@@ -61,7 +61,7 @@ class LeftOut(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """A channel that is read, and of which bag and file it is."""
+    """A channel that is read, with its bag and file."""
 
     bag: Path
     file: Path
@@ -71,26 +71,26 @@ class _Reading(NamedTuple):
 class BagMessages:
     """The messages of bags: a context manager, and inside it an iterable in time order.
 
-    Damage costs the messages that it hits: it is entered into the warnings when it is met, which
-    may be while messages are read.
+    Damaged messages are skipped and entered into the warnings when they are found, which may be
+    while messages are read.
 
     Args:
-        bags: What to read; several are merged by time. Those that are open already stay open.
+        bags: The bags to read; several are merged by time. Those that are open already stay open.
         topics: The topics to read; all of them by default.
-        as_stored: For copies: ROS 1 messages stay as they are, types without definition are read,
-            and the typestore tells definitions in the bags' own words.
+        as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
+            and the typestore returns the original texts of definitions.
 
     Attributes:
-        channels: Topic and type of each channel that is read, by topic.
-        sources: The channels themselves, as their files have them, by topic; of several the first.
-        left_out: Topics that cannot be read: of another encoding, or of a type without definition.
+        channels: Topic and type of each channel that is read, sorted by topic.
+        sources: The channels as stored in their files, by topic; of several the first.
+        left_out: Unreadable topics: of an unsupported encoding, or of an undefined type.
         latched: The depth of each topic that offers its last messages to late subscribers.
-        typestore: The types as the bags themselves define them, to decode the data with.
-        compressions: Names of the compressions that are known from the start.
+        typestore: The types as defined in the bags, to decode the data with.
+        compressions: Names of the compressions known before messages are read.
 
     Raises:
-        BadBagError: A bag cannot be read at all, they disagree about a topic's type, or a topic was
-            asked for whose type is not defined, or by two bags in two ways.
+        BadBagError: A bag cannot be read at all, bags disagree about a topic's type, or the type of
+            a requested topic is undefined, or defined differently by two bags.
     """
 
     def __init__(
@@ -140,17 +140,17 @@ class BagMessages:
 
     @property
     def complete(self) -> bool:
-        """False where a file is cut off or damaged, as far as has been read."""
+        """Whether no file is known to be truncated or damaged, as far as it was read."""
         return self._findings.complete
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one line each, as far as has been read."""
+        """Notes and losses found so far, one line each."""
         return self._findings.warnings
 
     @property
     def expected(self) -> int:
-        """How many messages the files tell of; those of damaged pieces among them."""
+        """Number of messages listed in the files, including those in damaged pieces."""
         return sum(
             _count(file, channel_id)
             for channels, file in zip(self._readings, self._files, strict=True)
@@ -159,7 +159,7 @@ class BagMessages:
 
     @property
     def losses(self) -> dict[str, int | None]:
-        """Those warnings that tell of damage, and how many messages each costs; None: unknown."""
+        """The warnings about damage, with the number of messages lost; None if unknown."""
         return dict(self._findings.losses)
 
     def __enter__(self) -> Self:
@@ -174,14 +174,14 @@ class BagMessages:
         self.close()
 
     def close(self) -> None:
-        """Close the files; nothing happens the second time."""
+        """Close the files; does nothing if they are closed."""
         self._stack.close()
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.since(None)
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
-        """The messages from a log time on; None is the beginning."""
+        """Yield the messages from a log time on; None is the beginning."""
         readings = self._readings
         files = [
             (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
@@ -190,33 +190,33 @@ class BagMessages:
         for number, (stamp_ns, channel_id, stored) in in_time_order(files, since_ns):
             reading = readings[number][channel_id]
             try:
-                data = self._told(reading.channel, stored)
-            except Exception as error:  # noqa: BLE001 - converters let anything out
+                data = self._as_cdr(reading.channel, stored)
+            except Exception as error:  # noqa: BLE001 - converters may raise anything
                 self._lose(reading, stamp_ns, error)
                 continue
             yield BagMessage(reading.channel.topic, reading.channel.msgtype, stamp_ns, data)
 
     def _lose(self, reading: _Reading, stamp_ns: int, error: Exception) -> None:
-        """Enter a message as lost; those of one topic and reason are told together."""
+        """Enter a lost message; those of one topic and reason share one line."""
         reason = ' '.join(str(error).split())
         first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
         place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
         self._findings.lose_one(f'{place} cannot be read ({reason})')
 
-    def _told(self, channel: SourceChannel, stored: Buffer) -> Buffer:
-        """What is told of a message's stored bytes."""
+    def _as_cdr(self, channel: SourceChannel, stored: Buffer) -> Buffer:
+        """Convert a message from its stored form, unless that is requested."""
         if channel.encoding == 'ros1':
             if self._as_stored:
                 return stored
             return self.typestore.ros1_to_cdr(stored, channel.msgtype)
-        # A message of CDR begins otherwise than one that rosbag2 compressed.
+        # The first bytes distinguish a CDR message from one that rosbag2 compressed.
         return decompress_message(stored) if stored[:4] == ZSTD_MAGIC else stored
 
     def _leave_out_encodings(self) -> None:
-        """Read only what becomes CDR.
+        """Skip channels that cannot be converted to CDR.
 
         Raises:
-            BadBagError: Nothing is left.
+            BadBagError: No channel is left.
         """
         found: set[str] = set()
         for channels, file in zip(self._readings, self._files, strict=True):
@@ -233,7 +233,7 @@ class BagMessages:
             raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
     def _leave_out(self, reading: _Reading, text: str, count: int) -> None:
-        """Tell what is not damaged, and not read: a copy lacks it."""
+        """Enter a topic that is undamaged but skipped: a loss only if the bag is copied."""
         reason = f'{reading.file}: {text}'
         channel = reading.channel
         self.left_out.append(LeftOut(channel.topic, channel.msgtype, count, reason))
@@ -243,10 +243,10 @@ class BagMessages:
             self._findings.note(reason)
 
     def _leave_out_second_types(self) -> None:
-        """Read one type of each topic.
+        """Read only the first type of each topic.
 
         Raises:
-            BadBagError: Bags disagree about it.
+            BadBagError: Bags disagree about the type.
         """
         first: dict[str, _Reading] = {}
         for channels, file in zip(self._readings, self._files, strict=True):
@@ -264,10 +264,10 @@ class BagMessages:
                 self._findings.lose(text, _count(file, channel_id))
 
     def _define(self) -> None:
-        """Make the typestore, and leave out what has no definition in it.
+        """Make the typestore, and skip topics of undefined types.
 
         Raises:
-            BadBagError: Such a topic was asked for by name.
+            BadBagError: Such a topic was requested by name.
         """
         definitions = Definitions(self._findings)
         for channels, file in zip(self._readings, self._files, strict=True):
@@ -277,13 +277,13 @@ class BagMessages:
                     self._leave_out_undefined(reading, conflict, _count(file, channel_id))
                     del channels[channel_id]
         needed = {each.channel.msgtype for found in self._readings for each in found.values()}
-        self.typestore, lacking = definitions.typestore(needed)
+        self.typestore, undefined = definitions.typestore(needed)
         reasons = {
             msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
-            for msgtype in sorted(lacking)
+            for msgtype in sorted(undefined)
         }
         if self._as_stored:
-            self.typestore = definitions.in_own_words(self.typestore)
+            self.typestore = definitions.with_original_texts(self.typestore)
             for reason in reasons.values():
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
@@ -299,7 +299,7 @@ class BagMessages:
         if self._topics is not None:
             raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
         if reading.channel.definition.strip():
-            # There is a definition, and it cannot be used: it may be damaged.
+            # The definition is present but unusable: it may be damaged.
             self._findings.lose(f'{reading.file}: {text}', count)
         else:
             self._leave_out(reading, text, count)

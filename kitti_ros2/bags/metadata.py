@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosbag2's metadata, version 9 (Jazzy): offered QoS profiles, and metadata.yaml.
 
-The same information stands in three places, always as written here: metadata.yaml of a directory,
-the metadata table of a sqlite3 file, and the Metadata record ``rosbag2`` of an MCAP file.
+The same text is stored in three places: metadata.yaml of a directory, the metadata table of a
+sqlite3 file, and the Metadata record ``rosbag2`` of an MCAP file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 VERSION = 9
 ROS_DISTRO = 'jazzy'
 
-# What rmw calls RMW_DURATION_INFINITE and rosbag2 writes for "no deadline" and "no lifespan".
+# RMW_DURATION_INFINITE of rmw, which rosbag2 writes for "no deadline" and "no lifespan".
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 _PLAIN = re.compile(r'[A-Za-z_/][\w/.]*', re.ASCII)
@@ -34,7 +34,7 @@ _UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff
 
 
 def qos_profile(channel: Channel) -> dict[str, Any]:
-    """The QoS that a channel's publisher offers, spelt as rosbag2 9 does."""
+    """Return the QoS offered by a channel's publisher, as metadata version 9 spells it."""
     return {
         'history': 'keep_last',
         'depth': channel.depth,
@@ -49,7 +49,7 @@ def qos_profile(channel: Channel) -> dict[str, Any]:
 
 
 def qos_text(channel: Channel) -> str:
-    """The offered_qos_profiles of a channel as YAML text, as storages keep it."""
+    """Return the offered_qos_profiles of a channel as the YAML text that containers store."""
     return _yaml([qos_profile(channel)]).rstrip()
 
 
@@ -60,14 +60,14 @@ def bag_information(
     files: Mapping[str, Tally],
     source: Mapping[str, str],
 ) -> dict[str, Any]:
-    """The content of rosbag2_bagfile_information.
+    """Return the content of rosbag2_bagfile_information.
 
     Args:
         options: Storage and compression.
-        typestore: Knows the channels' types.
+        typestore: Contains the channels' types.
         channels: By channel id.
-        files: What each file holds, by name, in order.
-        source: Where the data came from; becomes custom_data.
+        files: The message counts of each file, by name, in order.
+        source: Origin of the data; becomes custom_data.
     """
     start_ns, duration_ns = _span(list(files.values()))
     by_message = CONTAINERS[options.storage].compresses_messages
@@ -92,12 +92,12 @@ def bag_information(
 
 
 def information_text(information: Mapping[str, Any]) -> str:
-    """The information alone, as files of a bag carry it."""
+    """Return the text of the information alone, as the files of a bag store it."""
     return _yaml(information).rstrip()
 
 
 def metadata_yaml(information: Mapping[str, Any]) -> str:
-    """The text of metadata.yaml."""
+    """Return the text of metadata.yaml."""
     return _yaml({'rosbag2_bagfile_information': information})
 
 
@@ -115,7 +115,7 @@ def _topic_information(typestore: Typestore, channel: Channel, count: int) -> di
 
 
 def _count(files: Mapping[str, Tally], index: int) -> int:
-    # Files that were closed before a channel came do not know it.
+    # Files that were closed before a channel was added do not count it.
     return sum(tally.counts[index] for tally in files.values() if index < len(tally.counts))
 
 
@@ -142,7 +142,7 @@ def _yaml(value: Mapping[str, Any] | Sequence[Any]) -> str:
 
 
 def _lines(value: object) -> Iterator[str]:
-    # A general emitter takes longer over this text than a small bag takes to write.
+    # PyYAML quotes and escapes differently; its Python emitter takes longer than a small bag does.
     if isinstance(value, dict):
         for key, item in value.items():
             head, *rest = _lines(item)
@@ -167,7 +167,7 @@ def _scalar(value: object) -> str:
     if isinstance(value, str):
         if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
             return value
-        # JSON's strings are YAML's but for a few characters that YAML does not call printable.
+        # JSON's strings are valid YAML except for a few characters that YAML calls unprintable.
         quoted = json.dumps(value, ensure_ascii=False)
         return _UNPRINTABLE.sub(lambda match: f'\\u{ord(match[0]):04x}', quoted)
     return json.dumps(value)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What rosbag2's text of offered QoS profiles tells of late subscribers."""
+"""The history depth for late subscribers, from rosbag2's text of offered QoS profiles."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import yaml
 
 from ..model.yaml_text import load_yaml
 
-UNKNOWN_DEPTH = 100  # where a bag does not tell: enough for every text file of a recording
+UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of a recording
 
 _MOST = 2**31 - 1
 
-# Versions before 9 write rmw's number.
+# Metadata versions before 9 contain the number of rmw.
 _TRANSIENT_LOCAL = (1, 'transient_local')
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
 
 
-@lru_cache(1000)  # a bag repeats a few texts, and each of its openings reads them all
+@lru_cache(1000)  # a bag repeats a few texts, and is opened several times
 def latched_depth(profiles: str) -> int:
-    """How many messages publishers keep for late subscribers; 0 where they keep none."""
+    """Return the number of messages that publishers keep for late subscribers, 0 for none."""
     if not _HINT.search(profiles):
-        return 0  # reading YAML takes its time
+        return 0  # parsing YAML is slow
     try:
         for profile in load_yaml(profiles):
             durability = profile.get('durability')

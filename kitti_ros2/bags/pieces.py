@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag as pieces with a span of time each, and their messages merged by time.
+"""The files of a bag as pieces with a time span each, and the merge of their messages by time.
 
-A piece is what a storage reads at once: a chunk of MCAP or ROS 1, or all rows of a database. It is
-read when its time comes and dropped when its last message is told, so a bag of any size is merged
-in the memory of the pieces that overlap. What is damaged costs its own piece, at most.
+A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. It is read when its
+time comes and dropped after its last message, so merging a bag of any size takes the memory of the
+pieces that overlap. Damage costs at most its own piece.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ _LARGEST_RUN = 2**20
 
 Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
-"""Stamp in nanoseconds, channel id, and the data as they are stored."""
+"""Stamp in nanoseconds, channel id, and the data in stored form."""
 
 
 @dataclass(frozen=True)
 class SourceChannel:
-    """A topic as a file has it.
+    """A topic as stored in a file.
 
     Attributes:
         topic: Topic name.
         msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
-        encoding: Of the messages: cdr, ros1, or what is not read.
-        definition: The text that defines the type and those in it, empty without.
+        encoding: Of the messages: cdr, ros1, or an unsupported one.
+        definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
-        latched_depth: How many messages late subscribers get, 0 where none.
+        latched_depth: Number of messages that late subscribers get.
     """
 
     topic: str
@@ -58,7 +58,7 @@ class Piece(NamedTuple):
 
     Attributes:
         start_ns, end_ns: Least and greatest stamp.
-        position, length: Where it is, in bytes.
+        position, length: In the file, in bytes.
         counts: Messages by channel id.
     """
 
@@ -70,7 +70,7 @@ class Piece(NamedTuple):
 
 
 class Run:
-    """A piece that grows while records are passed over: from where to where, and its messages."""
+    """A piece that grows while records are scanned: its byte range and message counts."""
 
     def __init__(self, start: int, end: int | None = None) -> None:
         self.end = start if end is None else end
@@ -80,7 +80,7 @@ class Run:
         self._end_ns = 0
 
     def takes(self, record: Record) -> bool:
-        """Whether a record follows, and is not too much."""
+        """Whether a record follows directly and the piece stays small enough."""
         return record.position == self.end and record.end - self._start <= _LARGEST_RUN
 
     def add(self, channel_id: int, stamp_ns: int) -> None:
@@ -90,7 +90,7 @@ class Run:
         self._end_ns = max(self._end_ns, stamp_ns)
 
     def end_in(self, pieces: list[Piece]) -> None:
-        """Become one of the pieces, unless it has no messages."""
+        """Append it to the pieces, unless it has no messages."""
         if self._counts:
             length = self.end - self._start
             times = self._start_ns, self._end_ns
@@ -98,7 +98,7 @@ class Run:
 
 
 class BagFile(Protocol):
-    """A file open for reading, of any storage."""
+    """A file open for reading, of any container."""
 
     @property
     def channels(self) -> Mapping[int, SourceChannel]:
@@ -112,18 +112,18 @@ class BagFile(Protocol):
 
     @property
     def compressions(self) -> Collection[str]:
-        """Names of the compressions of chunks, as far as they were met; none is one of them."""
+        """Names of the compressions of chunks found so far, including none."""
         ...
 
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
-        """The messages of some channels in a piece from a stamp on, in time order.
+        """Return the messages of some channels in a piece from a stamp on, in time order.
 
-        What cannot be read is entered into the bag's findings and left out.
+        Unreadable messages are skipped and entered into the bag's findings.
         """
         ...
 
     def index(self) -> BagIndex:
-        """The stamps of all messages, by topic and type."""
+        """Return the stamps of all messages, by topic and type."""
         ...
 
     def reporting_to(self, findings: Findings) -> Self:
@@ -131,19 +131,19 @@ class BagFile(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         ...
 
 
 class FileBytes:
-    """A file's bytes by position; nothing is mapped, for a file may be cut while it is read.
+    """A file's bytes by position; not memory-mapped, as a file may be truncated while it is read.
 
     Attributes:
-        name: The path to tell the user.
+        name: The path in messages.
         size: In bytes, when it was opened.
 
     Raises:
-        OSError: It cannot be opened.
+        OSError: The file cannot be opened.
     """
 
     def __init__(self, path: Path, name: Path) -> None:
@@ -152,7 +152,7 @@ class FileBytes:
         self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, position: int, length: int) -> bytes:
-        """So many bytes, fewer at the end of the file, none outside of it.
+        """Read `length` bytes, fewer at the end of the file, none outside of it.
 
         Raises:
             OSError: The disk refuses.
@@ -176,7 +176,7 @@ class FileBytes:
         return os.fstat(self._file.fileno()).st_size < self.size
 
     def close(self) -> None:
-        """Close it; nothing happens the second time."""
+        """Close the file; does nothing if it is closed."""
         self._file.close()
 
 
@@ -188,18 +188,18 @@ class HeldBytes:
         self.size = len(view)
 
     def read(self, position: int, length: int) -> memoryview:
-        """So many bytes, fewer at the end."""
+        """Return `length` bytes, fewer at the end."""
         return self._view[position : position + length]
 
 
 def in_time_order(
     files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int
 ) -> Iterator[tuple[int, StoredMessage]]:
-    """The messages of files from a stamp on, with the number of their file.
+    """Yield the messages of files from a stamp on, with the number of their file.
 
     Args:
-        files: Each with the ids of the channels that are wanted.
-        since_ns: The first stamp that is wanted.
+        files: Each with the ids of the requested channels.
+        since_ns: The first requested stamp.
     """
     waiting = [
         (piece.start_ns, number, piece.position, piece)
@@ -208,7 +208,7 @@ def in_time_order(
         if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(wanted)
     ]
     waiting.sort(key=lambda each: each[:3], reverse=True)
-    # By stamp, file and position; these differ, so messages themselves are never compared.
+    # By stamp, file and position, which are unique, so messages are never compared.
     active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
     while waiting or active:
         while waiting and (not active or waiting[-1][0] <= active[0][0]):

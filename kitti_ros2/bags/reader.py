@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read any bags: what is in them at a glance, and their messages in time order."""
+"""Readers of bags of any container: summaries, and messages in time order."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ Bags: TypeAlias = BagSource | Sequence[BagSource]
 
 
 def summarize_bag(bags: Bags) -> BagSummary:
-    """Topics, counts, times, rates and gaps of a bag, from its index where it has one.
+    """Summarize topics, counts, times, rates and gaps of bags, from their index if they have one.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     with ExitStack() as stack:
         found = [stack.enter_context(opened(bag)) for bag in _each_once(bags)]
@@ -57,11 +57,11 @@ def summarize_bag(bags: Bags) -> BagSummary:
 
 
 def index_bag(bags: Bags) -> BagIndex:
-    """The stamps of a bag's messages, and what is wrong with it.
+    """Return the stamps of the messages of bags, and warnings about damage.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     index = BagIndex()
     for each in _each_once(bags):
@@ -71,27 +71,27 @@ def index_bag(bags: Bags) -> BagIndex:
 
 
 def bag_stamps(bags: Bags) -> dict[str, Int64Array]:
-    """By topic the log times of its messages, (N,) int64 nanoseconds, ascending.
+    """Return by topic the log times of its messages, (N,) int64 nanoseconds, ascending.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     return index_bag(bags).by_topic()
 
 
 def open_messages(bags: Bags, topics: Collection[str] | None = None) -> BagMessages:
-    """Open bags to read their messages; a context manager, and then an iterable.
+    """Open bags to read their messages; the result is a context manager, and an iterable.
 
     Args:
-        bags: What to read; the messages of several are merged by time.
+        bags: The bags to read; the messages of several are merged by time.
         topics: The topics to read; all of them by default.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all; bags disagree about a
-            topic's type; or a topic was asked for whose type has no definition, or two.
+            topic's type; or the type of a requested topic has no definition, or two.
         UsageError: A path is given twice.
-        OSError: It cannot be read.
+        OSError: A file cannot be read.
     """
     return BagMessages(_each_once(bags), topics)
 

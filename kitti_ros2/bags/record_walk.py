@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Records that follow each other, and where they go on after bytes that are damaged.
+"""A walk over consecutive records that resumes after damaged bytes.
 
-MCAP and ROS 1 are built alike: records, some of which are chunks of more records. A record is
-believed when its own lengths agree and what follows it looks like a record too; else the bytes
-after it are searched for records. In a chunk that is not compressed these may be its messages, so a
-damaged head costs nothing but itself.
+MCAP and ROS 1 have the same structure: records, some of which are chunks of more records. A record
+is accepted if its own lengths agree and a record follows it; else the bytes after it are searched
+for records. In an uncompressed chunk these may be its messages, so a damaged chunk head costs no
+messages.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         """Bytes by position."""
 
         def read(self, position: int, length: int) -> Buffer:
-            """So many bytes, fewer at the end."""
+            """Return `length` bytes, fewer at the end."""
             ...
 
 
@@ -32,7 +32,7 @@ _WINDOW = 2**20
 
 
 class Record(NamedTuple):
-    """Where a record is: its kind, the position of its head, the position after its body."""
+    """The place of a record: its kind, the position of its head, the position after its body."""
 
     opcode: int
     position: int
@@ -40,7 +40,7 @@ class Record(NamedTuple):
 
 
 class Kind(Enum):
-    """What stands at a position."""
+    """The kind of bytes at a position."""
 
     WHOLE = 'a record'
     CUT = 'a record that goes beyond the end'
@@ -48,13 +48,13 @@ class Kind(Enum):
 
 
 class RecordFormat(Protocol):
-    """What records of a format look like.
+    """The properties of a record format.
 
     Attributes:
         chunk: The opcode of chunks.
         candidate: Matches where a record may begin, with a lookahead.
-        longest: The most bytes that it looks at.
-        row: How many records in a row are no accident.
+        longest: The most bytes that candidate matches.
+        row: Number of consecutive records that are taken as no coincidence.
     """
 
     chunk: int
@@ -63,32 +63,32 @@ class RecordFormat(Protocol):
     row: int
 
     def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
-        """What stands at a position, by its head and the lengths inside it."""
+        """Classify the bytes at a position, by the record's head and the lengths inside it."""
         ...
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether such a record has a second length inside that agrees with its own."""
+        """Whether records of an opcode contain a second length that must agree with their own."""
         ...
 
     def inside(self, source: Source, position: int) -> int | None:
-        """Where the records of a chunk begin, None where it is compressed."""
+        """Return the position of a chunk's first record, None if the chunk is compressed."""
         ...
 
 
 def walk(
     form: RecordFormat, source: Source, position: int, end: int, lose: Callable[[int, int], None]
 ) -> Iterator[Record]:
-    """The records from a position on; damaged bytes are passed over.
+    """Yield the records from a position on; skip damaged bytes.
 
-    Records that go beyond the end are given as well. Such a chunk, if it is not compressed, is
-    followed by the records in it.
+    Records that extend beyond the end are yielded as well. Such a chunk is followed by the records
+    in it, if it is not compressed.
 
     Args:
-        form: Their format.
+        form: The format of the records.
         source: The bytes.
-        position: Where the first record begins.
-        end: Where the last one ends.
-        lose: Told from where to where bytes are damaged.
+        position: Start of the first record.
+        end: End of the last record.
+        lose: Called with the start and end of damaged bytes.
     """
     while position < end:
         kind, record = form.look(source, position, end)
@@ -110,11 +110,11 @@ def walk(
 
 
 def find_record(form: RecordFormat, source: Source, position: int, end: int) -> int | None:
-    """The first position from which on records follow each other, None where there is none."""
+    """Return the first position from which records are consecutive, None if there is none."""
     while position < end:
         window = source.read(position, min(_WINDOW, end - position) + form.longest)
         if not bytes(window).strip(b'\0'):
-            position += _WINDOW  # what a crash leaves of a file that was not yet filled
+            position += _WINDOW  # zeros, as a crash leaves in a file that was not yet filled
             continue
         for match in form.candidate.finditer(window):
             start = position + match.start()
@@ -129,8 +129,8 @@ def _is_believed(form: RecordFormat, source: Source, record: Record, end: int) -
         return True
     if form.look(source, record.end, end)[0] is Kind.WHOLE:
         return True
-    # Either what follows is damaged, or this one's length is and hides others. In a chunk there are
-    # records of right, even in one that is compressed, but no chunks.
+    # Either the following bytes are damaged, or the length of this record, which then hides others.
+    # A chunk contains records, which may be found even in a compressed one, but no chunks.
     found = find_record(form, source, record.position + 1, record.end)
     while found is not None and record.opcode == form.chunk:
         if form.look(source, found, end)[1].opcode == form.chunk:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag that was cut off or damaged -> a sound one: every message that can be read, as it was."""
+"""Repair of truncated or damaged bags: every readable message is copied unchanged."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
     from .pieces import SourceChannel
     from .writer import BagWriter
 
-_DEPTH = 10  # of an offered QoS that keeps nothing for late subscribers
+_DEPTH = 10  # of an offered QoS that is not latched
 
 
 @dataclass(frozen=True)
 class RecoveryReport:
-    """What was recovered.
+    """The result of a repair.
 
     Attributes:
-        path: The sound bag.
-        counts: Messages by topic; topics without messages among them.
+        path: The repaired bag.
+        counts: Messages by topic, including topics without messages.
         size_bytes: Of all messages.
-        losses: What was damaged or left out, one line each.
-        lost: Messages that are known to be lost.
-        lost_exactly: Whether there are no others.
-        notes: What is worth a word and no loss.
+        losses: Damaged or skipped parts, one line each.
+        lost: Number of messages known to be lost.
+        lost_exactly: Whether no others are lost.
+        notes: Non-fatal remarks without loss.
     """
 
     path: Path
@@ -58,20 +58,20 @@ def recover(
     overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda _done, _expected: None,
 ) -> RecoveryReport:
-    """Write what can be read of a bag to a sound one, in the order of log times.
+    """Copy the readable messages of a bag to a new bag, in the order of log times.
 
     Args:
-        path: The bag, of any kind.
-        out: The sound bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
+        path: The bag, of any container.
+        out: The repaired bag: a name with the suffix of a container, or a rosbag2 directory.
         storage: One of model.containers; by default that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
-        progress: Called with the messages done and the messages that there may be.
+        progress: Called with the number of messages done and the number expected.
 
     Raises:
-        BadBagError: It is no bag, or cannot be read at all.
-        UsageError: The storage and out's ending contradict each other, or out is the bag itself.
-        OutputExistsError: Something is there already and may not be replaced.
-        OutputError: It cannot be written.
+        BadBagError: The path holds no bag, or one that cannot be read at all.
+        UsageError: The storage and out's suffix contradict each other, or out is the bag itself.
+        OutputExistsError: The output exists and may not be replaced.
+        OutputError: The output cannot be written.
     """
     bag = locate_bag(path)
     _refuse_itself(path, out)
@@ -102,12 +102,12 @@ def recover(
 
 
 class _Copy:
-    """Writes messages as they come, and counts those that the new bag cannot hold.
+    """A copy in progress: writes messages, and counts those that the new bag cannot hold.
 
     Attributes:
         counts: Messages by topic.
         size_bytes: Of all messages.
-        losses: What cannot be written, and how many messages that costs.
+        losses: Reasons why messages cannot be written, with the number of messages.
     """
 
     def __init__(self, writer: BagWriter, messages: BagMessages, storage: str) -> None:
@@ -146,7 +146,7 @@ class _Copy:
             self._writer.write(self._ids[topic], message.stamp_ns, [message.data])
         except KittiRos2Error:
             raise
-        except Exception as error:  # noqa: BLE001 - converters let anything out
+        except Exception as error:  # noqa: BLE001 - converters may raise anything
             key = (topic, str(error))
             text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({error})'
             self.losses[self._first_lost.setdefault(key, text)] += 1
@@ -169,7 +169,7 @@ def _check_stamp(stamp_ns: int, storage: str) -> None:
 
 
 def _compression(messages: BagMessages, storage: str) -> str:
-    """The bag's own compression, where the new storage knows it."""
+    """Return the bag's own compression if the new container supports it, else none."""
     known = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
     return known[0] if known else 'none'
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS 1 .bag file open for reading: by its index, or by a pass over it where that is lacking."""
+"""A ROS 1 .bag file open for reading: by its index, or by a scan if the index is missing."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class Ros1File(ChunkedFile):
 
     Args:
         path: The file.
-        name: The path to tell the user.
-        findings: What is damaged is entered there.
+        name: The path in messages.
+        findings: Damage is entered there.
 
     Raises:
-        BadBagError: It does not begin as such a file does.
-        OSError: It cannot be read.
+        BadBagError: The magic bytes are missing.
+        OSError: The file cannot be read.
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
@@ -84,7 +84,7 @@ class Ros1File(ChunkedFile):
         return found, whole and end == len(records)
 
     def _compare_connection(self, fields: dict[bytes, bytes], body: Buffer) -> None:
-        """Tell where a chunk describes a connection otherwise than the index does."""
+        """Enter a loss if a chunk and the index describe a connection differently."""
         try:
             channel_id, channel = parse_connection(fields, body)
         except ValueError as error:
@@ -116,7 +116,7 @@ class Ros1File(ChunkedFile):
         return found
 
     def _chunk_end(self, piece: Piece) -> int:
-        """Where the indexes behind a chunk begin, from the piece's beginning on.
+        """Return the offset in the piece of the indexes behind its chunk.
 
         Raises:
             ValueError: The chunk is damaged.
@@ -131,7 +131,7 @@ class Ros1File(ChunkedFile):
 
 
 def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
-    """What the index at the end tells, None where there is none, or none that can be read."""
+    """Read the index at the end; None if it is missing or damaged."""
     try:
         fields, _, _ = split_record(file.read(len(MAGIC), _HEAD_READ), 0)
         start = int.from_bytes(fields.get(b'index_pos', b''), 'little')
@@ -139,7 +139,7 @@ def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
             findings.lose(f'{file.name}: was not closed by its recorder', 0)
             return None
         if start > file.size:
-            return None  # the pass says where it is cut
+            return None  # the scan reports where it is truncated
         return _indexed_contents(file.read(start, file.size - start), start, fields)
     except ValueError as error:
         findings.lose(f'{file.name}: its index is damaged ({error})', 0)
@@ -147,10 +147,10 @@ def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
 
 
 def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) -> Ros1Contents:
-    """The contents that an index tells of, with as many chunks as the bag's header tells.
+    """Parse an index, which must list as many chunks as the bag's header.
 
     Raises:
-        ValueError: It is damaged.
+        ValueError: The index is damaged.
     """
     if opcode_of(header) != BAG_HEADER:
         raise ValueError('the header does not tell where it is')

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
+"""Parsers of the records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
 
 Little endian; every record is a header's length (uint32), the header, the data's length (uint32)
-and the data. A header is a row of fields, each its length (uint32) and ``name=value``; the field op
-tells the record's kind. Messages stand in chunks; behind each chunk stand the indexes of its
-messages, at the end of the file all connections and what is in each chunk.
+and the data. A header is a sequence of fields, each its length (uint32) and ``name=value``; the
+field op is the record's kind. Messages are in chunks; each chunk is followed by the indexes of its
+messages; the file ends with all connections and the summaries of the chunks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _UINT32 = struct.Struct('<I')
 _TIME = struct.Struct('<II')
 _LONGEST_HEADER = 2**16
 _HEAD_READ = 256
-# The fields that records of each kind need, with their sizes, and the data's size for each count.
+# The required fields of each kind of record with their sizes, and the data size per count.
 _NEEDED: dict[int, dict[bytes, int | None]] = {
     MESSAGE: {b'conn': 4, b'time': 8},
     BAG_HEADER: {b'index_pos': 8, b'conn_count': 4, b'chunk_count': 4},
@@ -41,7 +41,7 @@ _NEEDED: dict[int, dict[bytes, int | None]] = {
 }
 _ENTRY_SIZES = {INDEX: 12, CHUNK_INFO: 8}
 
-# A message's header as recorders write it, its fields in any order, and its data's length.
+# A message's header as recorders write it, with its fields in any order, and its data's length.
 _MESSAGE_HEAD = re.compile(
     rb'\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})',
     re.DOTALL,
@@ -53,16 +53,16 @@ _FIELD = (
 
 
 def parse_time(value: Buffer) -> int:
-    """Nanoseconds."""
+    """Return a time in nanoseconds."""
     seconds, nanoseconds = _TIME.unpack(value)
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def parse_fields(header: Buffer) -> dict[bytes, bytes]:
-    """The fields of a header by name.
+    """Parse the fields of a header, by name.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The header is invalid.
     """
     data = bytes(header)
     fields = {}
@@ -81,10 +81,10 @@ def parse_fields(header: Buffer) -> dict[bytes, bytes]:
 
 
 def split_record(view: Buffer, position: int) -> tuple[dict[bytes, bytes], int, int]:
-    """The header's fields of a record, and where its data begin and end, be they there or not.
+    """Return a record's header fields, and the start and end of its data, which may be truncated.
 
     Raises:
-        ValueError: There is no such record.
+        ValueError: The header is invalid or truncated.
     """
     if position + 4 > len(view):
         raise ValueError('cut')
@@ -100,7 +100,7 @@ def split_record(view: Buffer, position: int) -> tuple[dict[bytes, bytes], int, 
 
 
 def split_records(view: Buffer) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
-    """Records as they follow each other, up to the first that is damaged."""
+    """Yield consecutive records, up to the first damaged one."""
     position = 0
     while position < len(view):
         try:
@@ -113,7 +113,7 @@ def split_records(view: Buffer) -> Iterator[tuple[dict[bytes, bytes], int, int]]
 
 
 def opcode_of(fields: dict[bytes, bytes]) -> int:
-    """The kind of a record, 0 where its fields do not make one."""
+    """Return the kind of a record, 0 if its fields are invalid."""
     opcode = int.from_bytes(fields.get(b'op', b'\0'), 'little')
     for name, size in _NEEDED.get(opcode, {b'': None}).items():
         if name not in fields or (size is not None and len(fields[name]) != size):
@@ -122,10 +122,10 @@ def opcode_of(fields: dict[bytes, bytes]) -> int:
 
 
 def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
-    """The records in a chunk, and whether it is whole; of one that is cut, the first of them.
+    """Return the records in a chunk, and whether it is whole; the first ones if it is truncated.
 
     Raises:
-        ValueError: It is damaged.
+        ValueError: The chunk is damaged.
     """
     fields, start, end = split_record(record, 0)
     if opcode_of(fields) != CHUNK:
@@ -134,7 +134,7 @@ def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
     (size,) = _UINT32.unpack(fields[b'size'])
     stored = memoryview(record)[start:]
     if size == 0 or end - start > len(stored):
-        # A recorder writes the size when the chunk is full.
+        # Recorders write the size once the chunk is full.
         return decompress_beginning(compression, stored), False
     return decompress(compression, stored[: end - start], size), True
 
@@ -145,13 +145,13 @@ def messages_in(
     since_ns: int,
     describe: Callable[[dict[bytes, bytes], Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
-    """The messages of some connections among records, and where what can be split ends.
+    """Return the messages of some connections, and the end of the last record that can be split.
 
     Args:
-        records: Those of a chunk.
-        wanted: Ids of connections.
-        since_ns: The first stamp that is wanted.
-        describe: Told of each connection that is described among them: its header and data.
+        records: The records of a chunk.
+        wanted: Ids of the requested connections.
+        since_ns: The first requested stamp.
+        describe: Called with header and data of each connection record.
     """
     view = memoryview(records)
     found: list[StoredMessage] = []
@@ -185,7 +185,7 @@ def messages_in(
 
 
 def _record_at(view: memoryview, position: int) -> tuple[dict[bytes, bytes], int, int] | None:
-    """The record at a position, as split_record gives it; None where there is no whole one."""
+    """Return the record at a position as split_record does; None unless it is whole."""
     try:
         fields, start, following = split_record(view, position)
     except ValueError:
@@ -194,20 +194,20 @@ def _record_at(view: memoryview, position: int) -> tuple[dict[bytes, bytes], int
 
 
 def parse_message(fields: dict[bytes, bytes]) -> tuple[int, int]:
-    """Connection and stamp of a message."""
+    """Return the connection and stamp of a message."""
     return int.from_bytes(fields[b'conn'], 'little'), parse_time(fields[b'time'])
 
 
 class Ros1Format:
-    """What records of a ROS 1 bag look like."""
+    """The record format of ROS 1 bags."""
 
     chunk = CHUNK
     candidate = re.compile(rb'(?=..\0\0' + _FIELD + rb')', re.DOTALL)
     longest = 32
-    row = 1  # names of fields are no accident
+    row = 1  # names of fields are no coincidence
 
     def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
-        """What stands at a position."""
+        """Classify the bytes at a position."""
         head = source.read(position, min(_HEAD_READ, end - position))
         size = int.from_bytes(head[:4], 'little')
         if size > _LONGEST_HEADER:
@@ -226,27 +226,27 @@ class Ros1Format:
         )
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether such a record has a second length."""
+        """Whether records of an opcode contain a second length."""
         return opcode in _ENTRY_SIZES
 
     def inside(self, source: Source, position: int) -> int | None:
-        """Where the records of a chunk begin."""
+        """Return the position of a chunk's first record, None if the chunk is compressed."""
         fields, start, _ = split_record(source.read(position, _HEAD_READ), 0)
         return position + start if fields[b'compression'] == b'none' else None
 
 
 def _kind(fields: dict[bytes, bytes], length: int, record: Record, end: int) -> tuple[Kind, Record]:
-    """What a record is by its header's fields and its data's length."""
+    """Classify a record by its header's fields and its data's length."""
     if not _agrees(record.opcode, fields, length):
         return Kind.NONE, record
     if record.opcode == CHUNK and fields[b'size'] == bytes(4):
-        # A chunk that its recorder did not come to fill goes on to the end.
+        # A chunk that its recorder did not finish extends to the end.
         record = record._replace(end=end + 1)
     return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
 
 def _agrees(opcode: int, fields: dict[bytes, bytes], length: int) -> bool:
-    """Whether there is such a record, and what its header tells agrees with its length."""
+    """Whether the opcode is known and the header agrees with the data's length."""
     if opcode in _ENTRY_SIZES:
         (count,) = _UINT32.unpack(fields[b'count'])
         return bool(length == count * _ENTRY_SIZES[opcode])

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS 1 .bag file read from its start, record by record, as far as it goes.
+"""A scan of a ROS 1 .bag file from its start, record by record, up to its end.
 
-This needs no index: it reads what a recorder left that was cut off (.bag.active). What is damaged
-is passed over and said aloud.
+It needs no index, so it reads files that a recorder left truncated (.bag.active). Damaged bytes are
+skipped and entered as losses.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ class Ros1Channel(SourceChannel):
 
 @dataclass
 class Ros1Contents:
-    """What a file holds.
+    """The contents of a file.
 
     Attributes:
         channels: Connections by id.
         pieces: Chunks, and runs of records outside of chunks.
-        compressions: Names of the compressions met; of an indexed file only in the chunks.
-        stamps: Nanoseconds by connection id; None where only the chunks' indexes tell.
+        compressions: Names of the compressions found; of an indexed file they are in the chunks.
+        stamps: Nanoseconds by connection id; None if they are in the chunks' indexes only.
     """
 
     channels: dict[int, Ros1Channel] = field(default_factory=dict)
@@ -72,11 +72,11 @@ class Ros1Contents:
 
 
 class Ros1Scan:
-    """A pass over a file.
+    """A scan of a file.
 
     Args:
-        file: To be read.
-        findings: What is damaged is entered there.
+        file: The file to read.
+        findings: Damage is entered there.
     """
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
@@ -88,7 +88,7 @@ class Ros1Scan:
         self._cut_at: int | None = None
 
     def run(self) -> Ros1Contents:
-        """Pass over it once.
+        """Scan the file once.
 
         Raises:
             OSError: The file cannot be read.
@@ -134,7 +134,7 @@ class Ros1Scan:
         compression = split_record(data, 0)[0][b'compression'].decode('ascii', 'replace')
         self.contents.compressions.add(compression)
         if record.end > self._file.size and compression == 'none':
-            return  # its records come next, one by one
+            return  # its records follow, one by one
         run = Run(record.position, record.position + len(data))
         for fields, body in piece_records(self._file, record.position, data, self._findings):
             self._enter_record(fields, body, run)
@@ -160,20 +160,20 @@ class Ros1Scan:
 
 
 def parse_connection(fields: dict[bytes, bytes], body: Buffer) -> tuple[int, Ros1Channel]:
-    """A connection and its id.
+    """Parse a connection and its id.
 
     Raises:
-        ValueError: It is damaged.
+        ValueError: The connection is damaged.
     """
-    told = parse_fields(body)
+    described = parse_fields(body)
     try:
-        topic, msgtype = fields[b'topic'].decode(), told[b'type'].decode()
-        definition = told[b'message_definition'].decode(errors='replace')
-        md5sum = told[b'md5sum'].decode('ascii')
+        topic, msgtype = fields[b'topic'].decode(), described[b'type'].decode()
+        definition = described[b'message_definition'].decode(errors='replace')
+        md5sum = described[b'md5sum'].decode('ascii')
     except KeyError as error:
         raise ValueError(f'it lacks {error}') from error
-    caller = told.get(b'callerid')
-    latched = told.get(b'latching') == b'1'
+    caller = described.get(b'callerid')
+    latched = described.get(b'latching') == b'1'
     return int.from_bytes(fields[b'conn'], 'little'), Ros1Channel(
         '/' * topic.startswith('/') + '/'.join(filter(None, topic.split('/'))),
         normalize_msgtype(msgtype),
@@ -189,14 +189,14 @@ def parse_connection(fields: dict[bytes, bytes], body: Buffer) -> tuple[int, Ros
 def piece_records(
     file: FileBytes, position: int, data: Buffer, findings: Findings, cost: int | None = None
 ) -> Iterator[tuple[dict[bytes, bytes], memoryview]]:
-    """The records of a piece, header fields and data; what is damaged is passed over.
+    """Yield the records of a piece, header fields and data; skip damaged bytes.
 
     Args:
-        file: Where the piece is.
+        file: The file of the piece.
         position: Of its first byte.
         data: A chunk, or records outside of chunks.
-        findings: What is damaged is entered there.
-        cost: How many messages it costs if nothing of it can be read.
+        findings: Damage is entered there.
+        cost: Number of messages lost if nothing of it can be read.
     """
     place = f'{file.name}: the chunk at byte {position} is damaged'
     view, end, whole = memoryview(data), 0, True

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2 messages as ROS 1 messages: definitions, md5 sums and bytes.
+"""Conversion of ROS 2 messages to ROS 1: definitions, md5 sums and bytes.
 
-The differences, all of them handled here:
+All differences are handled here:
 
-- std_msgs/Header has a seq in ROS 1 (written as 0); rosbags' byte conversion knows.
+- std_msgs/Header has a seq in ROS 1 (written as 0), which rosbags' byte conversion handles.
 - CameraInfo's d k r p are named D K R P; the bytes are the same.
-- Marker has fields in ROS 2 that ROS 1 lacks (texture, uv_coordinates, mesh_file): left out.
-- Types that Noetic's store does not hold (tf2_msgs, vision_msgs) keep ROS 2's fields over ROS 1's
-  Header. That is exactly ROS 1's own TFMessage; Detection3DArray, which ROS 1 defined otherwise
+- Fields of Marker that are missing in ROS 1 (texture, uv_coordinates, mesh_file) are left out.
+- Types missing in Noetic's store (tf2_msgs, vision_msgs) keep ROS 2's fields with ROS 1's Header.
+  For TFMessage this equals ROS 1's definition; Detection3DArray, which ROS 1 defined differently
   (class numbers instead of names), stays readable by the definition in the bag.
 """
 
@@ -29,19 +29,19 @@ _HEADER = 'std_msgs/msg/Header'
 
 
 class Ros1Types:
-    """The ROS 1 side of a ROS 2 typestore."""
+    """The ROS 1 counterparts of the types in a ROS 2 typestore."""
 
     def __init__(self, typestore: Typestore) -> None:
         self._ros2 = typestore
         self._ros1 = get_typestore(Stores.ROS1_NOETIC)
 
     def definition(self, msgtype: str) -> tuple[str, str]:
-        """The text and the md5 sum that ROS 1 gives a type."""
+        """Return the text and the md5 sum of a type in ROS 1."""
         self._complete(msgtype)
         return self._ros1.generate_msgdef(msgtype, ros_version=1)
 
     def converter(self, msgtype: str) -> Callable[[bytes | memoryview], memoryview]:
-        """A function that turns the type's CDR into ROS 1's serialization."""
+        """Return a function that converts the type's CDR to ROS 1's serialization."""
         self._complete(msgtype)
         if self._same_layout(msgtype):
             return lambda data: self._ros2.cdr_to_ros1(data, msgtype)

@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
     _Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
 
-# What roscpp writes for a publisher; readers that show it expect a node's name.
+# roscpp writes the name of the publisher's node, which some readers show.
 _CALLER = '/kitti_ros2'
 _NUMBER = struct.Struct('<I')
 _HEADER_BYTES = 4096  # of the bag header and its padding, without the length of either
 
 
 class Ros1Writer(Writer):
-    """rosbags' writer of a .bag file, which ROS 1 reads in every compression and can reindex.
+    """rosbags' writer of a .bag file, changed so that ROS 1 reads every compression and reindexes.
 
-    Two things differ. Chunks of lz4 are as roslz4 demands them. The record of the bag header takes
-    as many bytes as in ROS 1's own bags: rosbag, when it appends or reindexes, writes that many
-    over it, and over the first chunk where the record is shorter.
+    Two things differ. Chunks of lz4 are as roslz4 requires them. The record of the bag header has
+    the size of that in ROS 1's own bags: rosbag, when it appends or reindexes, overwrites that many
+    bytes, and with them the first chunk if the record is shorter.
 
     Args:
         path: The file, which must not exist.
@@ -54,10 +54,10 @@ class Ros1Writer(Writer):
             self.compressor = ros1_lz4
 
     def open(self) -> None:
-        """Make the file.
+        """Create the file.
 
         Raises:
-            OSError: It cannot be made.
+            OSError: The file cannot be created.
         """
         super().open()
         if self.bio is not None:
@@ -66,7 +66,7 @@ class Ros1Writer(Writer):
             self.bio.seek(0, os.SEEK_END)
 
     def close(self) -> None:
-        """Write what is left and the index."""
+        """Write the rest and the index."""
         super().close()  # which writes the bag header again
         _lengthen_header(self.path)
 
@@ -90,7 +90,7 @@ class Ros1Segment:
         self._writer.open()
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
-        """Write the connection's record: that of another ROS 1 bag as it is there."""
+        """Write the connection's record, unchanged if it is copied from another ROS 1 bag."""
         del channel_id  # connections are numbered in order as well
         caller: str | None = _CALLER
         convert: _Convert
@@ -118,11 +118,11 @@ class Ros1Segment:
 
     def close(self, information: str) -> None:
         """Write the index."""
-        del information  # the format has no place for it
+        del information  # the format cannot store it
         self._writer.close()
 
     def abort(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._writer.abort()
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a row of files: staging, splitting, counting and metadata.yaml, for every storage."""
+"""A bag as a sequence of files: staging, splitting, counting and metadata.yaml."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from .contract import Channel, Parts, SegmentWriter
 
-# Until a file is complete its name says so, even inside the hidden directory it is built in.
+# Suffix of incomplete files, even inside the hidden directory they are written in.
 _UNFINISHED = '.unfinished'
 
 
@@ -32,14 +32,14 @@ class BagWriter:
 
     Args:
         path: Where the bag will be once closed.
-        context: What the writer of each file is given.
+        context: Arguments of the writer of each file.
         single_file: Whether path is the only file, not a directory of files.
 
     Attributes:
         path: Where the bag will be once closed.
 
     Raises:
-        OutputExistsError: Something is there already and may not be replaced.
+        OutputExistsError: The output exists and may not be replaced.
         OutputError: Another run is writing there, or the disk refuses.
     """
 
@@ -98,7 +98,7 @@ class BagWriter:
             parts: The message as CDR, little endian, unless the channel has a source.
 
         Raises:
-            OutputError: The disk refuses; the bag is given up, and every later call raises this.
+            OutputError: The disk refuses; the bag is given up, and later calls raise this again.
         """
         if stamp_ns < 0:
             raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
@@ -107,7 +107,7 @@ class BagWriter:
                 self._make_room(stamp_ns, sum(map(len, parts)))
             self._opened().write(channel_id, stamp_ns, parts)
         except self._errors as error:
-            # A caller that goes on after this must not end with a bag that lacks a message.
+            # A caller that continues must not end with a bag in which a message is missing.
             self._failure = self._error(error)
             self.abort()
             raise self._failure from error
@@ -121,7 +121,7 @@ class BagWriter:
 
         Raises:
             OutputError: The disk refuses; nothing is left behind.
-            OutputExistsError: Something else took the output's name meanwhile.
+            OutputExistsError: The output was created by another process meanwhile.
         """
         if self._failure is not None:
             raise self._failure
@@ -138,7 +138,7 @@ class BagWriter:
             raise
 
     def abort(self) -> None:
-        """Give the bag up and remove what there is of it; never raises OSError."""
+        """Give the bag up and remove its files; never raises OSError."""
         if self._done:
             return
         self._done = True

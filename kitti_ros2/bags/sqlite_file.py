@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A rosbag2 .db3 file open for reading, one that is cut or damaged too.
+"""A rosbag2 .db3 file open for reading, even if it is truncated or damaged.
 
-Its rows are told first, without their data: that says which there are and in which order of time.
-Their data are read by one query as long as that goes well, then from the file's pages.
+All rows are listed first, without their data, and sorted by time. Their data are read by one query
+up to the first failure, then from the file's pages.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ class SqliteFile:
 
     Args:
         path: The file.
-        name: The path to tell the user.
-        findings: What is damaged is entered there.
+        name: The path in messages.
+        findings: Damage is entered there.
 
     Attributes:
         channels: By the id of their row.
-        pieces: All rows are one.
-        compressions: None; rosbag2 compresses messages or whole files.
+        pieces: All rows are one piece.
+        compressions: Empty; rosbag2 compresses messages or whole files.
 
     Raises:
-        BadBagError: It is no rosbag2 database.
-        OSError: It cannot be read.
+        BadBagError: The file is no rosbag2 database.
+        OSError: The file cannot be read.
     """
 
     compressions: Collection[str] = ()
@@ -83,13 +83,13 @@ class SqliteFile:
             count = int(np.count_nonzero(~known))
             self._lose(f'{count} messages are of topics that are not described', count)
             rows = rows[known]
-        # Stable: by id where stamps are the same.
+        # Stable: equal stamps stay in the order of ids.
         self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
         self.pieces = [self._piece()] if len(rows) else []
 
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
-        """The messages of some topics from a stamp on, in time order."""
-        del piece  # there is one only
+        """Yield the messages of some topics from a stamp on, in time order."""
+        del piece  # there is only one
         rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
         rows = rows[np.isin(rows['topic_id'], list(wanted))]
         done = 0
@@ -102,7 +102,7 @@ class SqliteFile:
                 yield stamp_ns, topic_id, data
 
     def index(self) -> BagIndex:
-        """The stamps of all messages, by topic and type."""
+        """Return the stamps of all messages, by topic and type."""
         index = BagIndex()
         for topic_id, channel in self.channels.items():
             stamps = self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
@@ -116,7 +116,7 @@ class SqliteFile:
         return other
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
         if self._connection is not None:
             self._connection.close()
@@ -133,7 +133,7 @@ class SqliteFile:
         return Piece(int(stamps[0]), int(stamps[-1]), 0, len(stamps), by_topic)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:
-        """Id, topic and stamp of every row that can be read, by id; sets the channels.
+        """Read id, topic and stamp of every readable row, by id; set the channels.
 
         Raises:
             ValueError: There are no topics.
@@ -158,10 +158,10 @@ class SqliteFile:
         return self._scanned_rows()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """Open the database for reading only.
+        """Open the database read-only.
 
         Raises:
-            sqlite3.Error: It cannot be opened.
+            sqlite3.Error: The database cannot be opened.
         """
         mode = 'immutable=1'
         wal = path.with_name(f'{path.name}-wal')
@@ -170,9 +170,9 @@ class SqliteFile:
             mode = 'mode=ro'
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
-                self._shared = shared  # SQLite makes it and leaves it
+                self._shared = shared  # SQLite creates and leaves it
         uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
-        # One thread after another may read.
+        # Several threads may read, one at a time.
         return sqlite3.connect(uri, uri=True, check_same_thread=False)
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
@@ -187,7 +187,7 @@ class SqliteFile:
         return np.array(rows, _ROW)
 
     def _scanned(self) -> dict[int, MessageRow]:
-        """The messages that can be seen in the pages, by the id of their row."""
+        """Return the messages found in the pages, by the id of their row."""
         if self._by_id is None:
             self._by_id = {message.row.row_id: message for message in self._pages.messages()}
         return self._by_id
@@ -195,17 +195,17 @@ class SqliteFile:
     def _in_one_query(
         self, rows: npt.NDArray[np.void], wanted: Collection[int]
     ) -> Iterator[StoredMessage]:
-        """The messages of rows by the query that reads fastest, up to the first damage."""
+        """Yield the messages of rows by the fastest query, up to the first damage."""
         if self._connection is None or not len(rows):
             return
-        # Sorting is left to the database's index, unless the rows lie in order.
+        # The database's index sorts the rows, unless they are stored in order.
         query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
         query = query.format(', '.join('?' * len(wanted)))
         try:
             found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
             for row_id, topic_id, stamp_ns in rows.tolist():
                 row = next(found, None)
-                # Of a file that is cut now, SQLite would read zeros.
+                # SQLite reads zeros from a file that was truncated meanwhile.
                 if row is None or row[0] != row_id or self._file.is_cut():
                     return
                 if not isinstance(row[1], bytes):
@@ -227,19 +227,19 @@ class SqliteFile:
 
 
 def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:
-    """The topics by the id of their row; earlier versions of the schema tell less.
+    """Read the topics by the id of their row; earlier versions of the schema have fewer columns.
 
     Raises:
-        sqlite3.Error: They cannot be read.
-        TypeError: They are damaged.
+        sqlite3.Error: The topics cannot be read.
+        TypeError: The topics are damaged.
     """
     definitions = {}
-    with suppress(sqlite3.OperationalError):  # there is no such table before version 4
+    with suppress(sqlite3.OperationalError):  # the table is missing before version 4
         for row in connection.execute(
             'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
         ):
             definitions[row[0]] = (row[2], row[1])
-    # Columns by their number: the id, four texts or so.
+    # Columns by number: the id, and about four texts.
     return {
         topic_id: _channel(texts, definitions)
         for topic_id, *texts in connection.execute('SELECT * FROM topics')
@@ -247,7 +247,7 @@ def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:
 
 
 def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
-    """The topics that can be seen in the pages, by the id of their row."""
+    """Return the topics found in the pages, by the id of their row."""
     definitions = {}
     topics = {}
     for row_id, texts in pages.texts():
@@ -259,10 +259,10 @@ def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
 
 
 def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> SourceChannel:
-    """A topic from its row: name, type, serialization format, from version 2 on QoS profiles.
+    """Make a topic from its row: name, type, serialization format, from version 2 on QoS profiles.
 
     Raises:
-        TypeError: They are no texts.
+        TypeError: A column is not a text.
     """
     if not all(isinstance(text, str) for text in texts[:_LEAST_TOPIC_COLUMNS]):
         raise TypeError('the names of topics are no texts')

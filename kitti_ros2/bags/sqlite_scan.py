@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rows of a rosbag2 database from its pages, where SQLite gives up: cut or damaged files.
+"""The rows of a rosbag2 database from its pages, for truncated or damaged files.
 
-https://sqlite.org/fileformat2.html, big endian. A file is pages of one size. Rows stand in the
-leaves of trees, pages that begin with 13 (the first page after a head of 100 bytes): the number of
-cells (uint16 at 3) and the place of each in the page (uint16 from 8 on). A cell is the size of its
-payload and the row's id (varints) and the payload, whose end may go on in a chain of overflow
+https://sqlite.org/fileformat2.html, big endian. A file consists of pages of one size. Rows are in
+the leaves of trees, pages that begin with 13 (the first page after a head of 100 bytes): the number
+of cells (uint16 at 3) and the offset of each in the page (uint16 from 8 on). A cell is the size of
+its payload and the row's id (varints) and the payload, which may continue in a chain of overflow
 pages: each the number of the next (uint32) and bytes. A payload is the size of its head, the types
 of its columns (all varints) and their values. Nothing here needs the trees' inner pages.
 """
@@ -29,20 +29,20 @@ _LEAF_HEAD = 8
 _BLOCK = 2**20
 _UINT16 = struct.Struct('>H')
 _UINT32 = struct.Struct('>I')
-# By type the bytes of an integer, and the value where it has none.
+# By type the bytes of an integer, and the value of types without bytes.
 _INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}
 _CONSTANTS = {8: 0, 9: 1}
 
 
 class Row(NamedTuple):
-    """A row of a table: its id, the types of its columns, and where its payload begins.
+    """A row of a table: its id, the types of its columns, and the place of its payload.
 
     Attributes:
         row_id: The id.
         types: Of the columns, as SQLite numbers them.
-        values: Where the first value begins in the payload.
-        size: Bytes of the payload.
-        position: Where the payload begins in the file.
+        values: Offset of the first value in the payload.
+        size: Of the payload, in bytes.
+        position: Of the payload in the file.
     """
 
     row_id: int
@@ -61,13 +61,13 @@ class MessageRow(NamedTuple):
 
 
 class Pages:
-    """The pages of a database that are whole.
+    """The whole pages of a database.
 
     Attributes:
-        expected: The file's size as its head tells, in bytes; 0 where that cannot be believed.
+        expected: The file's size according to its head, in bytes; 0 if that is unreliable.
 
     Raises:
-        ValueError: The head tells no size of pages.
+        ValueError: The head is invalid.
     """
 
     def __init__(self, file: FileBytes) -> None:
@@ -80,13 +80,13 @@ class Pages:
         if self._size < 512 or self._size & (self._size - 1):
             raise ValueError(f'pages of {size} bytes')
         self._usable = self._size - head[20]
-        # Two counts of changes agree where the number of pages was written with the last one.
+        # The number of pages is valid if two change counters agree.
         counted = head[24:28] == head[92:96]
         self.expected = _UINT32.unpack_from(head, 28)[0] * self._size if counted else 0
         self._block_at, self._block = 0, b''
 
     def rows(self) -> Iterator[Row]:
-        """The rows of all tables, by page."""
+        """Yield the rows of all tables, by page."""
         pages = max(1, _BLOCK // self._size)
         for start in range(0, self._file.size, pages * self._size):
             block = self._file.read(start, pages * self._size)
@@ -101,7 +101,7 @@ class Pages:
                     yield from self._leaf(page, start + at)
 
     def messages(self) -> Iterator[MessageRow]:
-        """The rows that are messages: an id, two integers and a blob."""
+        """Yield the rows that are messages: an id, two integers and a blob."""
         for row in self.rows():
             types = row.types
             if len(types) == 4 and types[0] == 0 and types[3] >= 12 and types[3] % 2 == 0:
@@ -113,7 +113,7 @@ class Pages:
                     yield MessageRow(row, topic_id, stamp_ns)
 
     def texts(self) -> Iterator[tuple[int, list[str]]]:
-        """The id and columns of rows that are an id and texts."""
+        """Yield id and columns of the rows that consist of an id and texts."""
         for row in self.rows():
             if row.types[0] == 0 and all(kind >= 13 and kind % 2 for kind in row.types[1:]):
                 try:
@@ -128,18 +128,18 @@ class Pages:
                 yield row.row_id, texts
 
     def data(self, message: MessageRow) -> bytes:
-        """The data of a message: the last column of its row.
+        """Read the data of a message: the last column of its row.
 
         Raises:
-            ValueError: It is damaged, or not all there.
+            ValueError: The data are damaged or incomplete.
         """
         return self.payload(message.row)[-((message.row.types[3] - 12) // 2) :]
 
     def payload(self, row: Row) -> bytes:
-        """The payload of a row.
+        """Read the payload of a row.
 
         Raises:
-            ValueError: It is damaged, or not all there.
+            ValueError: The payload is damaged or incomplete.
         """
         local = self._local(row.size)
         parts = [self._file.read(row.position, local)]
@@ -157,7 +157,7 @@ class Pages:
         return b''.join(parts)
 
     def _local(self, size: int) -> int:
-        """How many bytes of a payload stand in the leaf."""
+        """Return the number of bytes of a payload that are in the leaf."""
         usable = self._usable
         if size <= usable - 35:
             return size
@@ -168,7 +168,7 @@ class Pages:
     def _page(self, number: int) -> bytes:
         at = (number - 1) * self._size
         if not self._block_at <= at <= self._block_at + len(self._block) - self._size:
-            # Chains mostly go on in the next page.
+            # Chains mostly continue in the next page.
             self._block_at = at
             self._block = self._file.read(at, max(_BLOCK, self._size)) if number > 1 else b''
         start = at - self._block_at
@@ -189,7 +189,7 @@ class Pages:
                 yield row
 
     def _cell(self, page: bytes, start: int, position: int) -> Row | None:
-        """The row at a place in a page, None where there can be none."""
+        """Parse the row at an offset in a page, None if it is invalid."""
         try:
             size, at = _varint(page, start)
             row_id, at = _varint(page, at)
@@ -209,10 +209,10 @@ class Pages:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number, and what follows it.
+    """Parse a number; return it and the offset after it.
 
     Raises:
-        IndexError: The data end before.
+        IndexError: The data are truncated.
     """
     value = 0
     for place in range(at, at + 8):
@@ -223,14 +223,14 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def _width(kind: int) -> int:
-    """Bytes of a value."""
+    """Return the size of a value in bytes."""
     if kind >= 12:
         return (kind - 12) // 2
     return 8 if kind == 7 else _INTEGERS.get(kind, 0)
 
 
 def _integer(kind: int, data: bytes) -> tuple[int | None, int]:
-    """The integer that data begin with, None for other types, and its bytes."""
+    """Return the integer at the start of data, None for other types, and its size in bytes."""
     size = _width(kind)
     if kind in _INTEGERS:
         return int.from_bytes(data[:size], 'big', signed=True), size

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
 _SCHEMA_VERSION = 4
 
-# The file becomes a bag by a rename after it is complete, so nothing in it needs a journal or must
-# reach the disk in any order. Pages of 16 KiB keep the chains of overflow pages of scans short, and
-# still waste little of their last one.
+# The complete file is renamed to the bag, so it needs neither a journal nor an order of writes.
+# Pages of 16 KiB keep the overflow chains of scans short, and waste little of the last page.
 _PRAGMAS = """
 PRAGMA page_size = 16384;
 PRAGMA journal_mode = OFF;
@@ -70,7 +69,7 @@ class SqliteSegment:
         self._connection.execute('BEGIN')
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
-        """Write the topic's row, and its type's where that is new."""
+        """Write the topic's row, and its type's row if the type is new."""
         digest = self._typestore.hash_rihs01(channel.msgtype)
         if channel.msgtype not in self._types:
             self._types.add(channel.msgtype)
@@ -110,7 +109,7 @@ class SqliteSegment:
         self._connection.close()
 
     def abort(self) -> None:
-        """Stop all work and let go of the file."""
+        """Stop all threads and close the file."""
         if self._pool is not None:
             self._pool.close()
         self._connection.close()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reader and the writer of each container; model/containers.py has what else is known of it.
+"""The reader and the writer of each container; model/containers.py has all other facts about it.
 
 Each is imported when it is called: the libraries behind all of them take some tenths of a second,
 and a run needs one or two.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a bag at a glance, from the stamps of its messages."""
+"""Summaries of bags from the stamps of their messages."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ TopicKey: TypeAlias = tuple[str, str]
 
 @dataclass
 class BagIndex:
-    """The stamps of a bag's messages, as its storage gives them.
+    """The stamps of a bag's messages, as its container stores them.
 
     Attributes:
-        stamps: Nanoseconds by topic and type, in any order, in as many pieces as there are.
-        compressions: Names of the compressions met.
-        complete: Whether the file ends as its format demands.
-        warnings: What a user should know, one line each.
+        stamps: Nanoseconds by topic and type, in any order, in any number of pieces.
+        compressions: Names of the compressions found.
+        complete: Whether no file is truncated or damaged.
+        warnings: Notes and losses, one line each.
     """
 
     stamps: dict[TopicKey, list[StampArray]] = field(default_factory=dict)
@@ -36,11 +36,11 @@ class BagIndex:
     warnings: list[str] = field(default_factory=list)
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
-        """Enter stamps (nanoseconds) of a topic; none at all makes the topic known."""
+        """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
         self.stamps.setdefault(key, []).append(np.asarray(stamps, dtype=np.int64))
 
     def merge(self, other: BagIndex) -> None:
-        """Take in the index of another file of the same bag."""
+        """Add the index of another file of the same bag."""
         for key, pieces in other.stamps.items():
             self.stamps.setdefault(key, []).extend(pieces)
         self.compressions |= other.compressions
@@ -48,7 +48,7 @@ class BagIndex:
         self.warnings += other.warnings
 
     def by_topic(self) -> dict[str, StampArray]:
-        """By topic the stamps of its messages, (N,) nanoseconds, ascending."""
+        """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""
         found: dict[str, list[StampArray]] = {}
         for (topic, _), pieces in self.stamps.items():
             found.setdefault(topic, []).extend(pieces)
@@ -56,22 +56,22 @@ class BagIndex:
 
     @property
     def total(self) -> int:
-        """All messages."""
+        """Number of all messages."""
         return sum(len(piece) for pieces in self.stamps.values() for piece in pieces)
 
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """One topic of a bag; what too few messages cannot tell is None.
+    """One topic of a bag; values that need more messages than there are, are None.
 
     Attributes:
         name: Topic.
         msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
         count: Messages.
         start_ns, end_ns: First and last stamp.
-        median_period_ns: Median distance of neighbouring stamps.
-        largest_gap_ns: Greatest distance of neighbouring stamps.
-        largest_gap_at_ns: The stamp after which it comes.
+        median_period_ns: Median difference of consecutive stamps.
+        largest_gap_ns: Greatest difference of consecutive stamps.
+        largest_gap_at_ns: The stamp at the start of that gap.
         mean_rate_hz: Messages per second between the first and the last.
     """
 
@@ -88,7 +88,7 @@ class TopicSummary:
 
 @dataclass(frozen=True)
 class BagSummary:
-    """What a bag holds.
+    """The contents of a bag.
 
     Attributes:
         container: mcap, rosbag2 mcap, rosbag2 sqlite3, sqlite3 or ros1.
@@ -96,9 +96,9 @@ class BagSummary:
         size_bytes: Size of those files together.
         start_ns, end_ns: First and last stamp, None without messages.
         topics: By name.
-        compression: none, or the names of the compressions met.
-        complete: False where a file was cut off or damaged; what could be read is counted.
-        warnings: What a user should know, one line each.
+        compression: none, or the names of the compressions found.
+        complete: False if a file is truncated or damaged; readable messages are counted.
+        warnings: Notes and losses, one line each.
     """
 
     container: str
@@ -113,12 +113,12 @@ class BagSummary:
 
     @property
     def message_count(self) -> int:
-        """All messages."""
+        """Number of all messages."""
         return sum(topic.count for topic in self.topics)
 
 
 def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSummary:
-    """The summary of an index."""
+    """Summarize an index."""
     topics = _topics(index.stamps)
     starts = [topic.start_ns for topic in topics if topic.start_ns is not None]
     ends = [topic.end_ns for topic in topics if topic.end_ns is not None]
@@ -142,7 +142,7 @@ def _topics(stamps: Mapping[TopicKey, list[StampArray]]) -> tuple[TopicSummary, 
 
 
 def summarize_topic(name: str, msgtype: str, stamps: StampArray) -> TopicSummary:
-    """Count, times, rate and largest gap of one series; stamps in ns, in any order."""
+    """Return count, times, rate and largest gap of one topic; stamps in ns, in any order."""
     if not len(stamps):
         return TopicSummary(name, msgtype, 0)
     stamps = np.sort(stamps)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Open a bag to write: whatever its storage, split or not, it appears only when complete.
+"""Opening bags for writing; a bag of any container, split or not, appears only when complete.
 
-What OUT becomes:
+The files made from OUT:
 
 ==================  ======================  =====================================================
 OUT                 storage                 on disk
@@ -39,7 +39,7 @@ def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -
     """Return the storage for an output path: the requested one, else the suffix's, else a default.
 
     Raises:
-        UsageError: The ending and the storage contradict each other, or one of them is unknown.
+        UsageError: The suffix and the storage contradict each other, or one of them is unknown.
     """
     if asked is not None and asked not in CONTAINERS:
         raise UsageError(f'there is no storage {asked!r}; choose one of {", ".join(CONTAINERS)}')
@@ -61,10 +61,10 @@ def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -
 
 
 def output_path(path: Path, options: BagOptions) -> Path:
-    """Where a bag will be that is to be written to a path.
+    """Return the path of the bag that is written for an output path.
 
     Raises:
-        UsageError: The path's ending contradicts the options.
+        UsageError: The path's suffix contradicts the options.
     """
     storage = guess_storage(path, options.storage)
     in_file = container_of(path.suffix) is not None
@@ -86,20 +86,20 @@ def open_bag(
     *,
     source_metadata: Mapping[str, str] | None = None,
 ) -> BagWriter:
-    """Open a bag for writing; to be used as a context manager.
+    """Open a bag for writing; use it as a context manager.
 
     Args:
-        path: Where the bag shall be; see the table above and BagWriter.path.
+        path: Output path; see the table above and BagWriter.path.
         options: Storage, compression, split, overwrite.
-        typestore: Knows the ROS 2 definitions of the types that will be written.
-        source_metadata: Where the data came from, kept in the bag where its storage can.
+        typestore: Contains the ROS 2 definitions of the types to be written.
+        source_metadata: Origin of the data, stored in the bag if the container supports that.
 
     Raises:
-        UsageError: The path's ending contradicts the options.
-        OutputExistsError: Something is there already and may not be replaced.
+        UsageError: The path's suffix contradicts the options.
+        OutputExistsError: The output exists and may not be replaced.
         OutputError: Another run is writing there, or the disk refuses.
     """
-    # File names may hold bytes that are no UTF-8, which bags cannot.
+    # File names may contain bytes that are not UTF-8, which bags cannot store.
     source = {
         key: value.encode('utf-8', 'replace').decode()
         for key, value in (source_metadata or {}).items()

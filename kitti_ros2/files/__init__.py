@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files on a disk: outputs that appear whole or not at all, the page cache, workers, PNG."""
+"""Files: outputs that appear complete or not at all, the page cache, worker threads, PNG."""

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing gigabytes without filling the page cache.
+"""Writes that do not fill the page cache.
 
-A drive that stays in the cache pushes other files out of memory, and on many machines taking fresh
-pages costs more than writing does. Linux 6.16 on ext4, XFS and Btrfs begins to write at once and
-drops the pages when they are on the disk; others write as usual. Source: pwritev2(2),
-RWF_DONTCACHE; 6.14 knows the flag, but could drop pages that were still in use.
+A drive that stays in the cache evicts other files from memory, and on many machines allocating
+pages costs more than writing does. Linux 6.16 on ext4, XFS and Btrfs starts writeback at once and
+drops the pages when they are on the disk; other systems write as usual. Source: pwritev2(2),
+RWF_DONTCACHE; 6.14 supports the flag, but could drop pages that were still in use.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
 
     Buffers: TypeAlias = Sequence[bytes | bytearray | memoryview]
 
-_RWF_DONTCACHE = 0x80  # include/uapi/linux/fs.h; the module os has no name for it
+_RWF_DONTCACHE = 0x80  # include/uapi/linux/fs.h; missing in the module os
 _SOUND_SINCE = (6, 16)
 _UNKNOWN_FLAG = {errno.EOPNOTSUPP, errno.EINVAL}
 _UNCACHED_FROM = 64 * 2**10
-"""Below, a write of its own to the disk costs more than the page."""
+"""Below this size in bytes, a separate write to the disk costs more than the page."""
 
 
 def write_uncached(file: int, buffers: Buffers, position: int) -> int:
-    """Write buffers at a position, or a part of them; large ones without filling the page cache.
+    """Write all or part of the buffers at a position; large ones without filling the page cache.
 
-    The last page is left for the next call where it is not full: a page that was forgotten would
-    be read again to be filled up.
+    A last page that is not full is left to the next call: once dropped, it would have to be read
+    again to be filled up.
 
     Args:
         file: Descriptor of a regular file.
         buffers: Flat bytes, at most IOV_MAX of them.
-        position: Where the first byte goes.
+        position: Of the first byte in the file.
 
     Returns:
-        How many bytes were written, as os.pwritev.
+        Number of bytes written, as os.pwritev.
 
     Raises:
         OSError: The disk refuses.
@@ -53,7 +53,7 @@ def write_uncached(file: int, buffers: Buffers, position: int) -> int:
     try:
         return os.pwritev(file, pages, position, _RWF_DONTCACHE)
     except NotImplementedError:
-        pass  # a Python built for an old glibc takes no flags
+        pass  # a Python built for an old glibc supports no flags
     except OSError as error:
         if error.errno not in _UNKNOWN_FLAG:
             raise
@@ -61,7 +61,7 @@ def write_uncached(file: int, buffers: Buffers, position: int) -> int:
 
 
 def kernel_drops_pages(platform: str, release: str) -> bool:
-    """Whether a kernel (sys.platform, os.uname().release) can be trusted with the flag."""
+    """Whether a kernel (sys.platform, os.uname().release) handles the flag correctly."""
     version = re.match(r'(\d+)\.(\d+)', release, re.ASCII)
     if platform != 'linux' or version is None:
         return False
@@ -72,7 +72,7 @@ _KERNEL_DROPS_PAGES = kernel_drops_pages(sys.platform, os.uname().release)
 
 
 def without_start(buffers: Buffers, count: int) -> Buffers:
-    """What follows the first bytes of buffers, so many."""
+    """Return the buffers without their first `count` bytes."""
     for index, buffer in enumerate(buffers):
         if count < len(buffer):
             return [memoryview(buffer)[count:], *buffers[index + 1 :]]
@@ -81,7 +81,7 @@ def without_start(buffers: Buffers, count: int) -> Buffers:
 
 
 def without_end(buffers: Buffers, count: int) -> Buffers:
-    """What precedes the last bytes of buffers, so many."""
+    """Return the buffers without their last `count` bytes."""
     if not count:
         return buffers
     for index, buffer in reversed(list(enumerate(buffers))):

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An output that exists either completely or not at all.
+"""Outputs that exist either completely or not at all.
 
-Everything is written inside the hidden directory ``.{name}.partial`` beside the output, locked as
-long as its writer lives, and renamed to the output when complete. The lock goes with the process,
-however it ends: a partial directory without one is what a killed run left, and the next run clears
-it away.
+Everything is written inside the hidden directory ``.{name}.partial`` beside the output, which is
+locked while its writer runs, and renamed to the output when complete. The lock ends with the
+process: a partial directory without a lock is left over from a killed run, and the next run
+removes it.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _DIRECTORY_FILES = (
 _WITHOUT_METADATA = tuple(each.suffix for each in CONTAINERS.values() if not each.in_rosbag2)
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
-# File systems without locks; there a second run at the same time goes unnoticed.
+# Errors of file systems without locks; there a concurrent second run is not detected.
 _NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
-    """The one-line error for what the operating system says about an output."""
+    """Convert an error of the operating system about an output to a one-line error."""
     reason = error.strerror or str(error)
     if error.errno in _FULL:
         return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
@@ -54,7 +54,7 @@ def output_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def reported(path: Path) -> Iterator[None]:
-    """Turn the operating system's errors about an output into OutputError."""
+    """Convert errors of the operating system about an output to OutputError."""
     try:
         yield
     except OSError as error:
@@ -62,20 +62,20 @@ def reported(path: Path) -> Iterator[None]:
 
 
 class Staging:
-    """A place for an output under construction.
+    """A temporary place for an output until it is complete.
 
     Attributes:
         path: The output.
-        content: Where to build it: a path inside the partial directory that does not exist yet.
+        content: Where to write it: a path inside the partial directory that does not exist yet.
 
     Args:
         path: The output.
-        refusal: What to do about an output that exists already, None where it may be replaced.
+        refusal: Returns the reason why an existing output is kept, None if it may be replaced.
 
     Raises:
         OutputExistsError: The output exists and may not be replaced.
         OutputError: Another run is writing it, or the disk refuses.
-        UsageError: The path names no possible output.
+        UsageError: The path cannot be an output.
     """
 
     def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
@@ -94,7 +94,7 @@ class Staging:
         except BaseException as error:
             self.discard()
             if isinstance(error, (KeyboardInterrupt, SystemExit)):
-                # It may have come between making the directory and locking it; an empty one goes.
+                # The interrupt may fall between creating the directory and locking it.
                 with suppress(OSError):
                     self._partial.rmdir()
             raise
@@ -103,7 +103,7 @@ class Staging:
         """Rename the complete content to the output.
 
         Raises:
-            OutputExistsError: The output appeared meanwhile, or is none that may be replaced.
+            OutputExistsError: The output was created meanwhile, or may not be replaced.
             OutputError: The disk refuses.
         """
         self._check_free()
@@ -115,12 +115,12 @@ class Staging:
         self.discard()
 
     def discard(self) -> None:
-        """Remove what is there of the content and let go of the place; never raises OSError."""
+        """Remove the content and release the lock; never raises OSError."""
         lock, self._lock = self._lock, -1
         if lock >= 0:
             with suppress(OSError):
                 self._restore()
-            # Deleting comes before unlocking: another run must not find the place half cleared.
+            # Delete before unlocking: another run must not find a partly deleted directory.
             shutil.rmtree(self._partial, ignore_errors=True)
             os.close(lock)
         for folder in reversed(self._created):
@@ -141,7 +141,7 @@ class Staging:
                 raise OutputExistsError(self.path, refusal)
 
     def _acquire(self) -> None:
-        """Make the partial directory and lock it."""
+        """Create the partial directory and lock it."""
         while True:
             with suppress(FileExistsError):
                 self._partial.mkdir()
@@ -154,7 +154,7 @@ class Staging:
             fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
                 lock_exclusively(fd, self.path)
-                # A directory that its owner removed between our open and our lock is not ours.
+                # Its owner may have removed the directory between our open and our lock.
                 if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
                     self._lock = fd
                     return
@@ -170,7 +170,7 @@ class Staging:
         self._restore()
         found = {entry.name for entry in self._partial.iterdir()}
         if found - {self.content.name, _REPLACED, _NAMED}:
-            # Not made here, so not ours to delete; discard must not either.
+            # Foreign files: neither this method nor discard may delete them.
             os.close(self._lock)
             self._lock = -1
             raise OutputError(
@@ -186,14 +186,14 @@ class Staging:
                 entry.unlink()
 
     def _restore(self) -> None:
-        # A run that was killed between its two renames had moved the old bag here.
+        # A run that was killed between its two renames has moved the old bag here.
         replaced = self._partial / _REPLACED
         if os.path.lexists(replaced) and not os.path.lexists(self.path):
             replaced.rename(self.path)
 
 
 def lock_exclusively(fd: int, path: Path) -> None:
-    """Lock an open folder for as long as it is open.
+    """Lock an open folder until it is closed.
 
     Raises:
         OutputError: Another run is writing to the output, path.
@@ -219,14 +219,14 @@ def _named(path: Path) -> Path:
 
 
 def lies_inside(out: Path, source: Path) -> bool:
-    """Whether what is to be made is, or lies in, what it is made from."""
-    # Unlike Path.resolve, this takes links that go in a circle.
+    """Whether an output is its source or lies inside it."""
+    # Unlike Path.resolve, this accepts circular links.
     target, origin = (Path(os.path.realpath(path)) for path in (out, source))
     return target == origin or origin in target.parents
 
 
 def refuse_inside(source: Path, out: Path) -> None:
-    """Keep what is made out of the recording it is made from: that stays as it was.
+    """Refuse an output inside the recording that it is made from.
 
     Raises:
         UsageError: The output lies inside.
@@ -236,21 +236,21 @@ def refuse_inside(source: Path, out: Path) -> None:
 
 
 def keep_all_but_bags(path: Path) -> str | None:
-    """Why --overwrite does not replace what is there; None for a bag."""
+    """Return why --overwrite does not replace a path; None for a bag."""
     return None if _looks_like_bag(path) else _NO_BAG
 
 
 def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
-    """Why nothing that is there is replaced."""
+    """Return why a path is not replaced, whatever it is."""
     return 'choose another name, or pass --overwrite'
 
 
 def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Path], str | None]:
-    """A refusal of all that --overwrite does not replace: what does not begin as its kind does.
+    """Return a refusal for Staging that lets only files of one kind be replaced.
 
     Args:
-        what: The kind, for people, such as picture.
-        beginnings: How such files begin; empty ones may be replaced as well.
+        what: The kind as messages name it, such as picture.
+        beginnings: First bytes of such files; empty files may be replaced as well.
     """
 
     def refusal(path: Path) -> str | None:
@@ -266,16 +266,16 @@ def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Pa
 
 @contextmanager
 def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Path]:
-    """A path to write a file at, of the same name, which is at out when all went well.
+    """Yield a path of the same name to write a file to; on success it is moved to out.
 
     Raises:
-        OutputExistsError: out is there, and may not be replaced.
+        OutputExistsError: out exists and may not be replaced.
         OutputError: The disk refuses.
     """
     staging = Staging(out, refusal)
     try:
         with reported(out):
-            # Programs that write pictures and films look at the name's ending.
+            # Programs that write pictures and films use the suffix of the name.
             folder = staging.content.with_name(_NAMED)
             folder.mkdir()
             yield folder / out.name
@@ -302,7 +302,7 @@ def _looks_like_bag(path: Path) -> bool:
     files = {name for name in names if name.endswith(_DIRECTORY_FILES)}
     if names - files - {'metadata.yaml'}:
         return False
-    # A split ROS 1 bag has no metadata.yaml; an empty directory has nothing to lose.
+    # A split ROS 1 bag has no metadata.yaml; an empty directory may be replaced as well.
     return 'metadata.yaml' in names or all(name.endswith(_WITHOUT_METADATA) for name in names)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An unbuffered file that takes lists of buffers and hands them to the kernel without a copy."""
+"""An unbuffered file that passes lists of buffers to the kernel without a copy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class VectoredFile:
         position: Bytes written so far.
 
     Raises:
-        OSError: The file exists or cannot be made.
+        OSError: The file exists or cannot be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,17 +32,17 @@ class VectoredFile:
         self.position = 0
 
     def write(self, buffers: Buffers) -> None:
-        """Append buffers (flat bytes) in order, all of them.
+        """Append all buffers (flat bytes) in order.
 
         Raises:
             OSError: The disk refuses; part of the buffers may have been written.
-            ValueError: A buffer is no flat bytes.
+            ValueError: A buffer is not flat bytes.
         """
         for start in range(0, len(buffers), _MAX_BUFFERS):
             self._write_batch(buffers[start : start + _MAX_BUFFERS])
 
     def write_at(self, position: int, data: bytes) -> None:
-        """Write over bytes that are there already.
+        """Overwrite bytes that were written before.
 
         Raises:
             OSError: The disk refuses.
@@ -53,7 +53,7 @@ class VectoredFile:
             data = data[written:]
 
     def close(self) -> None:
-        """Close the file; nothing happens the second time.
+        """Close the file; does nothing if it is closed.
 
         Raises:
             OSError: The file system reports a write that failed late.

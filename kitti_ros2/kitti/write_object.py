@@ -14,7 +14,7 @@ from . import names
 from .calib_file import format_object
 from .label_file import EMPTY_OBJECT_LINE, format_object_labels
 from .scan_file import format_scan
-from .store import STORE, LocalStore
+from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ class ObjectWriter(LayoutWriter):
         dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
         label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
         train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
-        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.OBJECT
@@ -47,7 +46,6 @@ class ObjectWriter(LayoutWriter):
         dont_care_when_empty: bool = False,
         label_decimals: int = 2,
         train_fraction: float = 0.5,
-        store: LocalStore = STORE,
     ) -> None:
         if split not in names.SPLITS:
             raise UsageError(f'no split {split!r}; there are {" and ".join(names.SPLITS)}')
@@ -55,7 +53,6 @@ class ObjectWriter(LayoutWriter):
         self._sets_path = root / names.IMAGE_SETS
         self._split = split
         self._dont_care_when_empty = dont_care_when_empty
-        self._store = store
         self._label_decimals = label_decimals
         self._train_fraction = train_fraction
         self._numbers: set[int] = set()
@@ -63,22 +60,20 @@ class ObjectWriter(LayoutWriter):
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write calib/NNNNNN.txt."""
-        self._store.write_text(
-            self._file(names.CALIB, number, names.TXT), format_object(calibration)
-        )
+        STORE.write_text(self._file(names.CALIB, number, names.TXT), format_object(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calib/NNNNNN.txt, verbatim."""
         for text in texts.values():
-            self._store.write_text(self._file(names.CALIB, number, names.TXT), text)
+            STORE.write_text(self._file(names.CALIB, number, names.TXT), text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne/NNNNNN.bin."""
-        self._store.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
+        STORE.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_C/NNNNNN.png."""
-        self._store.write(self._file(names.OBJECT_IMAGES[camera], number, names.PNG), png)
+        STORE.write(self._file(names.OBJECT_IMAGES[camera], number, names.PNG), png)
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
@@ -87,7 +82,7 @@ class ObjectWriter(LayoutWriter):
             text = format_object_labels(labels, self._label_decimals)
         if not text and self._dont_care_when_empty:
             text = EMPTY_OBJECT_LINE
-        self._store.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
+        STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
 
     def leave_out(self, number: int) -> None:
         """Keep an incomplete frame out of ImageSets: loaders read the frames listed there."""
@@ -106,10 +101,10 @@ class ObjectWriter(LayoutWriter):
             sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
         for name in ('trainval', 'train', 'val', 'test'):
             path = self._sets_path / f'{name}{names.TXT}'
-            if name in sets or not self._store.is_file(path):
+            if name in sets or not STORE.is_file(path):
                 members = sets.get(name, [])
                 text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
-                self._store.write_text(path, text)
+                STORE.write_text(path, text)
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         self._numbers.add(number)

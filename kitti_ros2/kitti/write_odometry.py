@@ -14,7 +14,7 @@ from .calib_file import format_odometry
 from .poses_file import format_poses
 from .scan_file import format_scan
 from .stamps_file import format_times
-from .store import STORE, LocalStore
+from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
@@ -31,33 +31,31 @@ class OdometryWriter(LayoutWriter):
     Args:
         root: The dataset folder, above sequences and poses.
         sequence: The sequence's number.
-        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.ODOMETRY
 
-    def __init__(self, root: Path, sequence: int = 0, store: LocalStore = STORE) -> None:
+    def __init__(self, root: Path, sequence: int = 0) -> None:
         name = f'{sequence:02d}'
         self.path = root / names.SEQUENCES / name
         self._poses_path = root / names.POSES / f'{name}{names.TXT}'
-        self._store = store
         self._poses: list[Float64Array] = []
         self._stamps: dict[int, int] = {}
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write calib.txt; the last one is kept."""
-        self._store.write_text(self.path / names.ODOMETRY_CALIB, format_odometry(calibration))
+        STORE.write_text(self.path / names.ODOMETRY_CALIB, format_odometry(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calib.txt, verbatim."""
         for text in texts.values():
-            self._store.write_text(self.path / names.ODOMETRY_CALIB, text)
+            STORE.write_text(self.path / names.ODOMETRY_CALIB, text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne/NNNNNN.bin."""
         self._stamps.setdefault(number, stamp_ns)
         name = names.file_name(number, names.FRAME_DIGITS, names.BIN)
-        self._store.write(self.path / names.SCANS / name, format_scan(scan.points))
+        STORE.write(self.path / names.SCANS / name, format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_C/NNNNNN.png; the benchmark's times are those of camera 0."""
@@ -67,7 +65,7 @@ class OdometryWriter(LayoutWriter):
             self._stamps[number] = stamp_ns
         self._stamps.setdefault(number, stamp_ns)
         name = names.file_name(number, names.FRAME_DIGITS, names.PNG)
-        self._store.write(self.path / names.OBJECT_IMAGES[camera] / name, png)
+        STORE.write(self.path / names.OBJECT_IMAGES[camera] / name, png)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
         """Write a line of poses/NN.txt.
@@ -96,6 +94,6 @@ class OdometryWriter(LayoutWriter):
                 f' number the frames from 0 without a gap'
             )
         offsets = [self._stamps[number] - self._stamps[0] for number in sorted(self._stamps)]
-        self._store.write_text(self.path / names.TIMES, format_times(offsets))
+        STORE.write_text(self.path / names.TIMES, format_times(offsets))
         if self._poses:
-            self._store.write_text(self._poses_path, format_poses(self._poses))
+            STORE.write_text(self._poses_path, format_poses(self._poses))

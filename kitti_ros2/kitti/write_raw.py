@@ -19,7 +19,7 @@ from .calib_file import format_raw
 from .oxts_file import format_packet
 from .scan_file import format_scan, format_scan_text
 from .stamps_file import format_timestamps
-from .store import STORE, LocalStore
+from .store import STORE
 from .tracklet_file import (
     TRUNCATION_CUT,
     TRUNCATION_IN_IMAGE,
@@ -83,7 +83,6 @@ class RawWriter(LayoutWriter):
         drive: Its number.
         kind: sync or extract.
         text_scans: Whether scans are text (millimetres), as in KITTI's own extracts.
-        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.RAW
@@ -96,7 +95,6 @@ class RawWriter(LayoutWriter):
         kind: str = KINDS[0],
         *,
         text_scans: bool = False,
-        store: LocalStore = STORE,
     ) -> None:
         name = f'{date}_drive_{drive:04d}_{kind}'
         if names.RAW_DATE.fullmatch(date) is None or names.RAW_DRIVE.fullmatch(name) is None:
@@ -105,7 +103,6 @@ class RawWriter(LayoutWriter):
                 f' and {" or ".join(KINDS)}'
             )
         self.path = root / date / name
-        self._store = store
         self._text_scans = text_scans
         self._stamps: dict[Path, dict[int, int]] = {}
         self._tracks: dict[int, dict[int, Box]] = {}
@@ -120,7 +117,7 @@ class RawWriter(LayoutWriter):
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calibration files of DATE, verbatim."""
         for name, text in texts.items():
-            self._store.write_text(self.path.parent / name, text)
+            STORE.write_text(self.path.parent / name, text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne_points/data; a sweep without start and end gets its own stamp for both."""
@@ -173,17 +170,15 @@ class RawWriter(LayoutWriter):
             UsageError: There are labels but no calibration to transform them to velo_link.
         """
         for path, stamps in self._stamps.items():
-            self._store.write_text(path, format_timestamps(fill_stamps(stamps)))
+            STORE.write_text(path, format_timestamps(fill_stamps(stamps)))
         if self.path / names.RAW_OXTS / names.TIMESTAMPS in self._stamps:
-            self._store.write_text(self.path / names.RAW_OXTS / names.DATAFORMAT, DATAFORMAT)
+            STORE.write_text(self.path / names.RAW_OXTS / names.DATAFORMAT, DATAFORMAT)
         if self._labelled:
-            self._store.write_text(
-                self.path / names.RAW_TRACKLETS, format_tracklets(self._tracklets())
-            )
+            STORE.write_text(self.path / names.RAW_TRACKLETS, format_tracklets(self._tracklets()))
 
     def _write_data(self, folder: Path, number: int, suffix: str, data: bytes) -> None:
         name = names.file_name(number, names.RAW_DIGITS, suffix)
-        self._store.write(folder / names.RAW_DATA / name, data)
+        STORE.write(folder / names.RAW_DATA / name, data)
 
     def _stamp(self, path: Path, number: int, stamp_ns: int) -> None:
         self._stamps.setdefault(path, {})[number] = stamp_ns

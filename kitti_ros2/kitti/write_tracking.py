@@ -15,7 +15,7 @@ from .calib_file import format_tracking
 from .label_file import format_tracking_labels
 from .oxts_file import format_packet
 from .scan_file import format_scan
-from .store import STORE, LocalStore
+from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ class TrackingWriter(LayoutWriter):
         root: The dataset folder, above training.
         sequence: The sequence's number.
         split: training or testing.
-        store: Writes the files.
     """
 
     layout: ClassVar[Layout] = Layout.TRACKING
@@ -46,35 +45,33 @@ class TrackingWriter(LayoutWriter):
         root: Path,
         sequence: int = 0,
         split: str = names.SPLITS[0],
-        store: LocalStore = STORE,
     ) -> None:
         if split not in names.SPLITS:
             raise UsageError(f'no split {split!r}; there are {" and ".join(names.SPLITS)}')
         self.path = root / split
         self._sequence = f'{sequence:0{names.SEQUENCE_DIGITS}d}'
-        self._store = store
         self._packets: list[str] = []
         self._labels: list[str] = []
         self._labelled = False
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write calib/SSSS.txt; the last one is kept."""
-        self._store.write_text(self._table(names.CALIB), format_tracking(calibration))
+        STORE.write_text(self._table(names.CALIB), format_tracking(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calib/SSSS.txt, verbatim."""
         for text in texts.values():
-            self._store.write_text(self._table(names.CALIB), text)
+            STORE.write_text(self._table(names.CALIB), text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne/SSSS/NNNNNN.bin."""
-        self._store.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
+        STORE.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_0C/SSSS/NNNNNN.png."""
         if Stream(f'image_{camera}') not in self.accepts:
             raise self._no_place(Stream(f'image_{camera}'))
-        self._store.write(self._file(names.TRACKING_IMAGES[camera], number, names.PNG), png)
+        STORE.write(self._file(names.TRACKING_IMAGES[camera], number, names.PNG), png)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
         """Write a line of oxts/SSSS.txt.
@@ -111,9 +108,9 @@ class TrackingWriter(LayoutWriter):
         """Write oxts/SSSS.txt and label_02/SSSS.txt."""
         if self._packets:
             lines = ''.join(f'{packet}\n' for packet in self._packets)
-            self._store.write_text(self._table(names.OXTS), lines)
+            STORE.write_text(self._table(names.OXTS), lines)
         if self._labelled:
-            self._store.write_text(self._table(names.TRACKING_LABELS), ''.join(self._labels))
+            STORE.write_text(self._table(names.TRACKING_LABELS), ''.join(self._labels))
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         name = names.file_name(number, names.FRAME_DIGITS, suffix)

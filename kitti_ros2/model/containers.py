@@ -21,7 +21,7 @@ class Container:
         globs: File names that belong to a bag in a directory.
         side_suffixes: Of files that its library may leave beside.
         in_file: Whether a bag can be written to a single file of that suffix.
-        in_rosbag2: Whether rosbag2 knows it: a directory then has a metadata.yaml.
+        in_rosbag2: Whether rosbag2 supports it: a directory then has a metadata.yaml.
         encoding: Of the messages in it: cdr or ros1.
         compressions: By name the levels of each, None where there is no level to choose.
         compresses_messages: Whether it is messages that are compressed (rosbag2's message mode).

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes PNG files: OpenCV does it, but isal inflates the data first where it is installed.
+"""A PNG decoder: OpenCV, after isal has inflated the image data if it is installed.
 
 Two thirds of decoding is inflating, and isal inflates twice as fast as the zlib in OpenCV's
-wheels. So the image data is inflated here and handed on in a PNG whose data is merely stored; what
-is not understood here goes to OpenCV as it came. Formats: PNG (W3C, 3rd edition) section 5.3,
+wheels. So the image data is inflated here and passed on in a PNG whose data is merely stored;
+unsupported files go to OpenCV unchanged. Formats: PNG (W3C, 3rd edition) section 5.3,
 zlib RFC 1950, deflate RFC 1951 section 3.2.4.
 """
 
@@ -33,7 +33,7 @@ _STORED_HEAD = b'\x78\x01'
 
 
 def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
-    """(H, W) uint8 or uint16 pixels, as the file has them, or (H, W, 3) uint8 BGR.
+    """Decode to pixels: (H, W) uint8 or uint16, as in the file, or (H, W, 3) uint8 BGR.
 
     Raises:
         ValueError: The PNG cannot be decoded.
@@ -49,10 +49,10 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
 
 
 def inflated(png: bytes) -> bytes:
-    """The same PNG with its image data stored instead of compressed, or png itself.
+    """Return the PNG with its image data stored instead of compressed, or png itself.
 
     Raises:
-        ValueError: The data inflate to more than an image of the size that the header tells.
+        ValueError: The data inflate to more than an image of the size in the header.
     """
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
@@ -64,7 +64,7 @@ def inflated(png: bytes) -> bytes:
         # A few bytes can inflate to all of the memory.
         most = _most_bytes(png)
         raw = inflater.decompress(b''.join(parts), most)
-    except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, whatever its stub says
+    except (isal_zlib.IsalError, struct.error):  # type: ignore[misc] # a class, unlike in its stub
         return png
     if not inflater.eof:
         if len(raw) < most:
@@ -79,7 +79,7 @@ def inflated(png: bytes) -> bytes:
 
 
 def _most_bytes(png: bytes) -> int:
-    """What the image data of a PNG can be at most, filters and interlacing included.
+    """Return the maximum size of the image data in bytes, including filters and interlacing.
 
     Raises:
         struct.error: The header is cut off.
@@ -89,7 +89,7 @@ def _most_bytes(png: bytes) -> int:
 
 
 def _image_data(png: bytes) -> tuple[int, int, list[memoryview]]:
-    """Where the IDAT chunks begin and end, and what they hold.
+    """Return the start of the first IDAT chunk, the end of the last, and their contents.
 
     Raises:
         struct.error: A chunk is cut off.
@@ -110,7 +110,7 @@ def _image_data(png: bytes) -> tuple[int, int, list[memoryview]]:
 
 
 def _blocks(raw: bytes) -> list[bytes | memoryview]:
-    """Stored deflate blocks of data, each with its head."""
+    """Split data into stored deflate blocks, each preceded by its header."""
     view = memoryview(raw)
     blocks: list[bytes | memoryview] = []
     for start in range(0, len(raw) or 1, _BLOCK_BYTES):

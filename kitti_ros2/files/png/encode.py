@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes PNG files, several times faster than OpenCV does and about as small.
+"""A PNG encoder, several times faster than OpenCV with files of about the same size.
 
 Every row is filtered with Sub, each byte less that of the pixel to its left: the residuals of
 photographs compress best with it among the filters that cost next to nothing. What follows is
@@ -38,13 +38,13 @@ _MOST_MEMORY = 9
 
 
 def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
-    """A PNG file of pixels, lossless.
+    """Encode pixels as a PNG file, lossless.
 
     Args:
         pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; any strides.
 
     Raises:
-        ValueError: The pixels are of another shape or type, or there are none.
+        ValueError: The pixels have another shape or type, or there are none.
     """
     kind = (pixels.dtype.type, pixels.shape[2:])
     if pixels.ndim < 2 or not pixels.size:
@@ -66,7 +66,7 @@ def _encode_colour(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
 
 
 def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: int) -> bytes:
-    """A PNG file of (H, N) bytes in the file's order."""
+    """Return a PNG file of (H, N) bytes in the file's order."""
     height, row_bytes = rows.shape
     pixel_bytes = channels * value_bytes
     filtered = _filtered(rows, pixel_bytes)
@@ -83,7 +83,7 @@ def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: 
 
 
 def _filtered(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[np.uint8]:
-    """(H, N + 1) rows behind the number of their filter, Sub."""
+    """Return (H, N + 1) filtered rows, each preceded by the number of the filter, Sub."""
     height, width = rows.shape
     filtered = np.empty((height, 1 + width), dtype=np.uint8)
     filtered[:, 0] = _SUB
@@ -93,12 +93,12 @@ def _filtered(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[np.u
 
 
 def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
-    """A raw deflate stream, which depends on the data alone.
+    """Return a raw deflate stream that depends on the data alone.
 
     isal's compression of a stream's first bytes hashes the third of them from a register that it
     did not set (tmp2 in igzip_icf_body_h1_gr_bt.asm, after .write_first_byte): it holds an address
     on the thread's stack, and now and then other matches are found. A start of at most 16 bytes,
-    flushed on its own, goes another way (igzip_icf_finish.asm), after which nothing is first.
+    flushed on its own, takes another path (igzip_icf_finish.asm), and no later byte is a first.
     """
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
@@ -118,7 +118,7 @@ def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
 
 
 def _checksums() -> tuple[Callable[..., int], Callable[..., int]]:
-    """adler32 and crc32, the fastest there are."""
+    """Return the fastest available adler32 and crc32."""
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
     except ImportError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""PNG files, checked without decoding: header, chunks and their checksums.
+"""Checks of PNG files without decoding: header, chunks and their checksums.
 
 Source: the PNG specification (W3C, 3rd edition), sections 5.2 to 5.6 and 11.2.2.
 """
@@ -27,7 +27,7 @@ _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
 _CHUNK = struct.Struct('>I4s')
 _CRC_AND_CHUNK = struct.Struct('>II4s')
 TRAILING_BYTES = 64
-"""Where the end of a PNG is looked for."""
+"""The end of a PNG is searched in so many of the last bytes."""
 
 _GREY = 0
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
@@ -37,7 +37,7 @@ _REMEDY = 'copy the file again from its source'
 
 
 def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image:
-    """An image from a PNG file's bytes.
+    """Parse an image from the bytes of a PNG file.
 
     Args:
         data: The whole file, or its two ends of 64 bytes, whose checksums are not checked.
@@ -74,7 +74,7 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
 
 
 def _find_damage(data: bytes) -> str:
-    """The first chunk with a wrong length or checksum; '' for a sound PNG.
+    """Return the first chunk with a wrong length or checksum; '' for a valid PNG.
 
     Args:
         data: A PNG file that ends with IEND and at most TRAILING_BYTES.
