@@ -182,6 +182,19 @@ def test_file_names_are_used_three_times_at_most() -> None:
     assert {name: count for name, count in names.items() if count > 3} == {}
 
 
+def test_layouts_are_compared_in_kitti_only() -> None:
+    """Other rooms ask Layout.traits, so that a new layout changes none of them."""
+    found = [
+        f'{name}:{node.lineno}'
+        for name, path in modules(SOURCE).items()
+        if room_of(name) != 'kitti'
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(node, ast.Compare)
+        and any('Layout.' in ast.unparse(side) for side in [node.left, *node.comparators])
+    ]
+    assert found == []
+
+
 def make_package(folder: Path, **files: str) -> Path:
     """Write a package of the same name; a double underscore in a key stands for a slash."""
     source = folder / PACKAGE

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that is known of a frame's objects, on its camera image."""
+"""Drawing of the objects of a frame on a camera image."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def annotate(
     solid: bool = True,
     named: bool = True,
 ) -> None:
-    """Draw objects on a camera image: their 3D boxes, and the 2D ones of those without.
+    """Draw objects on a camera image: 3D boxes, and 2D boxes of objects without a 3D box.
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         objects: Of the frame.
-        calibration: Of the frame, or what Projection.of made of it. Without one, or with one that
-            lacks what is needed, 2D boxes are drawn where the labels have them for this camera.
+        calibration: Of the frame, or the result of Projection.of. If it is missing or incomplete,
+            2D boxes are drawn if the labels have them for this camera.
         camera: KITTI camera index of the picture.
         predictions: In their own style.
-        solid: Whether 3D boxes are drawn where there are any; else 2D ones only.
-        named: Whether boxes have their tags.
+        solid: Whether 3D boxes are drawn; else 2D boxes only.
+        named: Whether boxes have tags.
 
     Raises:
-        ValueError: The picture cannot be drawn on.
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
     projection = _projection(calibration, camera)
     labelled = is_labelled(calibration, camera)
@@ -59,7 +59,7 @@ def annotate(
 
 
 def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bool:
-    """Whether 2D boxes of labels count the pixels of this camera's images."""
+    """Whether 2D boxes of labels are in pixels of this camera's images."""
     if camera != LABEL_CAMERA:
         return False
     if isinstance(calibration, Projection):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A frame from above: points by height, boxes with their headings, rings of equal distance."""
+"""Bird's-eye view: points by height, boxes with their headings, rings of equal distance."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ _RING_TEXT = (186, 178, 172)
 _RING_STEPS_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _MOST_RINGS = 8
 _LARGEST = 1 << 20
-"""Pixels that a ring may be away; OpenCV's fixed point ends soon after."""
+"""Greatest distance of a ring, pixels; OpenCV's fixed point overflows beyond."""
 
 _SHIFT = 4
 _SMALL = 30.0
 _TEXT_SCALE = 0.36
 _ARROW_M = (0.5, 1.2)
-"""Least and greatest length that an arrow reaches out of its box."""
+"""Least and greatest length of an arrow outside of its box, metres."""
 _EGO_MIDDLE_X = 0.59
-"""The middle of KITTI's car before its scanner: 1.35 m before the rear axle, which is 0.76 m behind
-the scanner; metres."""
+"""The centre of KITTI's car ahead of its scanner, metres: 1.35 m ahead of the rear axle, which is
+0.76 m behind the scanner."""
 
 
 @dataclass(frozen=True)
 class BirdView:
-    """Where places of velo_link are in a picture from above.
+    """The mapping of velo_link to the pixels of a bird's-eye view.
 
     Attributes:
         left_m, top_m: y and x of the picture's upper left corner, metres.
@@ -60,11 +60,11 @@ class BirdView:
 
     @classmethod
     def of(cls, options: BirdOptions) -> BirdView:
-        """The view that options ask for."""
+        """Return the view of some options."""
         return cls(options.y_range[1], options.x_range[1], options.pixels_per_metre)
 
     def pixels(self, places: Float64Array) -> Float64Array:
-        """(..., 2) column and row of (..., 2) x and y; a pixel's middle is at a whole number."""
+        """Return (..., 2) column and row of (..., 2) x and y; pixel centres are whole numbers."""
         corner = np.array([self.left_m, self.top_m])
         found: Float64Array = (corner - places[..., ::-1]) * self.pixels_per_metre - 0.5
         return found
@@ -79,15 +79,15 @@ def birds_eye(
     *,
     named: bool = True,
 ) -> Pixels:
-    """A frame from above, in a new (H, W, 3) picture.
+    """Draw a bird's-eye view into a new (H, W, 3) picture.
 
     Args:
         points: (N, 4) x y z in velo_link, metres, and reflectance; None without a scan.
         objects: Ground truth; those without a 3D box are left out.
-        predictions: In the style of predictions.
+        predictions: Drawn in the style of predictions.
         options: Range and resolution.
         color_map: The colours of heights.
-        named: Whether boxes have their tags.
+        named: Whether boxes have tags.
     """
     picture = new_picture(options.size, BACKGROUND)
     view = BirdView.of(options)
@@ -140,11 +140,11 @@ def draw_footprints(
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         objects: Those without a 3D box are left out.
         view: Of the picture.
-        predictions: In their own style.
-        named: Whether boxes have their tags.
+        predictions: Drawn in the style of predictions.
+        named: Whether boxes have tags.
 
     Raises:
-        ValueError: The picture cannot be drawn on.
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
     if not has_pixels(picture):
         return
@@ -170,7 +170,7 @@ def draw_footprints(
 
 
 def _arrows(corners: Float64Array) -> Float64Array:
-    """(N, 3, 2, 2) shaft and barbs of an arrow in x and y, from the middle of (N, 8, 3) boxes."""
+    """Return (N, 3, 2, 2) shaft and barbs of an arrow in x and y for each of (N, 8, 3) boxes."""
     middle = corners[:, :4, :2].mean(axis=1)
     front = corners[:, :2, :2].mean(axis=1)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -183,7 +183,7 @@ def _arrows(corners: Float64Array) -> Float64Array:
 
 
 def _ring_radii(options: BirdOptions) -> list[int]:
-    """Metres of the rings that the view has room for."""
+    """Return the radii of the rings in the view, metres."""
     reach = float(np.hypot(np.abs(options.x_range).max(), np.abs(options.y_range).max()))
     if reach * options.pixels_per_metre > _LARGEST:
         return []
@@ -194,7 +194,7 @@ def _ring_radii(options: BirdOptions) -> list[int]:
 
 
 def _draw_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
-    """Rings of equal distance from the scanner."""
+    """Draw rings of equal distance from the scanner."""
     column, row = view.pixels(np.zeros(2)).tolist()
     centre = (round(column * (1 << _SHIFT)), round(row * (1 << _SHIFT)))
     for radius in radii:
@@ -203,7 +203,7 @@ def _draw_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
 
 
 def _label_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
-    """Each ring's radius where it is straight ahead."""
+    """Write each ring's radius straight ahead."""
     extent = extent_of('0', _TEXT_SCALE)
     for radius in radii:
         label = f'{radius} m'
@@ -218,7 +218,7 @@ def _label_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
 
 
 def _draw_ego(picture: Pixels, view: BirdView) -> None:
-    """The recording car, and where it is heading."""
+    """Draw the recording car and its heading."""
     length, width, _ = EGO_SIZE_LWH
     front, rear = _EGO_MIDDLE_X + length / 2, _EGO_MIDDLE_X - length / 2
     side = width / 2

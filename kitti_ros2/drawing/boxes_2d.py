@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""2D boxes on a camera image."""
+"""Drawing of 2D boxes on a camera image."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def draw_boxes_2d(
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         objects: Of the frame.
-        projection: Into the picture, for the bounds of objects without a 2D box in it; those are
-            left out without.
-        labelled: Whether the picture is of the camera whose pixels the 2D boxes count.
-        predictions: In their own style.
-        named: Whether boxes have their tags.
+        projection: Into the picture, for the bounds of objects without a 2D box in it; None leaves
+            those out.
+        labelled: Whether the 2D boxes are in pixels of this picture.
+        predictions: Drawn in the style of predictions.
+        named: Whether boxes have tags.
 
     Raises:
-        ValueError: The picture cannot be drawn on.
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
     if not has_pixels(picture):
         return
@@ -83,10 +83,10 @@ def object_bounds(
     *,
     labelled: bool,
 ) -> Float64Array:
-    """(N, 4) left, top, right, bottom of the objects, pixels; NaN for one that is not in view.
+    """Return (N, 4) left, top, right, bottom of the objects, pixels; NaN for one out of view.
 
-    A label's own 2D box where the picture is the labelled one, as it stands; else the bounds of the
-    projected 3D box, cut to the image.
+    On the labelled picture this is the label's own 2D box, unchanged; else the bounds of the
+    projected 3D box, clipped to the image.
     """
     bounds = np.full((len(objects), 4), np.nan)
     solid: list[tuple[int, Cuboid]] = []
@@ -103,9 +103,9 @@ def object_bounds(
 
 
 def projected_bounds(corners: Float64Array, projection: Projection) -> Float64Array:
-    """(N, 4) bounds of (N, 8, 3) boxes in velo_link, not cut to any image; NaN for one unseen.
+    """Return (N, 4) bounds of (N, 8, 3) boxes in velo_link, not clipped; NaN for one out of view.
 
-    As boxes.project_corners, and where the lens bends the edges too.
+    As boxes.project_corners, and also for edges that the lens bends.
     """
     pieces, lines = projection.segments(corners[:, EDGES].reshape(-1, 2, 3))
     owners = lines // len(EDGES)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How an object is shown: its colour, its words, and how heavy its lines are.
+"""The appearance of an object: its colour, caption and line width.
 
 Ground truth has solid lines and a filled tag; predictions have dashed lines and an outlined tag.
 Lines of an object that is labelled as occluded, or is small, are half as wide; the tag of a 2D box
-says how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
+shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
 """
 
 from __future__ import annotations
@@ -31,56 +31,56 @@ _OCCLUSIONS = {1: ' occ 1', 2: ' occ 2', 3: ' occ ?'}
 
 
 def bgr(rgb: tuple[float, float, float]) -> Color:
-    """Red, green, blue in 0..1 as OpenCV takes them."""
+    """Convert red, green, blue in 0..1 to the colours of OpenCV."""
     red, green, blue = (round(255 * value) for value in rgb)
     return blue, green, red
 
 
 def class_color(kind: str) -> Color:
-    """The colour of a class."""
+    """Return the colour of a class."""
     red, green, blue = rgb_of(kind)
     return blue, green, red
 
 
 def scale_of(picture: Pixels) -> float:
-    """How large lines and letters are: 1 in KITTI's images, more in larger ones."""
+    """Return the scale of lines and letters: 1 in KITTI's images, more in larger ones."""
     area = picture.shape[0] * picture.shape[1]
     return min(max(math.sqrt(area / _KITTI_AREA), 1.0), 3.0)
 
 
 def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:
-    """Of the lines of a box that has these bounds in the image, pixels."""
+    """Return the line width of a box with these bounds in the image, pixels."""
     small = bounds is None or min(bounds[2] - bounds[0], bounds[3] - bounds[1]) < _SMALL * scale
     return max(round((1.0 if each.occluded or small else 2.0) * scale), 1)
 
 
 def name_of(each: LabelledObject) -> str:
-    """Class, track and score."""
+    """Format class, track and score."""
     track = '' if each.track_id is None else f' {each.track_id}'
     score = '' if each.score is None else f' {each.score:.2f}'
     return f'{each.kind}{track}{score}'
 
 
 def caption_2d(each: LabelledObject) -> str:
-    """Class, track, score, and how much of the object the image does not show."""
+    """Format class, track, score, occlusion and truncation."""
     occlusion = _OCCLUSIONS.get(each.occluded or 0, '')
     return name_of(each) + occlusion + _truncation(each.truncated or 0.0)
 
 
 def _truncation(share: float) -> str:
-    """The part that is outside the image; tracking labels only tell that there is one (1, 2)."""
+    """Format the part outside the image; tracking labels have only a level (1, 2)."""
     if not share > 0:
         return ''
     return f' trunc {100 * share:.0f}%' if share < 1 else ' trunc'
 
 
 def caption_3d(each: LabelledObject) -> str:
-    """Class, track, score and distance."""
+    """Format class, track, score and distance."""
     return f'{name_of(each)} {distance_of(each):.1f} m'
 
 
 def distance_of(each: LabelledObject) -> float:
-    """Metres from the scanner; infinity where there is no 3D box."""
+    """Return metres from the scanner, infinity without a 3D box."""
     if each.cuboid is None:
         return math.inf
     distance = float(np.linalg.norm(each.cuboid.velo_T_box.translation))
@@ -90,13 +90,13 @@ def distance_of(each: LabelledObject) -> float:
 def nearest_first(
     objects: Sequence[LabelledObject], predictions: Sequence[LabelledObject] = ()
 ) -> list[tuple[LabelledObject, bool]]:
-    """Objects in the order of their distance, each with whether it is a prediction."""
+    """Return objects by ascending distance, each with whether it is a prediction."""
     both = [(each, False) for each in objects] + [(each, True) for each in predictions]
     return sorted(both, key=lambda pair: distance_of(pair[0]))
 
 
 def corners_of(shown: Sequence[tuple[LabelledObject, bool]]) -> Float64Array:
-    """(N, 8, 3) corners of 3D boxes in velo_link, metres; NaN for an object without."""
+    """Return the (N, 8, 3) corners of 3D boxes in velo_link, metres; NaN without a box."""
     corners = np.full((len(shown), 8, 3), np.nan)
     places = [place for place, (each, _) in enumerate(shown) if each.cuboid is not None]
     cuboids = [each.cuboid for each, _ in shown if each.cuboid is not None]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The labelled objects of a frame, in the one form that everything is drawn from."""
+"""The labelled objects of a frame, in the form that all drawing uses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 LABEL_CAMERA = 2
-"""The camera whose pixels KITTI's 2D boxes count: the left colour one, rectified."""
+"""KITTI's 2D boxes are in pixels of this camera: the left colour one, rectified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +30,13 @@ class LabelledObject:
 
     Attributes:
         kind: Class name; DontCare for a region without labels.
-        cuboid: Its 3D box in velo_link, None where the label has none.
+        cuboid: Its 3D box in velo_link, None without one.
         box_2d: left, top, right, bottom in pixels of the labelled camera (KITTI's camera 2), None
-            where the label has none (tracklets).
-        truncated: 0..1, None where it is not told.
-        occluded: 0 visible, 1 partly, 2 largely, 3 unknown, None where it is not told.
+            without one (tracklets).
+        truncated: 0..1, None if unknown.
+        occluded: 0 visible, 1 partly, 2 largely, 3 unknown, None without a value.
         score: Detection score, None for ground truth.
-        track_id: Identity across frames, None where there is none.
+        track_id: Identity across frames, None without one.
     """
 
     kind: str
@@ -49,10 +49,9 @@ class LabelledObject:
 
 
 def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[LabelledObject]:
-    """The objects of a frame, from label lines or from tracklets.
+    """Return the objects of a frame, from label lines or from tracklets.
 
-    Without a calibration, or with one that does not tell where the scanner is, the boxes of label
-    lines have their 2D side only.
+    If the calibration or its cam0_T_velo is missing, objects of label lines have 2D boxes only.
     """
     if labels.cuboids:
         return [
@@ -66,7 +65,7 @@ def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[Lab
 def resized(
     objects: Sequence[LabelledObject], scale_x: float, scale_y: float
 ) -> list[LabelledObject]:
-    """The objects with their 2D boxes as they are in the resized image."""
+    """Return the objects with the 2D boxes of the resized image."""
     scales = np.array([scale_x, scale_y] * 2)
     shifts = (scales - 1) / 2
     return [

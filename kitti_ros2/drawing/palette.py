@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What things look like wherever they are drawn: colours of classes and tracks, and the car."""
+"""Colours of classes and tracks, and the size of the recording car."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _GOLDEN_TURN = 0.6180339887498949
 
 
 def rgb_of(kind: str) -> tuple[int, int, int]:
-    """Red, green, blue, 0..255, of a class."""
+    """Return red, green, blue, 0..255, of a class."""
     red, green, blue = color_of(kind, 0, MarkerColors.CLASS)
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
-    """Red, green, blue, 0..1: of a class, or of a track's number.
+    """Return red, green, blue, 0..1, of a class, or of a track's number.
 
-    Unknown classes get a colour of their own by their name, the same in every run.
+    Unknown classes get a colour by their name, the same in every run.
     """
     if colors is MarkerColors.CLASS and kind in CLASS_COLORS:
         return CLASS_COLORS[kind]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pixels that everything is drawn on."""
+"""The pixel array that is drawn on."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Pixels: TypeAlias = npt.NDArray[np.uint8]
 
 
 def colour_pixels(pixels: npt.NDArray[np.uint8 | np.uint16]) -> Pixels:
-    """(H, W, 3) uint8 BGR of (H, W) grey or (H, W, 3) BGR pixels; of 16 bits the upper 8.
+    """Convert (H, W) grey or (H, W, 3) BGR pixels to (H, W, 3) uint8 BGR; of 16 bits the upper 8.
 
-    Colour pixels of 8 bits are themselves, not a copy.
+    Colour pixels of 8 bits are returned without a copy.
     """
-    import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
+    import cv2  # noqa: PLC0415 - takes 0.2 s; commands without drawing skip it
 
     upper = pixels if pixels.dtype == np.uint8 else pixels // 256
     values = upper.astype(np.uint8, copy=False)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan's points on a camera image, the nearest on top."""
+"""Drawing of a scan's points on a camera image, the nearest on top."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def draw_points(
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         points: (N, 4) x y z in velo_link, metres, and reflectance 0..1.
         projection: Into the picture.
-        color_by: What a point's colour says.
-        color_map: Which colours.
+        color_by: The quantity shown by colour.
+        color_map: The colours.
         point_size: Diameter of a point, pixels.
 
     Raises:
-        ValueError: The picture cannot be drawn on.
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
     if not has_pixels(picture):
         return
@@ -61,7 +61,7 @@ def draw_points(
 def seen_points(
     points: Float32Array, projection: Projection, size: tuple[int, int]
 ) -> tuple[npt.NDArray[np.int32], Float32Array, Float32Array]:
-    """The points that an image shows.
+    """Return the points visible in an image.
 
     Returns:
         (K, 2) int32 column and row, (K,) depth in metres, and the (K, 4) points themselves.
@@ -82,7 +82,7 @@ def scatter(
     size: tuple[int, int],
     point_size: int,
 ) -> npt.NDArray[np.uint8]:
-    """(H, W) shades of points, each a disc; later ones lie on earlier ones.
+    """Return (H, W) shades of points, each a disc; later ones cover earlier ones.
 
     Args:
         pixels: (N, 2) column and row, within the image.
@@ -91,7 +91,7 @@ def scatter(
         point_size: Diameter, pixels.
     """
     width, height = size
-    # A border as wide as the discs stands in for the test whether each of their pixels is inside.
+    # A border as wide as the discs replaces a test of each of their pixels.
     offsets = _disc(point_size)
     border = int(np.abs(offsets).max())
     layer = np.full((height + 2 * border, width + 2 * border), EMPTY, np.uint8)
@@ -103,7 +103,7 @@ def scatter(
 
 
 def _disc(diameter: int) -> npt.NDArray[np.int32]:
-    """(K, 2) offsets of a disc's pixels from the one that its middle is in."""
+    """Return (K, 2) offsets of a disc's pixels from its central pixel."""
     reach = np.arange(diameter) - (diameter - 1) // 2
     x, y = (each.ravel() for each in np.meshgrid(reach, reach))
     middle = 0.5 if diameter % 2 == 0 else 0.0

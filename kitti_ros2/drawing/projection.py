@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""From velo_link to the pixels of one camera's images, whatever kind of camera it is.
+"""Projection of velo_link to the pixels of one camera, for all kinds of cameras.
 
 - Rectified images: P_i R0_rect Tr_velo_to_cam.
-- Cameras with extrinsics of their own (Waymo): P_i cam_T_velo.
+- Independent cameras (Waymo): P_i cam_T_velo.
 - Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's own
   K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
 
-Pixels are KITTI's: (0, 0) is the middle of the first one. Depth is along the optical axis, metres.
+Pixels are KITTI's: (0, 0) is the centre of the first one. Depth is along the optical axis, metres.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 _PLUMB_BOB = 5
 _PIECES = 16
-"""How many straight ones a line becomes where the lens bends it."""
+"""Number of straight pieces of a line that the lens bends."""
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """velo_link points to pixels of a camera.
+    """Projection of velo_link points to pixels of a camera.
 
     Attributes:
-        matrix: (3, 4) velo_link to homogeneous pixels; where d is set, to metres in the camera's
-            own frame. The third row is the depth either way.
-        k: (3, 3) that follows the distortion, None without.
-        d: (5,) plumb bob, None where images are rectified.
+        matrix: (3, 4) velo_link to homogeneous pixels; if d is set, to metres in the camera's own
+            frame. The third row is the depth either way.
+        k: (3, 3) applied after the distortion, None without one.
+        d: (5,) plumb bob, None for rectified images.
     """
 
     matrix: Float64Array
@@ -50,14 +50,14 @@ class Projection:
 
     @classmethod
     def of(cls, calibration: Calibration, camera: int) -> Projection:
-        """The projection into the images of a camera.
+        """Return the projection into the images of a camera.
 
         Args:
             calibration: The rig.
             camera: KITTI camera index.
 
         Raises:
-            ValueError: The calibration lacks what is needed; the message names it.
+            ValueError: A required part of the calibration is missing; the message contains it.
         """
         found = calibration.cameras.get(camera)
         if found is None:
@@ -74,7 +74,7 @@ class Projection:
         return cls(_finite(found.p_rect @ rect_from_velo(calibration).matrix(), camera))
 
     def resized(self, scale_x: float, scale_y: float) -> Projection:
-        """The projection into the same images, resized; edges stay edges."""
+        """Return the projection into the same images, resized; image edges map to image edges."""
         shift_x, shift_y = (scale_x - 1) / 2, (scale_y - 1) / 2
         resize = np.array([[scale_x, 0, shift_x], [0, scale_y, shift_y], [0, 0, 1]])
         if self.k is not None:
@@ -82,30 +82,29 @@ class Projection:
         return replace(self, matrix=resize @ self.matrix)
 
     def project(self, points: npt.ArrayLike) -> tuple[Float64Array, Float64Array]:
-        """Pixels and depths of points.
+        """Return pixels and depths of points.
 
         Args:
             points: (N, 3) in velo_link, metres.
 
         Returns:
-            (N, 2) u and v, NaN for a point that the camera cannot see: not before it, or so far
-            aside that the distortion would fold it back; (N,) depth in metres.
+            (N, 2) u and v, NaN for a point that the camera cannot see: behind it, or so far to the
+            side that the distortion would fold it back; (N,) depth in metres.
         """
         seen = self.homogeneous(points)
         return self.pixels(seen), seen[:, 2]
 
     def homogeneous(self, points: npt.ArrayLike) -> Float64Array:
-        """(..., 3) points in velo_link to what pixels takes; linear, so lines stay lines."""
+        """Transform (..., 3) points in velo_link to the input of pixels(); lines stay lines."""
         places = np.ascontiguousarray(points, np.float64)
         if not places.size:
             return np.zeros_like(places)
-        # Not @: for so thin a matrix the threads of a BLAS wait for each other far longer than
-        # they compute.
+        # Not @: for so thin a matrix the threads of a BLAS spend more time waiting than computing.
         seen = cv2.transform(places.reshape(-1, 1, 3), self.matrix)
         return np.asarray(seen, np.float64).reshape(places.shape)
 
     def pixels(self, seen: Float64Array) -> Float64Array:
-        """(..., 2) pixels of homogeneous points, NaN for those that the camera cannot see."""
+        """Return (..., 2) pixels of homogeneous points, NaN for invisible ones."""
         with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
             flat = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
             if self.k is None or self.d is None:
@@ -115,13 +114,13 @@ class Projection:
             )
 
     def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
-        """Straight lines as the camera sees them, cut just in front of it.
+        """Project straight lines, clipped just in front of the camera.
 
         Args:
             ends: (M, 2, 3) in velo_link, metres.
 
         Returns:
-            (K, 2, 2) pieces in pixels, not cut to any image; (K,) the line that each is of.
+            (K, 2, 2) pieces in pixels, not clipped to an image; (K,) the line of each.
         """
         seen, lines = _before(self.homogeneous(ends))
         if self.d is not None:
@@ -134,7 +133,7 @@ class Projection:
         return pieces[finite], lines[finite]
 
     def polygon(self, corners: Float64Array) -> Float64Array:
-        """(K, 2) outline in pixels of a flat polygon, cut just in front of the camera.
+        """Return the (K, 2) outline in pixels of a flat polygon, clipped in front of the camera.
 
         Args:
             corners: (V, 3) in velo_link, metres, in order; K is 0 for one wholly behind.
@@ -144,7 +143,7 @@ class Projection:
 
 
 def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
-    """(K, 2, 3) the parts of (M, 2, 3) lines that lie before the camera, and the line of each."""
+    """Return (K, 2, 3) parts of (M, 2, 3) lines in front of the camera, and the line of each."""
     lines = np.flatnonzero(
         (seen[..., 2] >= NEAR_M).any(axis=1) & np.isfinite(seen).all(axis=(1, 2))
     )
@@ -156,7 +155,7 @@ def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
 
 
 def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
-    """Plumb bob on (..., 2) points at depth 1; NaN where the model folds back."""
+    """Apply plumb bob to (..., 2) points at depth 1; NaN where the model folds back."""
     k1, k2, p1, p2, k3 = d
     x, y = flat[..., 0], flat[..., 1]
     squared = x * x + y * y
@@ -172,7 +171,7 @@ def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
 
 
 def _fold(d: Float64Array) -> float:
-    """The squared radius from which on a point farther out would be seen farther in."""
+    """Return the squared radius beyond which the distortion folds points back."""
     k1, k2, _, _, k3 = d
     roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
     real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
@@ -180,7 +179,7 @@ def _fold(d: Float64Array) -> float:
 
 
 def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) -> Projection:
-    """Of a camera whose images are as the lens makes them."""
+    """Return the projection of a camera with unrectified images."""
     if camera.k is None or camera.d is None or len(camera.d) != _PLUMB_BOB:
         raise ValueError(f'the calibration lacks K and D of camera {index}, which is not rectified')
     if camera.cam_T_cam0 is None and index != 0:
@@ -191,7 +190,7 @@ def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) 
 
 
 def _finite(values: Float64Array, camera: int) -> Float64Array:
-    """The values, if they are a calibration: drivers send zeros for a camera without one."""
+    """Check the values of a calibration: drivers send zeros for a camera without one."""
     if not np.isfinite(values).all() or (values.ndim == 2 and not values[:, :3].any(axis=1).all()):
         raise ValueError(f'the calibration of camera {camera} is empty or not of finite numbers')
     return np.ascontiguousarray(values, np.float64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan as its scanner turned: one row an elevation, one column an azimuth."""
+"""Range images of a scan: one row an elevation, one column an azimuth."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _OUTLIERS = 0.2
 
 
 class RangeMaps(NamedTuple):
-    """(H, W) shades of a scan; scales.EMPTY where nothing came back.
+    """(H, W) shades of a scan; scales.EMPTY without a return.
 
     The column in the middle is straight ahead and the left ones are to the left; the first row is
-    the highest. Where several points share a cell, the nearest stands.
+    the highest. Of several points in a cell the nearest is kept.
 
     Attributes:
         intensity: By reflectance.
@@ -38,13 +38,13 @@ class RangeMaps(NamedTuple):
 
 
 def range_maps(points: Float32Array, columns: int, rows: int = ROWS) -> RangeMaps:
-    """The scan by direction.
+    """Sort a scan by direction.
 
     Args:
         points: (N, 4) x y z in velo_link, metres, and reflectance; those that are not finite are
             left out.
-        columns: Of a whole turn.
-        rows: From the highest to the lowest elevation of the scan.
+        columns: Number of columns of a whole turn.
+        rows: Number of rows from the highest to the lowest elevation of the scan.
     """
     x, y, z = points[:, :3].T
     with np.errstate(over='ignore', invalid='ignore'):
@@ -64,12 +64,12 @@ def range_maps(points: Float32Array, columns: int, rows: int = ROWS) -> RangeMap
     inside = (row >= 0) & (row < rows)
     cells = (row * columns + column)[inside]
     near = SCALES[ColorBy.DEPTH].shades(distance[inside])
-    # Near is a high shade; NumPy assigns in order, so the nearest of a cell is what stays.
+    # Near is a high shade; NumPy assigns in order, so the nearest of a cell is kept.
     order = np.argsort(near, kind='stable')
     maps = np.full((2, rows * columns), EMPTY, np.uint8)
     maps[0, cells[order]] = SCALES[ColorBy.INTENSITY].shades(points[inside, 3])[order]
     maps[1, cells[order]] = near[order]
-    # The scanner's own rows are not quite evenly spaced: what falls between two is as the upper.
+    # The scanner's own rows are not quite evenly spaced: an empty cell gets the value above.
     grids = maps.reshape(2, rows, columns)
     between = grids[:, 1:] == EMPTY
     grids[:, 1:][between] = grids[:, :-1][between]
@@ -77,7 +77,7 @@ def range_maps(points: Float32Array, columns: int, rows: int = ROWS) -> RangeMap
 
 
 def _span(elevation: Float32Array) -> tuple[np.float32, np.float32]:
-    """Lowest and highest elevation that rows are for, radians; at least a degree apart."""
+    """Return lowest and highest elevation of the rows, radians, at least a degree apart."""
     if not len(elevation):
         return np.float32(-_STEP), np.float32(_STEP)
     some = elevation[:: max(len(elevation) // _SAMPLE, 1)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a colour says: values to shades, shades to colours, and the bar that explains them."""
+"""Colour scales: values to shades, shades to colours, and the colour bar."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _RAMP_TEXT = 0.38
 
 @dataclass(frozen=True)
 class Scale:
-    """A range of values that shades stand for.
+    """A range of values represented by shades.
 
     Attributes:
-        low, high: The values of the first and the last shade; what is beyond has theirs.
+        low, high: The values of the first and the last shade; values beyond are clipped.
         ticks: Values with a label.
-        title: What is told, and in which unit.
+        title: The quantity and its unit.
         logarithmic: Whether equal ratios of values are equal steps of shade; else differences.
         reverse: Whether the colour map runs from the high value to the low one.
     """
@@ -59,7 +59,7 @@ class Scale:
     reverse: bool = False
 
     def shares(self, values: npt.NDArray[np.floating]) -> Float32Array:
-        """Where values lie between low and high, 0..1; what is no number counts as low."""
+        """Return the position of values between low and high, 0..1; NaN counts as low."""
         low, high = np.float32(self.low), np.float32(self.high)
         bounded = np.clip(np.nan_to_num(values, nan=self.low), low, high).astype(np.float32)
         if self.logarithmic:
@@ -68,13 +68,13 @@ class Scale:
         return 1 - shares if self.reverse else shares
 
     def shades(self, values: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
-        """Shades 1..255 of values; 0 is EMPTY."""
+        """Return shades 1..255 of values; 0 is EMPTY."""
         shades = self.shares(values) * np.float32(254) + np.float32(1.5)
         return np.asarray(shades, np.uint8)
 
 
 SCALES = {
-    # Near is where the detail is, so steps of depth are ratios, and near is bright.
+    # Near points have the detail, so steps of depth are ratios, and near is bright.
     ColorBy.DEPTH: Scale(
         2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
     ),
@@ -86,8 +86,8 @@ SCALES = {
 
 @lru_cache(maxsize=len(_MAPS))
 def color_table(color_map: ColorMap) -> Pixels:
-    """(256, 1, 3) BGR of the shades."""
-    # The maps' very ends are nearly black, which on a dark ground is as good as nothing.
+    """Return (256, 1, 3) BGR of the shades."""
+    # The ends of the maps are nearly black, which is invisible on a dark background.
     ramp = np.linspace(*_ENDS, 255).round().astype(np.uint8)
     shades = np.concatenate([ramp[:1], ramp])[:, None]
     table = np.asarray(cv2.applyColorMap(shades, _MAPS[color_map]), np.uint8)
@@ -96,7 +96,7 @@ def color_table(color_map: ColorMap) -> Pixels:
 
 
 def colored(shades: npt.NDArray[np.uint8], color_map: ColorMap) -> Pixels:
-    """(H, W, 3) BGR of (H, W) shades; EMPTY ones have the first colour."""
+    """Return (H, W, 3) BGR of (H, W) shades; EMPTY ones have the first colour."""
     return np.asarray(cv2.applyColorMap(shades, color_table(color_map)), np.uint8)
 
 
@@ -110,9 +110,9 @@ def draw_bar(
     """Draw a horizontal colour bar with its title above and its labels below, on a darkened strip.
 
     Args:
-        picture: Drawn on in place; nothing is drawn where it is too small.
-        scale: What the colours say.
-        color_map: Which colours.
+        picture: Drawn on in place; nothing is drawn if it is too small.
+        scale: The values of the colours.
+        color_map: The colours.
         corner: (x, y) of the strip's top left pixel.
         size: (width, height) of the bar itself, pixels.
     """
@@ -141,8 +141,8 @@ def draw_ramp(picture: Pixels, scale: Scale, color_map: ColorMap, end: tuple[int
 
     Args:
         picture: Drawn on in place.
-        scale: What the colours say.
-        color_map: Which colours.
+        scale: The values of the colours.
+        color_map: The colours.
         end: (x, y) of the end of the line, on the baseline.
     """
     (width, height), (right, baseline) = _RAMP_SIZE, end
@@ -156,6 +156,6 @@ def draw_ramp(picture: Pixels, scale: Scale, color_map: ColorMap, end: tuple[int
 
 
 def _ramp(scale: Scale, color_map: ColorMap, width: int) -> Pixels:
-    """(1, width, 3) colours from the low value to the high one."""
+    """Return (1, width, 3) colours from the low value to the high one."""
     values = np.linspace(1, 0, width) if scale.reverse else np.linspace(0, 1, width)
     return colored((values * 254 + 1.5).astype(np.uint8)[None], color_map)

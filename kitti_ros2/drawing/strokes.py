@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Anti-aliased lines and areas into (H, W, 3) uint8 BGR images, wherever their ends are.
+"""Drawing of anti-aliased lines and areas into (H, W, 3) uint8 BGR images, with any coordinates.
 
-OpenCV counts in fixed point, and what does not fit wraps around to somewhere else in the image, so
-everything is cut to the image in floating point first. Coordinates are pixels, (0, 0) the middle of
-the first one.
+OpenCV uses fixed point, and overflow wraps around into the image, so everything is clipped to the
+image in floating point first. Coordinates are pixels, (0, 0) the centre of the first one.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ Bounds: TypeAlias = tuple[float, float, float, float]
 
 _SHIFT = 4
 _MARGIN = 8.0
-"""How far beyond the image a line goes on, so that its end is not seen; pixels."""
+"""Length of a clipped line beyond the image, so that its end is invisible; pixels."""
 
 _DASH, _GAP = 7.0, 5.0
 _FARTHEST = 1e12
 
 
 def has_pixels(picture: Pixels) -> bool:
-    """Whether a picture has any pixels to draw on.
+    """Whether a picture has any pixels.
 
     Raises:
         ValueError: It is not a writable (H, W, 3) uint8 array.
@@ -47,28 +46,28 @@ def has_pixels(picture: Pixels) -> bool:
 
 
 def new_picture(size: tuple[int, int], color: Color) -> Pixels:
-    """A (H, W, 3) picture of one colour, of a (width, height)."""
+    """Return a (H, W, 3) picture of one colour, of a (width, height)."""
     picture = np.empty((size[1], size[0], 3), np.uint8)
     cv2.rectangle(picture, (0, 0), size, color, cv2.FILLED)
     return picture
 
 
 def size_of(picture: Pixels) -> tuple[int, int]:
-    """(width, height)."""
+    """Return (width, height)."""
     return picture.shape[1], picture.shape[0]
 
 
 def cut_segments(
     segments: Float64Array, size: tuple[int, int]
 ) -> tuple[Float64Array, npt.NDArray[np.intp]]:
-    """The parts of lines that an image shows, by Liang and Barsky (1984).
+    """Clip lines to an image, by Liang and Barsky (1984).
 
     Args:
-        segments: (M, 2, 2) ends in pixels; NaN and infinity show nothing.
+        segments: (M, 2, 2) ends in pixels; lines with NaN or infinity are left out.
         size: (width, height).
 
     Returns:
-        (K, 2, 2) parts, at most a margin outside; (K,) the line that each is of.
+        (K, 2, 2) parts, at most a margin outside; (K,) the line of each.
     """
     lines = np.flatnonzero((np.abs(segments) < _FARTHEST).all(axis=(1, 2)))
     start, end = segments[lines, 0], segments[lines, 1]
@@ -88,10 +87,10 @@ def cut_segments(
 
 
 def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:
-    """(K, 2, 2) dashes of (M, 2, 2) lines; each line begins and ends with one.
+    """Return (K, 2, 2) dashes of (M, 2, 2) lines; each line begins and ends with one.
 
     Args:
-        segments: In pixels, cut to an image.
+        segments: In pixels, clipped to an image.
         scale: Of dash and gap.
     """
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
@@ -99,7 +98,7 @@ def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:
     counts = np.rint((lengths + _GAP * scale) / period).astype(int).clip(1)
     owner = np.repeat(np.arange(len(segments)), counts)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    # The dashes keep their share of the line, whatever its length.
+    # Dash and gap keep their ratio on lines of any length.
     unit = 1.0 / (counts[owner] * (_DASH + _GAP) - _GAP)
     begin = place * (_DASH + _GAP) * unit
     shares = np.stack([begin, begin + _DASH * unit], axis=1)[..., None]
@@ -119,7 +118,7 @@ def draw_segments(picture: Pixels, segments: Float64Array, color: Color, width: 
 
 
 def cut_polygon(corners: Float64Array, size: tuple[int, int]) -> Float64Array:
-    """(K, 2) the part of a convex (V, 2) polygon in an image, by Sutherland and Hodgman (1974)."""
+    """Clip a convex (V, 2) polygon to an image, by Sutherland and Hodgman (1974); (K, 2)."""
     if not (np.abs(corners) < _FARTHEST).all():
         return np.empty((0, 2))
     for axis in (0, 1):
@@ -129,7 +128,7 @@ def cut_polygon(corners: Float64Array, size: tuple[int, int]) -> Float64Array:
 
 
 def _cut_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
-    """The part of a polygon where a linear function, given at its corners, is not negative."""
+    """Return the part of a polygon where a linear function, given at its corners, is >= 0."""
     following, later = np.roll(corners, -1, axis=0), np.roll(inside, -1)
     crossing = (inside >= 0) != (later >= 0)
     share = inside / np.where(crossing, inside - later, 1.0)
@@ -140,7 +139,7 @@ def _cut_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
 
 
 def tint_polygon(picture: Pixels, corners: Float64Array, color: Color, alpha: float) -> None:
-    """Lay a translucent colour over a convex (V, 2) polygon."""
+    """Draw a translucent colour over a convex (V, 2) polygon."""
     corners = cut_polygon(corners, size_of(picture))
     if len(corners) < 3:
         return
@@ -157,7 +156,7 @@ def tint_polygon(picture: Pixels, corners: Float64Array, color: Color, alpha: fl
 
 
 def rectangle_segments(bounds: Float64Array) -> Float64Array:
-    """(4 N, 2, 2) sides of (N, 4) rectangles left, top, right, bottom."""
+    """Return (4 N, 2, 2) sides of (N, 4) rectangles left, top, right, bottom."""
     left, top, right, bottom = bounds.T
     corners = np.stack(
         [

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Words in images: plain text, and tags that keep out of each other's way.
+"""Drawing of text: plain text, and tags that do not overlap.
 
-Text is measured, never guessed: OpenCV 4 draws Hershey's strokes and OpenCV 5 a real font, which
-is a fifth narrower.
+Text is measured: OpenCV 4 draws Hershey's strokes and OpenCV 5 an outline font, which is a fifth
+narrower.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 BLACK: Color = (0, 0, 0)
 WHITE: Color = (255, 255, 255)
 LONGEST = 160
-"""Characters of a text that are drawn; class names may be of any length."""
+"""Most characters of a drawn text; class names may be of any length."""
 
 _REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
 _PAD = 3
 _GAPS = (1.5, 3.0, 4.5, 6.0)
-"""How far a tag may be from its box, in its own heights."""
+"""Greatest distance of a tag from its box, in heights of the tag."""
 
 
 class Extent(NamedTuple):
-    """Of a text, in pixels: its width, and how far it reaches above the baseline and below it."""
+    """The size of a text, pixels: its width, and its height above and below the baseline."""
 
     width: int
     above: int
@@ -43,21 +43,21 @@ class Extent(NamedTuple):
 
 
 def printable(text: str) -> str:
-    """The text as it can be drawn: one line, of bounded length."""
+    """Return the text as one line of bounded length."""
     shown = text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'
     return ''.join(each if each.isprintable() else '?' for each in shown)
 
 
 @lru_cache(maxsize=4096)
 def extent_of(text: str, scale: float, *, bold: bool = False) -> Extent:
-    """How much room a text takes; the height is that of the font, whatever the letters."""
+    """Measure a text; the height is that of the font, for any letters."""
     font = _BOLD if bold else _REGULAR
     (width, _), _ = cv2.getTextSize(printable(text), font, scale, 1)
     return Extent(width, round(22 * scale), round(7 * scale))
 
 
 def fitted(text: str, width: int, scale: float, *, bold: bool = False) -> str:
-    """The text, or as much of its beginning as a width in pixels has room for."""
+    """Return the text, or as much of its beginning as fits a width in pixels."""
     shown = printable(text)
     while len(shown) > 4 and extent_of(shown, scale, bold=bold).width > width:
         shown = shown[:-4] + '...'
@@ -73,7 +73,7 @@ def put_text(
     *,
     bold: bool = False,
 ) -> None:
-    """Draw a text whose baseline begins at a place (x, y)."""
+    """Draw a text whose baseline begins at (x, y)."""
     at = (round(place[0]), round(place[1]))
     width, height = size_of(picture)
     if -width <= at[0] < width and -height <= at[1] < 2 * height:
@@ -82,21 +82,21 @@ def put_text(
 
 
 def ink_for(color: Color) -> Color:
-    """Black or white, whichever reads better on a colour (luma of ITU-R BT.601)."""
+    """Return black or white, for contrast with a colour (luma of ITU-R BT.601)."""
     blue, green, red = color
     return BLACK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else WHITE
 
 
 @dataclass(frozen=True)
 class Tag:
-    """What is written beside a box.
+    """The caption of a box.
 
     Attributes:
         text: One line.
         bounds: left, top, right, bottom of the box, pixels, within the image.
         color: The box's.
         outlined: Whether the tag is dark with a coloured frame, not filled with the colour.
-        beside: Whether it stands to the right of its box rather than above.
+        beside: Whether it is to the right of its box rather than above.
     """
 
     text: str
@@ -107,7 +107,7 @@ class Tag:
 
 
 def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
-    """Draw tags, each at its box where none of the earlier ones is; all lie within the image."""
+    """Draw tags within the image, each at its box where it overlaps none of the earlier ones."""
     taken = np.zeros((len(tags), 4))
     for count, tag in enumerate(tags):
         extent = extent_of(tag.text, scale)
@@ -120,7 +120,7 @@ def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
 def _place(
     tag: Tag, room: tuple[int, int], size: tuple[int, int], taken: np.ndarray
 ) -> tuple[int, int]:
-    """Above the box, below it, in it, or farther away; the first place where the fewest are."""
+    """Place a tag above, below, in or farther from its box: the first place of least overlap."""
     left, top, right, bottom = tag.bounds
     width, height = room
     near = (top - height, bottom, top, bottom - height)
@@ -156,7 +156,7 @@ def _draw_tag(
 
 
 def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[int, int]) -> None:
-    """The line from a tag that had to keep away to its box."""
+    """Return the line from a distant tag to its box."""
     column = round(min(max(tag.bounds[0], corner[0]), end[0]))
     above, below = round(tag.bounds[1]), round(tag.bounds[3])
     if end[1] + 1 < above:

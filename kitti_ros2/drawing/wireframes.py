@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""3D boxes on a camera image: their edges, with the front face marked."""
+"""Drawing of 3D boxes on a camera image: their edges, with the front face marked."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _FRONT = np.array([0, 1, 5, 4])
 _WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])
-"""Corners that a line joins: the edges, and the cross of the front face."""
+"""Pairs of corners joined by a line: the edges, and the cross of the front face."""
 
 _FRONT_ALPHA = 0.3
 
@@ -40,19 +40,18 @@ def draw_wireframes(
 ) -> None:
     """Draw the edges of each object's 3D box, with its tag; the front face is crossed.
 
-    That of ground truth is tinted besides.
-
-    Nothing is drawn of what is behind the camera. Objects without a 3D box are left out.
+    The front face of ground truth is tinted too. Parts behind the camera, and objects without a 3D
+    box, are left out.
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         objects: Of the frame.
         projection: Into the picture.
-        predictions: In their own style.
-        named: Whether boxes have their tags.
+        predictions: Drawn in the style of predictions.
+        named: Whether boxes have tags.
 
     Raises:
-        ValueError: The picture cannot be drawn on.
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
     if not has_pixels(picture):
         return
@@ -85,7 +84,7 @@ def draw_wireframes(
 
 
 def _within(ends: Float64Array, size: tuple[int, int]) -> tuple[float, float, float, float] | None:
-    """Bounds of (N, 2) pixels in the image, None for one out of view."""
+    """Return the bounds of (N, 2) pixels clipped to the image, None for one out of view."""
     bounds, truncation = clip_bounds(
         np.concatenate([ends.min(axis=0), ends.max(axis=0)])[None], size
     )

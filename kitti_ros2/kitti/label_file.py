@@ -45,7 +45,7 @@ _TRACKS = 2**31  # ids of markers are int32
 def parse_labels(text: str, path: Path | str) -> Lines[Box]:
     """Parse the boxes of a label file by line; an invalid line becomes an error with path and line.
 
-    Object and tracking lines are told apart by their number of columns.
+    Object and tracking lines differ in their number of columns.
     """
     return parse_lines(text, path, EXPECTED, parse_box)
 

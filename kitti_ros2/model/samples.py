@@ -136,7 +136,7 @@ class OxtsPacket:
     source: TextFile | None = field(default=None, compare=False, repr=False)
 
     def body_velocity(self) -> Float64Array:
-        """(3,) m/s along the body's axes (forward, left, up), from ve vn vu and the attitude.
+        """Return (3,) m/s in body axes (forward, left, up), from ve vn vu and the attitude.
 
         Not from vf vl vu: the data set's vl is positive to the right, unlike its dataformat.txt
         (drive 0001: -ve sin(yaw) + vn cos(yaw) is -vl to 1 cm/s).

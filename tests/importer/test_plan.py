@@ -20,7 +20,6 @@ from kitti_ros2.importer.plan import (
     format_plan,
     parse_plan,
 )
-from kitti_ros2.kitti.names import parse_drive, parse_sequence
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout
 
@@ -91,14 +90,3 @@ def test_what_cannot_be_meant_is_named(text, said):
     assert said in str(caught.value)
     assert str(caught.value).startswith('plan.yaml')
     assert '\n' not in str(caught.value)
-
-
-def test_names_of_drives_and_sequences():
-    assert parse_drive('2011_09_26_drive_0005_sync') == ('2011_09_26', 5, 'sync')
-    assert parse_sequence('07') == 7
-    for name in ('drive', '../2011_09_26_drive_0005_sync', '2011_09_26_drive_5_sync'):
-        with pytest.raises(UsageError):
-            parse_drive(name)
-    for name in ('', 'a', '../1', '12345', '-1'):
-        with pytest.raises(UsageError):
-            parse_sequence(name)

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from kitti_ros2.kitti.layouts import guess_layout, open_recording
+from kitti_ros2.kitti.layouts import LAYOUTS, guess_layout, make_writer, open_recording
+from kitti_ros2.kitti.names import parse_drive, parse_sequence
 from kitti_ros2.model.errors import (
     AmbiguousLayoutError,
     AmbiguousSequenceError,
@@ -106,3 +107,24 @@ def test_object_takes_training_and_says_what_it_leaves(tmp_path):
     assert recording.name == 'training'
     assert any('testing left out' in note for note in recording.notes)
     assert open_recording(tmp_path, ReadOptions(sequence='testing')).name == 'testing'
+
+
+def test_each_layout_has_a_reader_and_a_writer_of_its_default_name(tmp_path):
+    assert set(LAYOUTS) == set(Layout)
+    for layout in Layout:
+        name = layout.traits.default_name.format(date='2011_09_26', kind='sync')
+        writer = make_writer(layout, tmp_path, name)
+        assert writer.layout is layout
+        with pytest.raises(UsageError):
+            make_writer(layout, tmp_path, 'no such name')
+
+
+def test_names_of_drives_and_sequences():
+    assert parse_drive('2011_09_26_drive_0005_sync') == ('2011_09_26', 5, 'sync')
+    assert parse_sequence('07') == 7
+    for name in ('drive', '../2011_09_26_drive_0005_sync', '2011_09_26_drive_5_sync'):
+        with pytest.raises(UsageError):
+            parse_drive(name)
+    for name in ('', 'a', '../1', '12345', '-1'):
+        with pytest.raises(UsageError):
+            parse_sequence(name)
