@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes) and sensor_msgs/Image (pixels)."""
+"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes); -> sensor_msgs/Image (pixels)."""
 
 from __future__ import annotations
 
@@ -53,11 +53,3 @@ def encode_pixels(
         step=pixels[0].nbytes,
         data=pixels.reshape(-1).view(np.uint8),
     )
-
-
-def decode_image(message: ImageMsg) -> npt.NDArray[np.uint8 | np.uint16]:
-    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR, of an image made by encode_image; a view."""
-    kinds = {name: kind for kind, name in _ENCODINGS.items()}
-    dtype, dimensions = kinds[message.encoding]
-    shape = (message.height, message.width, 3)[:dimensions]
-    return message.data.view(dtype).reshape(shape)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""OxtsPacket <-> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped."""
+"""OxtsPacket -> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped.
+
+importer.oxts makes packets of such messages again.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..model.geometry import (
-    quaternion_to_rotation,
     rotation_from_rpy,
     rotation_to_quaternion,
-    rotation_to_rpy,
 )
-from .header import make_header, make_quaternion, make_vector3, vector_of
+from .header import make_header, make_quaternion, make_vector3
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
-    from ..model.geometry import Float64Array
     from ..model.samples import OxtsPacket
 
 _UNKNOWN = np.zeros(9)
@@ -57,15 +57,6 @@ def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
         linear_acceleration=make_vector3((packet.ax, packet.ay, packet.az)),
         linear_acceleration_covariance=_UNKNOWN,
     )
-
-
-def decode_imu(message: Imu) -> dict[str, float]:
-    """The packet columns an Imu holds: roll pitch yaw, wx wy wz, ax ay az."""
-    q = message.orientation
-    rpy = rotation_to_rpy(quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w])))
-    values = (*rpy, *vector_of(message.angular_velocity), *vector_of(message.linear_acceleration))
-    names = ('roll', 'pitch', 'yaw', 'wx', 'wy', 'wz', 'ax', 'ay', 'az')
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
 def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
@@ -120,15 +111,3 @@ def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistSt
             angular=make_vector3((packet.wx, packet.wy, packet.wz)),
         ),
     )
-
-
-def decode_velocity(message: TwistStamped, orientation: Float64Array) -> dict[str, float]:
-    """The packet columns a TwistStamped holds: ve vn vu, wx wy wz.
-
-    Args:
-        message: Made by encode_velocity.
-        orientation: (3, 3) rotation of the body in east-north-up, as the Imu message has it.
-    """
-    values = (*orientation @ vector_of(message.twist.linear), *vector_of(message.twist.angular))
-    names = ('ve', 'vn', 'vu', 'wx', 'wy', 'wz')
-    return {name: float(value) for name, value in zip(names, values, strict=True)}

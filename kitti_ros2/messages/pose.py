@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pose <-> nav_msgs/Odometry and tf2_msgs/TFMessage; Trajectory <-> nav_msgs/Path."""
+"""Pose <-> nav_msgs/Odometry and tf2_msgs/TFMessage; Trajectory -> nav_msgs/Path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.samples import Pose, Trajectory
-from .header import make_header, make_pose, make_vector3, stamp_ns_of, transform_of, vector_of
+from .header import make_header, make_pose, make_vector3, transform_of, vector_of
 from .ros_types import (
     Odometry,
     Path,
@@ -22,8 +22,6 @@ from .ros_types import (
 from .transforms import make_transform
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from ..model.geometry import Float64Array, Transform
 
 
@@ -89,13 +87,6 @@ def encode_path(
         )
     ]
     return Path(make_header(stamp_ns, frame_id), poses)
-
-
-def decode_path(message: Path, base_t_imu: Transform) -> Trajectory:
-    """The inverse of encode_path."""
-    stamps = [stamp_ns_of(pose.header) for pose in message.poses]
-    poses: Sequence[Transform] = [transform_of(pose.pose) @ base_t_imu for pose in message.poses]
-    return Trajectory(np.array(stamps, dtype=np.int64), poses)
 
 
 def _covariance(sigma: float | None) -> Float64Array:
