@@ -26,7 +26,7 @@ _NO_TURN = 0.0
 
 
 def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Parts:
-    """A Detection3DArray of cuboids, serialised; its frame is velo_link."""
+    """Make a Detection3DArray of cuboids, serialised; its frame is velo_link."""
     cdr = CdrWriter()
     cdr.header(stamp_ns, frame_id)
     cdr.uint32(len(cuboids))
@@ -40,7 +40,7 @@ def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -
 
 
 def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: str) -> Parts:
-    """A Detection2DArray of the 2D boxes of labels, DontCare included, serialised.
+    """Make a Detection2DArray of the 2D boxes of labels, DontCare included, serialised.
 
     Args:
         boxes: Each with its id.
@@ -76,7 +76,7 @@ def decode_boxes_2d(message: Any) -> list[tuple[str, str, tuple[float, float, fl
 
 
 def _add_result(cdr: CdrWriter, kind: str, score: float | None, pose: tuple[float, ...]) -> None:
-    """The results of a detection: one ObjectHypothesisWithPose."""
+    """Write the results of a detection: one ObjectHypothesisWithPose."""
     cdr.uint32(1)
     cdr.text(kind)
     cdr.float64((_TRUTH_SCORE if score is None else score, *pose, *_UNKNOWN))

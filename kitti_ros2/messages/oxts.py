@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """OxtsPacket -> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped.
 
-importer.oxts makes packets of such messages again.
+The inverse is importer.oxts.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _NO_MODE = -1
 
 
 def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
-    """Orientation of the body in east-north-up, rates and accelerations in body axes.
+    """Make an Imu: orientation of the body in east-north-up, rates and accelerations in body axes.
 
     Accelerations contain gravity (REP-145: an imu at rest, level, reads +g upwards); wx wy wz and
     ax ay az are taken, never the levelled columns.
@@ -60,7 +60,7 @@ def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
 
 
 def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
-    """Latitude, longitude and altitude as the packet has them: KITTI's altitude is above sea level.
+    """Make a NavSatFix of the packet's numbers: KITTI's altitude is above sea level.
 
     NavSatFix.msg asks for the height above the ellipsoid, some 48 m more in Karlsruhe: KITTI has no
     geoid to convert with (the unit's default: OXTS, "Altitude reference options"). pos_accuracy is
@@ -88,7 +88,7 @@ def _status(packet: OxtsPacket) -> Any:  # noqa: ANN401 - rosbags types the fiel
 
 
 def decode_fix(message: NavSatFix) -> dict[str, float]:
-    """The packet columns a NavSatFix holds: lat lon alt, pos_accuracy."""
+    """Return the packet columns in a NavSatFix: lat lon alt, pos_accuracy."""
     return {
         'lat': message.latitude,
         'lon': message.longitude,
@@ -98,12 +98,12 @@ def decode_fix(message: NavSatFix) -> dict[str, float]:
 
 
 def position_mode(message: NavSatFix) -> int:
-    """A posmode of the fix's status, the least accurate one; -1 without a fix."""
+    """Return the least accurate posmode of the fix's status; -1 without a fix."""
     return _LEAST_MODE_BY_STATUS.get(message.status.status, _NO_MODE)
 
 
 def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistStamped:
-    """Velocity and rates in body axes, from ve vn vu; see OxtsPacket.body_velocity."""
+    """Make a TwistStamped: velocity and rates in body axes, from ve vn vu (see body_velocity)."""
     return TwistStamped(
         header=make_header(stamp_ns, frame_id),
         twist=Twist(

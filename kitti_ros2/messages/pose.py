@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 def encode_odometry(
     pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
 ) -> Odometry:
-    """The pose of base_link in map, and its motion in base_link.
+    """Make an Odometry: the pose of base_link in map, and its motion in base_link.
 
     Args:
         pose: Of imu_link in map.
-        base_t_imu: Where imu_link is on the vehicle; the lever arm is accounted for.
+        base_t_imu: imu_link in base_link; the lever arm is compensated.
         stamp_ns: Nanoseconds.
         frames: Names of map and base_link.
     """
@@ -52,7 +52,7 @@ def encode_odometry(
 
 
 def decode_odometry(message: Odometry, base_t_imu: Transform) -> Pose:
-    """The inverse of encode_odometry; a motion of all zeros is one that was not known."""
+    """Decode a pose: the inverse of encode_odometry; a motion of zeros is unknown."""
     linear = vector_of(message.twist.twist.linear)
     angular = vector_of(message.twist.twist.angular)
     moving = bool(linear.any() or angular.any())
@@ -70,7 +70,7 @@ def decode_odometry(message: Odometry, base_t_imu: Transform) -> Pose:
 def encode_tf(
     pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
 ) -> TFMessage:
-    """The dynamic transform map -> base_link."""
+    """Make the dynamic transform map -> base_link."""
     map_t_base = pose.world_T_imu @ base_t_imu.inverse()
     return TFMessage([make_transform(map_t_base, stamp_ns, frames[0], frames[1])])
 
@@ -78,7 +78,7 @@ def encode_tf(
 def encode_path(
     trajectory: Trajectory, base_t_imu: Transform, stamp_ns: int, frame_id: str
 ) -> Path:
-    """All poses of base_link in map, each with its own stamp."""
+    """Make a Path of all poses of base_link in map, each with its own stamp."""
     imu_t_base = base_t_imu.inverse()
     poses = [
         PoseStamped(make_header(stamp, frame_id), make_pose(map_t_imu @ imu_t_base))
@@ -90,7 +90,7 @@ def encode_path(
 
 
 def _covariance(sigma: float | None) -> Float64Array:
-    """(36,) with the variance of x, y and z; zeros are unknown."""
+    """Return (36,) with the variance of x, y and z; zeros are unknown."""
     variance = 0.0 if sigma is None else sigma**2
     return np.diag([variance] * 3 + [0.0] * 3).ravel()
 
