@@ -60,15 +60,16 @@ class Definitions:
             self._seen[bag, key] = self._enter(bag, file, key)
         return self._seen[bag, key]
 
-    def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
-        """The store of everything, and those types that nobody defines."""
-        types = dict(self._types)
-        lacking = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
+    def complete(self, msgtypes: Iterable[str]) -> frozenset[str]:
+        """Add the types of ROS 2 Jazzy that some types need; returns those without a definition."""
+        return frozenset(name for name in sorted(set(msgtypes)) if not _complete(self._types, name))
+
+    def typestore(self) -> Typestore:
+        """Make the store of all types."""
         store = get_typestore(Stores.EMPTY)
-        store.register(
-            {name: definition for name, definition in types.items() if name not in store.fielddefs}
-        )
-        return store, lacking
+        known = store.fielddefs
+        store.register({name: each for name, each in self._types.items() if name not in known})
+        return store
 
     def in_own_words(self, typestore: Typestore) -> Typestore:
         """A store that gives the text of a definition as the bags have it, where ROS 2 wrote it."""
