@@ -60,15 +60,16 @@ class Definitions:
             self._seen[bag, key] = self._enter(bag, file, key)
         return self._seen[bag, key]
 
-    def typestore(self, msgtypes: Iterable[str]) -> tuple[Typestore, frozenset[str]]:
-        """Return the store of all types, and the names of undefined types."""
-        types = dict(self._types)
-        undefined = frozenset(name for name in sorted(set(msgtypes)) if not _complete(types, name))
+    def complete(self, msgtypes: Iterable[str]) -> frozenset[str]:
+        """Add the types of ROS 2 Jazzy that some types need; returns those without a definition."""
+        return frozenset(name for name in sorted(set(msgtypes)) if not _complete(self._types, name))
+
+    def typestore(self) -> Typestore:
+        """Make the store of all types."""
         store = get_typestore(Stores.EMPTY)
-        store.register(
-            {name: definition for name, definition in types.items() if name not in store.fielddefs}
-        )
-        return store, undefined
+        known = store.fielddefs
+        store.register({name: each for name, each in self._types.items() if name not in known})
+        return store
 
     def with_original_texts(self, typestore: Typestore) -> Typestore:
         """Return a store whose definition texts are those of the bags, if they are of ROS 2."""

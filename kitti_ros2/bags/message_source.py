@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..model.errors import BadBagError
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
     from .bag_files import BagSource
@@ -85,7 +87,6 @@ class BagMessages:
         sources: The channels as stored in their files, by topic; of several the first.
         left_out: Unreadable topics: of an unsupported encoding, or of an undefined type.
         latched: The depth of each topic that offers its last messages to late subscribers.
-        typestore: The types as defined in the bags, to decode the data with.
         compressions: Names of the compressions known before messages are read.
 
     Raises:
@@ -137,6 +138,15 @@ class BagMessages:
             for each in readings
             if each.channel.latched_depth
         }
+
+    @cached_property
+    def typestore(self) -> Typestore:
+        """The types as the bags themselves define them, to decode the data with.
+
+        Made when first used: generating its classes takes 35 ms, and many readers do without.
+        """
+        store = self._definitions.typestore()
+        return self._definitions.with_original_texts(store) if self._as_stored else store
 
     @property
     def complete(self) -> bool:
@@ -277,13 +287,13 @@ class BagMessages:
                     self._leave_out_undefined(reading, conflict, _count(file, channel_id))
                     del channels[channel_id]
         needed = {each.channel.msgtype for found in self._readings for each in found.values()}
-        self.typestore, undefined = definitions.typestore(needed)
+        undefined = definitions.complete(needed)
+        self._definitions = definitions
         reasons = {
             msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
             for msgtype in sorted(undefined)
         }
         if self._as_stored:
-            self.typestore = definitions.with_original_texts(self.typestore)
             for reason in reasons.values():
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return

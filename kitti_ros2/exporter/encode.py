@@ -45,7 +45,7 @@ _AFFECTED = {
     Stream.OXTS: (Stream.OXTS, Stream.POSE, Stream.PATH),
     Stream.POSE: (Stream.POSE, Stream.PATH),
 }
-"""The streams that a loss concerns, where these are more than its own; and trails are of poses."""
+"""The streams affected by a loss, if not only its own; trails need poses too."""
 
 _CAMERA_PART = re.compile(r'P\d')
 
@@ -57,8 +57,8 @@ class Message:
     Attributes:
         topic: Index of its row in Encoder.table.
         stamp_ns: Header stamp and log time.
-        parts: CDR, in buffers that follow one another.
-        key: What it depends on, where one equal to the topic's last need not be sent again.
+        parts: CDR, in consecutive buffers.
+        key: A change key; a message with the key of the topic's last one is not sent again.
     """
 
     topic: int
@@ -69,17 +69,17 @@ class Message:
 
 @dataclass(frozen=True)
 class Failure:
-    """One message that cannot be had, and why: topics is what it costs."""
+    """A sample that cannot be encoded: the topics that lose a message, and the reason."""
 
     topics: tuple[str, ...]
     error: KittiRos2Error | OSError
 
 
 class Encoder:
-    """Turns schedule entries into messages; safe to call from several threads at once.
+    """Encodes schedule entries as messages; thread-safe.
 
     Attributes:
-        table: The rows that are made, in the order of Message.topic.
+        table: The rows with messages, in the order of Message.topic.
     """
 
     def __init__(
@@ -108,12 +108,12 @@ class Encoder:
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
     ) -> tuple[list[Message], list[Failure]]:
-        """The messages of one sample, and what could not be made of it.
+        """Encode the messages of one sample; also return the failures.
 
         Args:
-            entry: Which sample.
-            wanted: Indices of the rows with a subscriber; rows on demand are left out where they
-                are not among them. None makes all.
+            entry: The sample.
+            wanted: Indices of the rows with a subscriber; other rows on demand are skipped. None:
+                all.
         """
         rows = self._rows[entry.stream]
         if wanted is not None:
@@ -140,11 +140,11 @@ class Encoder:
         return self._serialize(rows, sample, moment)
 
     def left_out(self, stream: Stream, wanted: Collection[int]) -> list[int]:
-        """The rows of a stream that encode leaves out: on demand, and not wanted."""
+        """Return the rows of a stream that encode skips: on demand, and not wanted."""
         return [index for index, row in self._rows[stream] if row.on_demand and index not in wanted]
 
     def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
-        """The losses among a recording's that a selection would have wanted."""
+        """Return the losses of a recording that are within the selection."""
         parts = map(self._concerned, losses)
         return [part for part in parts if part is not None]
 
@@ -158,7 +158,7 @@ class Encoder:
         return None
 
     def notes(self) -> tuple[str, ...]:
-        """Non-fatal remarks on the samples encoded so far."""
+        """Return non-fatal remarks on the samples encoded so far."""
         notes = [
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
@@ -187,7 +187,7 @@ class Encoder:
         )
 
     def _turn_note(self) -> str:
-        """The scans whose turn is assumed, where their time or stamp depends on it."""
+        """Return a note on scans with a nominal turn on which their time or stamp depends."""
         turns, timed = self._recording.turns, self._rig.options.ring_and_time
         found = {
             number: turns[number]
@@ -204,14 +204,14 @@ class Encoder:
         )
 
     def _scans_due(self) -> Iterator[tuple[int, int]]:
-        """File number and stamp of the scans that are made into messages."""
+        """Yield file number and stamp of the scans to be encoded."""
         if self._rows[Stream.SCAN]:
             for entry in self._schedule:
                 if entry.stream is Stream.SCAN:
                     yield entry.number, entry.stamp_ns
 
     def _labels_of(self, number: int) -> FrameLabels:
-        """The labels of an image's frame; none where the frame has none."""
+        """Read the labels of an image's frame; empty if the frame has none."""
         if number not in self._labelled:
             return FrameLabels()
         labels = self._recording.read(Stream.LABELS, number)
@@ -219,7 +219,7 @@ class Encoder:
 
     @cached_property
     def _labelled(self) -> frozenset[int]:
-        """The numbers of the frames with labels; without common numbers none is an image's."""
+        """The numbers of the frames with labels; empty without common numbers."""
         index = self._recording.streams.get(Stream.LABELS)
         if index is None or not self._recording.common_numbers:
             return frozenset()
@@ -234,7 +234,7 @@ class Encoder:
         for index, row in rows:
             try:
                 serialized = row.serialize(sample, moment)
-            except (KittiRos2Error, OSError) as error:  # of its own, or of what it also reads
+            except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
                 failures.append(Failure((row.name,), error))
                 continue
             key = row.change_key(sample) if row.change_key else None
@@ -249,9 +249,9 @@ class Encoder:
         return self._recording.read(entry.stream, entry.number)
 
     def _describe(self) -> Description:
-        """The recording as a whole, and which of its files the messages carry.
+        """Describe the recording, and which of its files are in the messages.
 
-        A sample that turns out to be unreadable is among them: the description is sent first.
+        Unreadable samples are included, since the description is sent first.
         """
         carried = {
             row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
@@ -266,7 +266,7 @@ class Encoder:
 def _selected_streams(
     recording: Recording, options: MessageOptions, selection: SelectionOptions
 ) -> set[Stream]:
-    """The streams that a selection by topics takes; a camera that is lost as a whole is one."""
+    """Return the streams selected by topics, including cameras that are lost completely."""
     if not selection.topics:
         return set(Stream)
     lost = {Stream(loss.stream).camera for loss in recording.losses}
@@ -277,7 +277,7 @@ def _selected_streams(
 
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
-    """A decoder for one image, which several messages are made of."""
+    """Wrap a decoder to decode an image once for several messages."""
     made: list[Pixels] = []
 
     def decoded(image: Image) -> Pixels:
@@ -289,7 +289,7 @@ def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
 
 
 def _lacking(sample: Sample) -> list[Failure]:
-    """What a calibration or description should hold and does not.
+    """Return the missing parts of a calibration or description as failures.
 
     A camera's own part is counted with its camera_info.
     """

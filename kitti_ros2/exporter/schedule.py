@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which samples of a recording are due, and in which order: one chronological pass."""
+"""The schedule of a recording: the selected samples in chronological order."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 
 _STREAMS = tuple(Stream)
 ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
-"""What may hold for a whole recording, and is then due once."""
+"""Streams that may apply to a whole recording, and are then due once."""
 
 UNKNOWN = -1
-"""In place of a file number that is not known."""
+"""Placeholder for an unknown file number."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One sample that is due."""
+    """A scheduled sample."""
 
     stream: Stream
     number: int
@@ -50,9 +50,9 @@ class Schedule:
         stamps_ns: (N,) int64, ascending.
         streams: (N,) indices into Stream.
         numbers: (N,) int64 file numbers.
-        spans: First and last file number taken, by stream that is wanted.
+        spans: First and last selected file number, by selected stream.
         common_numbers: Whether a file number is the same moment in all streams.
-        turns: When each scan was made, by file number, where that is known.
+        turns: The turn of the scanner of each scan, by file number, if known.
     """
 
     stamps_ns: Int64Array
@@ -71,37 +71,37 @@ class Schedule:
             yield Entry(_STREAMS[code], number, stamp_ns)
 
     def count(self, stream: Stream) -> int:
-        """How many samples of a stream are due."""
+        """Return the number of scheduled samples of a stream."""
         return int((self.streams == _STREAMS.index(stream)).sum())
 
     def numbers_of(self, stream: Stream) -> list[int]:
-        """The file numbers of a stream that are due, in order of time."""
+        """Return the scheduled file numbers of a stream, in order of time."""
         numbers: list[int] = self.numbers[self.streams == _STREAMS.index(stream)].tolist()
         return numbers
 
     def concerned(self, loss: Loss) -> Loss | None:
-        """The part of a loss that is within what was selected, None where none of it is."""
+        """Return the part of a loss within the selection, None without any."""
         span = self.spans.get(Stream(loss.stream))
         return None if span is None else loss.within(*span)
 
     @property
     def frames(self) -> int:
-        """How many frames it has; see samples.FRAME_STREAMS."""
+        """Number of frames; see streams.FRAME_STREAMS."""
         return len(frames_of(self._frame_streams, common=self.common_numbers))
 
     @cached_property
     def frame_numbers(self) -> Int64Array:
-        """(N,) int64: the frame that each entry belongs to, never falling.
+        """(N,) int64: the frame of each entry, monotonic.
 
-        Without common numbers a frame reaches half-way to the frames beside it. A scan stamped at
-        its start counts as half-way to facing forward, as the images of its frame come after that.
+        Without common numbers a frame extends half-way to its neighbours. The reference time of a
+        scan stamped at its start is half-way to facing forward, where the images are taken.
         """
         streams = self._frame_streams
         frames = frames_of(streams, common=self.common_numbers)
         if not len(frames):
             return np.zeros(len(self), dtype=np.int64)
         if self.common_numbers:
-            # What holds for the whole recording is due with whatever comes first.
+            # Streams of the whole recording are due with the first sample.
             return never_falling(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
         reference = next(stream for stream in FRAME_STREAMS if stream in streams)
         chosen = self.streams == _STREAMS.index(reference)
@@ -113,7 +113,7 @@ class Schedule:
 
     @cached_property
     def _frame_streams(self) -> dict[Stream, Int64Array]:
-        """The numbers of the streams whose samples make frames, of those that have any."""
+        """The numbers of the streams that define frames, of those with samples."""
         return {
             stream: np.array(numbers)
             for stream in FRAME_STREAMS
@@ -122,7 +122,7 @@ class Schedule:
 
 
 def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Array:
-    """(N,) int64 numbers of the frames, ascending.
+    """Return (N,) int64 numbers of the frames, ascending.
 
     Args:
         numbers: The file numbers of each stream.
@@ -135,9 +135,9 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
 
 
 def never_falling(numbers: Int64Array) -> Int64Array:
-    """(N,) the frame of each of (N,) samples in order of time, from their own file numbers.
+    """Return (N,) the frame of each of (N,) samples in order of time, from their file numbers.
 
-    One of number UNKNOWN belongs to the frame of what comes before it, or else to the first.
+    A sample of number UNKNOWN belongs to the frame of the one before it, or else to the first.
     """
     frames: Int64Array = np.maximum.accumulate(numbers)
     known = numbers[numbers != UNKNOWN]
@@ -148,12 +148,12 @@ def never_falling(numbers: Int64Array) -> Int64Array:
 def nearest_frames(
     stamps_ns: Int64Array, reference_ns: Int64Array, numbers: Int64Array
 ) -> Int64Array:
-    """(N,) int64: the number of the reference sample nearest to each stamp.
+    """Return (N,) int64: the number of the reference sample nearest to each stamp.
 
     Args:
         stamps_ns: (N,) nanoseconds, ascending.
         reference_ns: (M,) nanoseconds, ascending, M > 0.
-        numbers: (M,) what the reference samples are called, ascending.
+        numbers: (M,) of the reference samples, ascending.
     """
     middles = reference_ns[:-1] + np.diff(reference_ns) // 2
     frames: Int64Array = numbers[np.searchsorted(middles, stamps_ns, 'right')]
@@ -161,13 +161,13 @@ def nearest_frames(
 
 
 def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule:
-    """The samples of a recording that a selection takes.
+    """Schedule the samples of a recording in a selection.
 
-    What holds for the whole recording (its description, a calibration that never changes, the
-    path) is due once, at the first stamp taken.
+    Data of the whole recording (its description, a constant calibration, the path) is due once, at
+    the first selected stamp.
 
     Raises:
-        UsageError: A stream's name is unknown, or the selection takes nothing.
+        UsageError: A stream's name is unknown, or the selection is empty.
     """
     wanted = _wanted_streams(selection.streams)
     numbers, moments = _window(recording, selection)
@@ -208,7 +208,7 @@ def _span(
     numbers: tuple[int, int],
     moments: tuple[int, int],
 ) -> tuple[int, int] | None:
-    """First and last file number of a stream that a selection takes, as far as can be told."""
+    """Return the first and last selected file number of a stream, None if unknown."""
     if moments == _ALL:
         return numbers
     taken = [row[1] for row in rows if len(row[1]) and row[0] in recording.streams]
@@ -262,7 +262,7 @@ _ALL = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
 def _window(
     recording: Recording, selection: SelectionOptions
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """(lowest, highest) file number and (lowest, highest) stamp that are taken."""
+    """Return (lowest, highest) file number and (lowest, highest) stamp of the selection."""
     numbers, stamps = list(_ALL), list(_ALL)
     for side, bound in enumerate((selection.start, selection.end)):
         if bound is None:
@@ -291,7 +291,7 @@ def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
 
 
 def _is_reversed(recording: Recording, selection: SelectionOptions) -> bool:
-    """Whether the end, of another kind than the start, is before it; both are in the recording."""
+    """Whether the end, of another kind than the start, is before it, both in the recording."""
     if selection.start is None or selection.end is None:
         return False
     first = _bound_ns(recording, selection.start, 0)
@@ -300,7 +300,7 @@ def _is_reversed(recording: Recording, selection: SelectionOptions) -> bool:
 
 
 def _extent(recording: Recording) -> str:
-    """What there would be to take, for errors."""
+    """Describe the available samples, for errors."""
     parts = [
         f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
         for stream, index in recording.streams.items()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI -> bag: one chronological pass, each sample read when it is due and then dropped."""
+"""Conversion of KITTI to a bag: one chronological pass, each sample read when due."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _BATCH = 8  # samples, about a frame
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What a conversion did.
+    """The result of a conversion.
 
     Attributes:
         path: The bag.
         counts: Messages by topic.
-        frames: How many frames were due; see samples.FRAME_STREAMS.
+        frames: Number of scheduled frames; see streams.FRAME_STREAMS.
         size_bytes: Of all messages.
         first_ns, last_ns: Stamps.
         losses: What was skipped.
-        notes: What is worth a word and no loss.
+        notes: Non-fatal remarks.
     """
 
     path: Path
@@ -69,16 +69,16 @@ def convert(
     """Write a recording to a bag.
 
     Args:
-        recording: What to read.
+        recording: The source.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
-        messages: Which messages are made, and how.
-        selection: Which part of the recording is taken.
+        messages: Options of the messages.
+        selection: The part of the recording to convert.
         bag: Container, compression, splitting.
-        strict: Stop at the first thing that cannot be used, and leave nothing behind.
+        strict: Stop at the first loss, and remove the output.
         progress: Called with the samples done and the bytes written so far.
 
     Raises:
-        UsageError: The selection takes nothing, or an option does not fit the output.
+        UsageError: The selection is empty, or an option is invalid for the output.
         KittiRos2Error: With strict, the first loss.
         OutputError: The output cannot be written.
         OutputExistsError: The output exists and the options do not overwrite.
@@ -113,7 +113,7 @@ def convert(
 
 
 class _Channels:
-    """The topics of a bag, each declared with its first message: an empty one tells nothing."""
+    """The topics of a bag, each declared with its first message, so that none is empty."""
 
     def __init__(self, writer: BagWriter, table: list[Topic]) -> None:
         self._writer = writer
@@ -131,7 +131,7 @@ class _Channels:
 
 
 class _ExportTally:
-    """Writes what comes in order, and counts what was written and what was lost."""
+    """Writes messages in order; counts messages and losses."""
 
     def __init__(self, *, strict: bool) -> None:
         self.counts: Counter[int] = Counter()
@@ -141,7 +141,7 @@ class _ExportTally:
         self._last_keys: dict[int, Hashable] = {}
 
     def take(self, messages: list[Message], failures: list[Failure], channels: _Channels) -> None:
-        """Write messages, except one that says nothing new; count failures."""
+        """Write messages, except repeated ones; count failures."""
         for failure in failures:
             for topic in failure.topics:
                 self.lose(Loss(topic, 1, describe_error(failure.error)))
@@ -161,10 +161,10 @@ class _ExportTally:
         self._losses[loss.stream, loss.text()] += loss.count
 
     def lose_unnamed(self, loss: Loss) -> None:
-        """Count a loss, unless a message that was lost for the same reason names it."""
+        """Count a loss, unless one for the same reason was already counted."""
         if not any(text == loss.text() for _, text in self._losses):
             self.lose(loss)
 
     def losses(self) -> tuple[Loss, ...]:
-        """All losses, those of the same stream and reason counted together."""
+        """Return all losses, counted by stream and reason."""
         return tuple(Loss(stream, n, message) for (stream, message), n in self._losses.items())

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bag -> KITTI: our own bags to the byte, anyone's by a plan."""
+"""Bag -> KITTI: bags written by to-bag byte for byte, others by a plan."""

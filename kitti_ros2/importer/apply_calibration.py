@@ -109,7 +109,7 @@ class Rigging:
             raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
         if plan.topic == types.LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
             raise UsageError(
-                f'labels.occluded is for boxes; the label lines of {plan.topic} tell their own:'
+                f'labels.occluded is for boxes; the label lines of {plan.topic} have their own:'
                 f' leave it at {UNKNOWN_OCCLUSION}'
             )
         calibration = self.calibrations.first

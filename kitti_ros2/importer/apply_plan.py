@@ -65,7 +65,7 @@ def _label_remarks(plan: Plan) -> tuple[str, ...]:
     if plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES:
         return ()
     remark = (
-        f'{plan.labels.topic}: tells no occlusion, so labels say 3, unknown, which evaluations'
+        f'{plan.labels.topic}: has no occlusion, so labels contain 3, unknown, which evaluations'
         f' leave out; set labels.occluded of the plan to 0 to have them counted'
     )
     return (remark,)

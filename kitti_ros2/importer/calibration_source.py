@@ -74,7 +74,7 @@ def make_calibrations(
     if is_extract(plan) and straightened and plan.calibration != TF:
         raise UsageError(
             f'camera {straightened[0]} has rectify: true, and {plan.name} is of unrectified images:'
-            f' a calibration other than tf does not tell the lens of its rectified ones; set'
+            f' a calibration other than tf does not have the lens of its rectified ones; set'
             f' rectify: false, or name a drive that ends in _sync'
         )
     if plan.calibration == SOURCE:

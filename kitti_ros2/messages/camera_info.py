@@ -9,7 +9,7 @@ One rule: P (after R) projects points given in header.frame_id, exactly as KITTI
   pair: the stereo convention of sensor_msgs/CameraInfo, so no baseline is counted twice.
 - Unrectified images (extract): the camera's own unrectified frame, its K, D and R_rect, and
   K_rect in P. The cameras' R_0i, T_0i and P_rect differ by up to 0.3 mm in KITTI's files; the
-  remainder stands in P's fourth column.
+  remainder is in P's fourth column.
 - Cameras with extrinsics of their own (Waymo): their own frame, and P as it is.
 """
 
@@ -41,12 +41,12 @@ LEFT_OF = {1: 0, 3: 2}
 
 
 def rectified_offset(camera: CameraCalibration) -> Float64Array:
-    """(3,) metres t = K^-1 P[:, 3]: a point p of the rectified camera 0 is p + t in this camera."""
+    """Return (3,) metres t = K^-1 P[:, 3]: p of the rectified camera 0 is p + t in this camera."""
     return np.asarray(np.linalg.solve(camera.p_rect[:, :3], camera.p_rect[:, 3]), np.float64)
 
 
 def image_frame_camera(calibration: Calibration, index: int) -> int:
-    """The camera whose optical frame the images of a camera are stamped with."""
+    """Return the camera whose optical frame is the frame_id of a camera's images."""
     left = LEFT_OF.get(index)
     if left is None or not calibration.rectified or calibration.independent_cameras:
         return index
@@ -54,7 +54,7 @@ def image_frame_camera(calibration: Calibration, index: int) -> int:
 
 
 def projection(calibration: Calibration, index: int) -> Float64Array:
-    """(3, 4) P of CameraInfo, which projects points of the image's frame after R."""
+    """Return (3, 4) P of CameraInfo, which projects points of the image's frame after R."""
     camera = calibration.cameras[index]
     k = camera.p_rect[:, :3]
     if camera.cam_T_velo is not None:
@@ -74,12 +74,12 @@ def projection(calibration: Calibration, index: int) -> Float64Array:
 def encode_camera_info(
     calibration: Calibration, index: int, size: tuple[int, int], stamp_ns: int, frame_id: str
 ) -> CameraInfo:
-    """The CameraInfo of a camera.
+    """Make the CameraInfo of a camera.
 
     Args:
-        calibration: Holds the camera.
+        calibration: Contains the camera.
         index: KITTI camera index.
-        size: (width, height) of the images it goes with.
+        size: (width, height) of its images.
         stamp_ns: The image's own.
         frame_id: The image's own.
     """
@@ -107,5 +107,5 @@ def encode_camera_info(
 def decode_camera_info(
     message: CameraInfo,
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """K (3, 3), D (n,), R (3, 3) and P (3, 4) of a CameraInfo."""
+    """Return K (3, 3), D (n,), R (3, 3) and P (3, 4) of a CameraInfo."""
     return message.k.reshape(3, 3), message.d, message.r.reshape(3, 3), message.p.reshape(3, 4)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS messages to CDR bytes and back, and the type definitions behind them.
+"""Serialisation of ROS messages to CDR and back.
 
-A serialised message is a sequence of buffers, which a bag writes one after the other: the bulk of
-a scan or an image is never copied on its way from file to file.
+A serialised message is a sequence of buffers, which a bag writes one after the other: the bulk data
+of a scan or an image is never copied between files.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 Parts: TypeAlias = 'tuple[bytes | memoryview, ...]'
-"""A serialised message, in buffers that follow one another."""
+"""A serialised message, in consecutive buffers."""
 
 _EMPTY = np.empty(0, dtype=np.uint8)
 _LENGTH = struct.Struct('<I')
@@ -39,10 +39,10 @@ BULK_TAIL = {
 
 
 def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated classes
-    """A message of a rosbags class as little-endian CDR, encapsulation header included.
+    """Serialise a message of a rosbags class as little-endian CDR, encapsulation header included.
 
-    Its length is a multiple of four, as every subscriber receives it and rosbag2 records it: a
-    submessage of RTPS (OMG formal/2022-04-01, 9.4.1) is filled up with zeros.
+    Its length is a multiple of four, as subscribers receive it and rosbag2 records it: a submessage
+    of RTPS (OMG formal/2022-04-01, 9.4.1) is padded with zeros.
     """
     msgtype = message.__msgtype__
     tail = BULK_TAIL.get(msgtype)
@@ -58,31 +58,31 @@ def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated cl
 
 
 def filling(length: int) -> bytes:
-    """The zeros that fill a serialised message up to a multiple of four."""
+    """Return the zeros that pad a serialised message to a multiple of four."""
     return bytes(-length % 4)
 
 
 def join(parts: Sequence[bytes | memoryview]) -> bytes:
-    """A serialised message as one string of bytes."""
+    """Join a serialised message to one bytes object."""
     return parts[0] if len(parts) == 1 and isinstance(parts[0], bytes) else b''.join(parts)
 
 
 def deserialize(data: bytes | memoryview, msgtype: str) -> Any:  # noqa: ANN401 - as serialize
-    """A message of a rosbags class from its CDR bytes."""
+    """Deserialise CDR to a message of a rosbags class."""
     return TYPESTORE.deserialize_cdr(data, msgtype)
 
 
 def restamp(parts: Parts, stamp_ns: int) -> Parts:
-    """The same message with another header.stamp; its first field must be a Header."""
+    """Replace the header.stamp of a message whose first field is a Header."""
     head = bytearray(parts[0])
     _STAMP.pack_into(head, _STAMP_OFFSET, *divmod(stamp_ns, 1_000_000_000))
     return (bytes(head), *parts[1:])
 
 
 def restamp_message(data: bytes, msgtype: str, stamp_ns: int) -> bytes:
-    """A serialised message with every header.stamp in it replaced; without headers the same.
+    """Replace every header.stamp in a serialised message; without headers it is unchanged.
 
-    The poses of a Path keep their stamps: they tell when the vehicle was there.
+    The poses of a Path keep their stamps, the times of these positions.
     """
     places = _headers(msgtype)
     if places is _Headers.FIRST:
@@ -108,9 +108,9 @@ _KEPT = 'geometry_msgs/msg/PoseStamped'
 
 @lru_cache(maxsize=64)
 def _headers(msgtype: str) -> _Headers:
-    """Where a type has headers: none, as its first field alone, or further within.
+    """Return where a type has headers: none, as its first field only, or nested.
 
-    Of a type that is not ours nothing is known.
+    Types without a definition in this package count as without headers.
     """
     if msgtype not in TYPESTORE.fielddefs:
         return _Headers.NONE
@@ -122,7 +122,7 @@ def _headers(msgtype: str) -> _Headers:
 
 
 def _type_name(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
-    """The message type of a field or of its elements; None for numbers and strings."""
+    """Return the message type of a field or its elements; None for numbers and strings."""
     kind, content = description
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         kind, content = content[0]

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Any sensor_msgs/PointCloud2 -> points as KITTI has them: x y z reflectance, float32.
+"""Any sensor_msgs/PointCloud2 -> points in KITTI's format: x y z reflectance, float32.
 
-Reflectance is 0..1. Drivers count otherwise, and a cloud alone does not tell how: the divisor is
-guessed once, from a few clouds of a stream, and holds for all of it.
+Reflectance is 0..1. Drivers use other scales, which a cloud does not contain: the divisor is
+estimated once, from a few clouds of a stream, and applied to all of them.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ _FULL_SCALES = (255.0, 4095.0, 65535.0)
 
 
 def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
-    """The points of a cloud, and how many were left out because x, y or z is no finite number.
+    """Decode the points of a cloud; also return how many were dropped as not finite.
 
     Fields are found by name and may have any type, order, offset, padding and byte order; rows
     follow each other. Reflectance is intensity, else reflectivity, reflectance or i, divided by
     intensity_scale and clipped to 0..1; it is 0 where there is none or it is NaN.
 
     Args:
-        message: Organised or not. row_step tells where there are rows, and nothing in a single one.
-        intensity_scale: What guess_intensity_scale made of the stream.
+        message: Organised or not. row_step is ignored for a single row.
+        intensity_scale: The result of guess_intensity_scale for the stream.
 
     Returns:
         (N, 4) float32 x y z reflectance, in the message's frame and row by row (clouds that to-bag
         sorted by time: in the order of their file), and the count of dropped points. A view of the
-        message where it holds just that already, as KITTI's does.
+        message if it has this format already, as KITTI's does.
 
     Raises:
-        ValueError: There is no x, y or z; a field cannot be read; the data are too short.
+        ValueError: x, y or z is missing; a field cannot be read; the data are too short.
     """
     if not message.width * message.height:
         return np.empty((0, 4), dtype=np.float32), 0
@@ -83,7 +83,7 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
 
 
 def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
-    """What a stream's intensities are divided by to become 0..1, guessed from some of its clouds.
+    """Estimate the divisor that scales a stream's intensities to 0..1 from some of its clouds.
 
     ======================  ==================================================
     peak over the clouds    divisor
@@ -96,7 +96,7 @@ def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
     no intensity at all     1
     ======================  ==================================================
 
-    Clouds that decode_cloud refuses tell nothing here.
+    Clouds that decode_cloud refuses are ignored.
     """
     peaks = [peak for cloud in clouds if (peak := _intensity_peak(cloud)) is not None]
     if not peaks:
@@ -108,7 +108,7 @@ def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
 
 
 def _intensity_peak(message: PointCloud2) -> tuple[bool, float] | None:
-    """Whether the intensities of a cloud are floats, and the largest finite one of them."""
+    """Return whether the intensities of a cloud are floats, and the largest finite one."""
     if not message.width * message.height:
         return None
     try:
@@ -128,7 +128,7 @@ def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
 
 
 def _file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
-    """Indices that put points in the order of their file, None where the message has that."""
+    """Return indices that put points in the order of their file, None if they are in order."""
     field = next((field for field in message.fields if field.name == FILE_INDEX), None)
     if field is None or field.datatype != PointField.UINT32:
         return None
@@ -137,16 +137,16 @@ def _file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
 
 
 def _chosen(message: PointCloud2) -> dict[str, PointField]:
-    """The fields that are read, by name: x y z, and the first there is of the intensities.
+    """Choose the fields to read, by name: x y z, and the first available intensity.
 
     Raises:
-        ValueError: One is missing or is no single number within the point.
+        ValueError: One is missing or is not a single number within the point.
     """
     fields = {field.name: field for field in message.fields}
-    lacking = [name for name in _XYZ if name not in fields]
-    if lacking:
+    missing = [name for name in _XYZ if name not in fields]
+    if missing:
         there = ', '.join(field.name for field in message.fields) or 'none'
-        raise ValueError(f'a cloud without {" and ".join(lacking)}; its fields: {there}')
+        raise ValueError(f'a cloud without {" and ".join(missing)}; its fields: {there}')
     names = [*_XYZ, *[name for name in _INTENSITIES if name in fields][:1]]
     for name in names:
         _check_field(fields[name], message.point_step)
@@ -166,7 +166,7 @@ def _check_field(field: PointField, point_step: int) -> None:
 
 
 def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArray[np.void]:
-    """(height, width) structured view of the chosen fields.
+    """Return a (height, width) structured view of the chosen fields.
 
     Raises:
         ValueError: The rows overlap or the data are too short.
@@ -202,7 +202,7 @@ def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArr
 
 
 def _as_they_are(cloud: npt.NDArray[np.void]) -> Float32Array | None:
-    """(N, 4) view of a cloud that needs no change, None for any other."""
+    """Return a (N, 4) view of a cloud that needs no conversion, None for any other."""
     if cloud.dtype != _KITTI_POINT or not cloud.flags.c_contiguous:
         return None
     points: Float32Array = cloud.reshape(-1).view('<f4').reshape(-1, 4)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels <-> vision_msgs/Detection3DArray and Detection2DArray: the data, for programs.
+"""Labels -> vision_msgs/Detection3DArray and Detection2DArray: the data, for programs.
 
 A detection's id is the track id, or the box's place in its file; the same box has the same id in
 both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..model.boxes import Cuboid
 from .cdr_writer import CdrWriter
-from .header import pose_numbers, transform_of
+from .header import pose_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..model.boxes import Box
+    from ..model.boxes import Box, Cuboid
     from .cdr import Parts
 
 _TRUTH_SCORE = 1.0
@@ -27,7 +26,7 @@ _NO_TURN = 0.0
 
 
 def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Parts:
-    """A Detection3DArray of cuboids, serialised; its frame is velo_link."""
+    """Make a Detection3DArray of cuboids, serialised; its frame is velo_link."""
     cdr = CdrWriter()
     cdr.header(stamp_ns, frame_id)
     cdr.uint32(len(cuboids))
@@ -40,31 +39,8 @@ def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -
     return (cdr.finish(),)
 
 
-def decode_detections(message: Any, *, scores: bool = False) -> list[Cuboid]:  # noqa: ANN401
-    """The inverse of encode_detections.
-
-    Args:
-        message: A Detection3DArray in velo_link; the first result counts.
-        scores: Whether the scores mean something, as those of predictions do.
-    """
-    cuboids = []
-    for detection in message.detections:
-        hypothesis = detection.results[0].hypothesis
-        size = detection.bbox.size
-        cuboids.append(
-            Cuboid(
-                hypothesis.class_id,
-                detection.id,
-                transform_of(detection.bbox.center),
-                (size.x, size.y, size.z),
-                hypothesis.score if scores else None,
-            )
-        )
-    return cuboids
-
-
 def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: str) -> Parts:
-    """A Detection2DArray of the 2D boxes of labels, DontCare included, serialised.
+    """Make a Detection2DArray of the 2D boxes of labels, DontCare included, serialised.
 
     Args:
         boxes: Each with its id.
@@ -100,7 +76,7 @@ def decode_boxes_2d(message: Any) -> list[tuple[str, str, tuple[float, float, fl
 
 
 def _add_result(cdr: CdrWriter, kind: str, score: float | None, pose: tuple[float, ...]) -> None:
-    """The results of a detection: one ObjectHypothesisWithPose."""
+    """Write the results of a detection: one ObjectHypothesisWithPose."""
     cdr.uint32(1)
     cdr.text(kind)
     cdr.float64((_TRUTH_SCORE if score is None else score, *pose, *_UNKNOWN))

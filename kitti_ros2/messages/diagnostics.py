@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A state in words -> diagnostic_msgs/DiagnosticArray, which every viewer can show."""
+"""A state in words -> diagnostic_msgs/DiagnosticArray, which viewers display."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def encode_diagnostics(
     hardware_id: str,
     values: Mapping[str, str],
 ) -> bytes:
-    """A DiagnosticArray with one DiagnosticStatus, serialised.
+    """Make a DiagnosticArray with one DiagnosticStatus, serialised.
 
     Args:
         stamp_ns: Of the header, nanoseconds.

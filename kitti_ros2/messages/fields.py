@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a type as a bag defines it has the fields that are read of it.
+"""Check that the definition of a type in a bag has the required fields.
 
-Definitions differ between distributions, ROS 1 and forks. What one has more does not matter; what
-it lacks, or has of another kind, would fail somewhere later.
+Definitions differ between distributions, ROS 1 and forks. Additional fields are ignored; missing
+ones, or those of another kind, would cause errors later.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Basename, FieldDesc
     from rosbags.typesys.store import Typestore
 
-# Fields that nothing is made of, or that have had other names: the code that reads them knows.
+# Unused fields, or those with other names in other versions, which the decoders handle.
 _OPTIONAL = {
     'nav_msgs/msg/Odometry': {'twist'},
     'sensor_msgs/msg/PointCloud2': {'is_dense'},
@@ -41,9 +41,9 @@ _OPTIONAL = {
 
 
 def lacking_field(typestore: Typestore, msgtype: str) -> str:
-    """The first field that a type lacks or has of another kind, as in header.stamp; empty for none.
+    """Return the first missing field or one of another kind, such as header.stamp; empty for none.
 
-    Types that this package does not know lack nothing.
+    Types that this package does not know have no required fields.
     """
     if msgtype not in TYPESTORE.fielddefs:
         return ''
@@ -70,7 +70,7 @@ def _lacking_within(typestore: Typestore, field: FieldDesc) -> str:
 
 
 def _is_alike(field: FieldDesc, expected: FieldDesc) -> bool:
-    """Whether both are numbers, texts, the same message, or rows of such."""
+    """Whether both are numbers, texts, the same message, or arrays of these."""
     kind, detail = field
     if kind != expected[0]:
         return False

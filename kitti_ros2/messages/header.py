@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The small types every message shares: Time, Header, points, quaternions, poses."""
+"""The small types common to all messages: Time, Header, points, quaternions, poses."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ _HEADER_HEAD = 12
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:
-    """A Header of a stamp in nanoseconds."""
+    """Make a Header of a stamp in nanoseconds."""
     sec, nanosec = to_sec_nanosec(stamp_ns)
     return Header(Time(sec, nanosec), frame_id)
 
 
 def stamp_ns_of(header: Header) -> int:
-    """The stamp of a Header, nanoseconds."""
+    """Return the stamp of a Header, nanoseconds."""
     return from_sec_nanosec(header.stamp.sec, header.stamp.nanosec)
 
 
 def peek_header(data: bytes | memoryview) -> tuple[int, str]:
-    """Stamp (nanoseconds) and frame of a serialised message whose first field is a Header.
+    """Read stamp (nanoseconds) and frame of a serialised message whose first field is a Header.
 
     Raises:
-        ValueError: The message is too short for one.
+        ValueError: The message is too short.
     """
     order = '<' if data[1:2] == b'\1' else '>'
     try:
@@ -70,9 +70,9 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
 
 
 def body_after_header(data: bytes | memoryview) -> bytes:
-    """What follows the Header that a serialised message begins with, padding included.
+    """Return the bytes after the Header at the start of a serialised message, with padding.
 
-    Nothing where the message is too short for one.
+    Empty if the message is too short.
     """
     start = _ENCAPSULATION + _HEADER_HEAD
     order: Literal['little', 'big'] = 'little' if data[1:2] == b'\1' else 'big'
@@ -81,34 +81,34 @@ def body_after_header(data: bytes | memoryview) -> bytes:
 
 
 def make_vector3(xyz: Sequence[float] | Float64Array) -> Vector3:
-    """A Vector3 of three numbers."""
+    """Make a Vector3 of three numbers."""
     x, y, z = (float(value) for value in xyz)
     return Vector3(x, y, z)
 
 
 def make_quaternion(xyzw: Float64Array) -> Quaternion:
-    """A Quaternion of x, y, z, w."""
+    """Make a Quaternion of x, y, z, w."""
     x, y, z, w = (float(value) for value in xyzw)
     return Quaternion(x, y, z, w)
 
 
 def make_pose(transform: Transform) -> Pose:
-    """The Pose whose frame is b of a transform a_T_b."""
+    """Make the Pose of b in a of a transform a_T_b."""
     x, y, z = (float(value) for value in transform.translation)
     return Pose(Point(x, y, z), make_quaternion(transform.quaternion()))
 
 
 def pose_numbers(transform: Transform) -> tuple[float, ...]:
-    """X y z, then x y z w of the quaternion: the fields of a Pose, in its order."""
+    """Return x y z, then x y z w of the quaternion: the fields of a Pose, in its order."""
     return (*transform.translation.tolist(), *transform.quaternion().tolist())
 
 
 def transform_of(pose: Pose) -> Transform:
-    """The inverse of make_pose."""
+    """Convert a Pose to a transform: the inverse of make_pose."""
     q, p = pose.orientation, pose.position
     return Transform.from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z))
 
 
 def vector_of(vector: Vector3) -> Float64Array:
-    """(3,) float64 of a Vector3."""
+    """Return (3,) float64 of a Vector3."""
     return np.array([vector.x, vector.y, vector.z])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes) and sensor_msgs/Image (pixels)."""
+"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes); -> sensor_msgs/Image (pixels)."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'bgr
 
 
 def encode_compressed(image: Image, stamp_ns: int, frame_id: str) -> CompressedImage:
-    """The PNG file's own bytes; format is 'png', which image_transport and viewers read."""
+    """Wrap the PNG file's own bytes; format is 'png', which image_transport and viewers read."""
     data = np.frombuffer(image.png, dtype=np.uint8)
     return CompressedImage(make_header(stamp_ns, frame_id), 'png', data)
 
 
 def decode_compressed(message: CompressedImage) -> bytes:
-    """The file's bytes of an image made by encode_compressed."""
+    """Return the file's bytes of an image made by encode_compressed."""
     return message.data.tobytes()
 
 
 def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
-    """The pixels: mono8 or mono16 of a grey PNG, bgr8 of a colour one.
+    """Decode to pixels: mono8 or mono16 of a grey PNG, bgr8 of a colour one.
 
     Raises:
         ValueError: The PNG cannot be decoded.
@@ -43,7 +43,7 @@ def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
 def encode_pixels(
     pixels: npt.NDArray[np.uint8 | np.uint16], stamp_ns: int, frame_id: str
 ) -> ImageMsg:
-    """Pixels as decode_png gives them: mono8 or mono16 of grey ones, bgr8 of colour."""
+    """Wrap the pixels of decode_png: mono8 or mono16 of grey ones, bgr8 of colour."""
     return ImageMsg(
         header=make_header(stamp_ns, frame_id),
         height=pixels.shape[0],
@@ -53,11 +53,3 @@ def encode_pixels(
         step=pixels[0].nbytes,
         data=pixels.reshape(-1).view(np.uint8),
     )
-
-
-def decode_image(message: ImageMsg) -> npt.NDArray[np.uint8 | np.uint16]:
-    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR, of an image made by encode_image; a view."""
-    kinds = {name: kind for kind, name in _ENCODINGS.items()}
-    dtype, dimensions = kinds[message.encoding]
-    shape = (message.height, message.width, 3)[:dimensions]
-    return message.data.view(dtype).reshape(shape)

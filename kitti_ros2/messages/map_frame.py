@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frame map: where the poses of a recording are put in messages.
+"""The frame map: the fixed frame of the poses in messages.
 
 - enu (REP-103, REP-105): x east, y north, z up, the origin at the first base_link position. A
   layout without gravity (odometry) has no such axes: there map is base_link at the first pose.
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 
 def map_from_world(start: Start | None, base_t_imu: Transform, kind: MapFrame) -> Transform:
-    """map_T_world: a reader's fixed frame in map.
+    """Return map_T_world: a reader's fixed frame in map.
 
     Args:
         start: The first pose, None for a recording without poses.
-        base_t_imu: Where imu_link is on base_link.
-        kind: Which map.
+        base_t_imu: imu_link in base_link.
+        kind: The kind of map.
     """
     if start is None:
         return Transform.identity()
@@ -39,21 +39,21 @@ def map_from_world(start: Start | None, base_t_imu: Transform, kind: MapFrame) -
         return start.world_T_imu.inverse() if start.level else Transform.identity()
     imu_t_base = base_t_imu.inverse()
     level = np.eye(3) if start.level else (start.world_T_imu @ imu_t_base).rotation.T
-    # Composed as every other pose is, so that the first position comes out as 0 to the last bit.
+    # Composed in the same way as the other poses, so that the first position is exactly 0.
     first = Transform(level, np.zeros(3)) @ start.world_T_imu @ imu_t_base
     return Transform(level, -first.translation)
 
 
 def has_no_gravity(start: Start | None, kind: MapFrame) -> bool:
-    """Whether map should be east-north-up and cannot be."""
+    """Whether map is requested to be east-north-up and cannot be."""
     return start is not None and not start.level and kind is MapFrame.ENU
 
 
 def place_pose(pose: Pose, map_t_world: Transform) -> Pose:
-    """A reader's pose in map."""
+    """Transform a reader's pose to map."""
     return replace(pose, world_T_imu=map_t_world @ pose.world_T_imu)
 
 
 def place_trajectory(trajectory: Trajectory, map_t_world: Transform) -> Trajectory:
-    """A reader's trajectory in map."""
+    """Transform a reader's trajectory to map."""
     return replace(trajectory, world_T_imu=[map_t_world @ pose for pose in trajectory.world_T_imu])

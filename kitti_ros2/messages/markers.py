@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels -> visualization_msgs/MarkerArray: what people look at in RViz and Foxglove.
+"""Labels -> visualization_msgs/MarkerArray, for RViz and Foxglove.
 
-An array begins with a DELETEALL, so nothing of an earlier frame stays, also after a seek. Per
-object, in its own namespace and with the id of its track where it has one: box (a translucent
+An array begins with a DELETEALL, which removes earlier frames, also after a seek. Per object, in
+its own namespace and with the id of its track if it has one: box (a translucent
 CUBE), edges (LINE_LIST), heading (ARROW) and text (class, id, distance); per track, if asked for,
 trail (LINE_STRIP in map); and ego, the recording car at base_link.
 """
@@ -44,14 +44,14 @@ def encode_markers(
     frames: FrameNames,
     options: MarkerOptions,
 ) -> Parts:
-    """The markers of a frame, serialised.
+    """Make the markers of a frame, serialised.
 
     Args:
         cuboids: In velo_link.
         trails: Track id to (N, 3) places in map.
         stamp_ns: The scan's.
         frames: Names of map, base_link and velo_link.
-        options: Sizes, colours, what is drawn.
+        options: Sizes, colours and optional markers.
     """
     # A line needs two points.
     trails = {track: places for track, places in trails.items() if len(places) > 1}
@@ -67,21 +67,21 @@ def encode_markers(
 
 
 def encode_clear(stamp_ns: int, frame_id: str) -> Parts:
-    """An array that only deletes what was drawn before, serialised."""
+    """Make an array that only deletes earlier markers, serialised."""
     drawing = _Drawing(1, MarkerOptions(), stamp_ns)
     drawing.clear(frame_id)
     return drawing.parts()
 
 
 def _number(cuboid: Cuboid, place: int) -> int:
-    """The marker id of an object: its track's; without one its place, apart from all tracks."""
+    """Return the marker id of an object: its track's, or its index if it has none."""
     if cuboid.track_id is None:
         return place
     return cuboid.track_id if cuboid.track_id >= 0 else -1 - place
 
 
 def _colors_to_text() -> bytes:
-    """The fields of a Marker between points and text: colors, texture, uv_coordinates, empty."""
+    """Make the empty fields of a Marker between points and text: colors to uv_coordinates."""
     cdr = CdrWriter()
     cdr.uint32(0)
     cdr.text('')
@@ -93,7 +93,7 @@ def _colors_to_text() -> bytes:
 
 
 def _mesh() -> bytes:
-    """The fields of a Marker after text: mesh_resource, mesh_file, empty."""
+    """Make the empty fields of a Marker after text: mesh_resource, mesh_file."""
     cdr = CdrWriter()
     cdr.text('')
     cdr.text('')
@@ -104,7 +104,7 @@ def _mesh() -> bytes:
 
 _COLORS_TO_TEXT = _colors_to_text()
 _MESH = _mesh()
-# color, lifetime, frame_locked, and how many points follow; always 8-aligned, behind the scale.
+# color, lifetime, frame_locked, and the number of points; always 8-aligned, after the scale.
 _COLOR_TO_POINTS = struct.Struct('<4fiiB3xI')
 
 
@@ -119,22 +119,22 @@ class _Drawing:
         self._headers: dict[str, bytes] = {}
 
     def parts(self) -> Parts:
-        """The message."""
+        """Return the message."""
         return (self._cdr.finish(),)
 
     def clear(self, frame_id: str) -> None:
-        """The marker that deletes all others."""
+        """Add the marker that deletes all others."""
         self._add(frame_id, ('', 0), Marker.CUBE, (0.0, 0.0, 0.0), action=Marker.DELETEALL)
 
     def ego(self, frame_id: str) -> None:
-        """The recording car."""
+        """Add the recording car."""
         self._add(
             frame_id, ('ego', 0), Marker.CUBE, EGO_COLOR,
             pose=_EGO_POSE, scale=EGO_SIZE_LWH, alpha=self._options.alpha,
         )  # fmt: skip
 
     def object(self, cuboid: Cuboid, number: int, frame_id: str) -> None:
-        """Box, edges, heading and text of an object."""
+        """Add box, edges, heading and text of an object."""
         options = self._options
         color = color_of(cuboid.kind, number, options.colors)
         length, _, height = cuboid.size_lwh
@@ -174,7 +174,7 @@ class _Drawing:
                   scale=(0.0, 0.0, options.text_height), text=_caption(cuboid))  # fmt: skip
 
     def trail(self, track: int, places: Float64Array, frame_id: str) -> None:
-        """Where a track was."""
+        """Add the earlier positions of a track."""
         color = color_of('', track, MarkerColors.TRACK)
         scale = (self._options.line_width, 0.0, 0.0)
         self._add(frame_id, ('trail', track), Marker.LINE_STRIP, color, scale=scale, points=places)
@@ -193,7 +193,7 @@ class _Drawing:
         text: str = '',
         action: int = Marker.ADD,
     ) -> None:
-        """A visualization_msgs/Marker, field by field."""
+        """Write a visualization_msgs/Marker, field by field."""
         cdr = self._cdr
         cdr.block(self._header(frame_id))
         cdr.text(name[0])
@@ -217,7 +217,7 @@ class _Drawing:
 
 
 def _caption(cuboid: Cuboid) -> str:
-    """Class, id, score if there is one, and distance."""
+    """Format class, id, score if there is one, and distance."""
     x, y, z = cuboid.velo_T_box.translation.tolist()
     score = '' if cuboid.score is None else f' {cuboid.score:.2f}'
     return f'{cuboid.kind} {cuboid.identity}{score}\n{math.hypot(x, y, z):.1f} m'

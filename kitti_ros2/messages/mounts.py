@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nominal camera mounts: every frame that a message names is in the static tree.
+"""Nominal camera mounts, so that every frame_id of a message is in the static tree.
 
-They are for the tree alone. Boxes and CameraInfo need the real calibration, and fail without it.
+They are used for the tree only. Boxes and CameraInfo require the real calibration.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 def with_nominal_mounts(calibration: Calibration, cameras: Collection[int]) -> Calibration:
-    """The calibration with nominal values where the mount of a camera is missing.
+    """Add nominal values to a calibration where the mount of a camera is missing.
 
     Args:
         calibration: Of a frame.
         cameras: Those whose images or labels are in messages.
 
     Returns:
-        It places the frame of each of them; what was filled in is in nominal.
+        A calibration with the frame of each of them; nominal lists the added parts.
     """
     named = sorted({image_frame_camera(calibration, index) for index in cameras})
     if not named:

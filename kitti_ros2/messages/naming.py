@@ -39,7 +39,7 @@ class FrameNames:
     cameras: Mapping[int, str] = field(default_factory=dict)
 
     def camera(self, index: int) -> str:
-        """The optical frame of a camera."""
+        """Return the optical frame of a camera."""
         return self.camera_pattern.format(self.cameras.get(index, str(index)))
 
 
@@ -54,18 +54,18 @@ _RENAMED_TOPICS = {
 
 
 def rename_topic(topic: str, preset: Preset) -> str:
-    """A topic's name under a preset."""
+    """Return a topic's name under a preset."""
     for default, renamed in _RENAMED_TOPICS[preset].items():
         topic = topic.replace(default, renamed)
     return topic
 
 
 IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
-"""What images may be called; image in bags of other versions of kitti2bag."""
+"""The possible names of images; image in bags of other versions of kitti2bag."""
 
 
 def image_topic(layout: Layout, own: str, preset: Preset) -> str:
-    """The last part of an image topic's name.
+    """Return the last part of an image topic's name.
 
     Args:
         layout: Of the recording.
@@ -77,7 +77,7 @@ def image_topic(layout: Layout, own: str, preset: Preset) -> str:
 
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
-    """The frame names of a preset, for a rig whose cameras have names."""
+    """Return the frame names of a preset, for a rig whose cameras have names."""
     named = {**CAMERA_NAMES, **cameras}
     if preset is Preset.KITTI2BAG:
         return FrameNames(map='world', camera_pattern='camera_{}', cameras=named)
@@ -85,6 +85,6 @@ def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
 
 
 def base_t_imu(options: MessageOptions) -> Transform:
-    """Where imu_link is on base_link: as the options say, else as the preset has it."""
+    """Return base_T_imu: from the options, else from the preset."""
     of_preset = KITTI2BAG_BASE_T_IMU if options.preset is Preset.KITTI2BAG else BASE_T_IMU
     return Transform.from_translation(options.base_to_imu or of_preset)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""OxtsPacket <-> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped."""
+"""OxtsPacket -> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped.
+
+The inverse is importer.oxts.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..model.geometry import (
-    quaternion_to_rotation,
     rotation_from_rpy,
     rotation_to_quaternion,
-    rotation_to_rpy,
 )
-from .header import make_header, make_quaternion, make_vector3, vector_of
+from .header import make_header, make_quaternion, make_vector3
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
-    from ..model.geometry import Float64Array
     from ..model.samples import OxtsPacket
 
 _UNKNOWN = np.zeros(9)
@@ -42,7 +42,7 @@ _NO_MODE = -1
 
 
 def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
-    """Orientation of the body in east-north-up, rates and accelerations in body axes.
+    """Make an Imu: orientation of the body in east-north-up, rates and accelerations in body axes.
 
     Accelerations contain gravity (REP-145: an imu at rest, level, reads +g upwards); wx wy wz and
     ax ay az are taken, never the levelled columns.
@@ -59,17 +59,8 @@ def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
     )
 
 
-def decode_imu(message: Imu) -> dict[str, float]:
-    """The packet columns an Imu holds: roll pitch yaw, wx wy wz, ax ay az."""
-    q = message.orientation
-    rpy = rotation_to_rpy(quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w])))
-    values = (*rpy, *vector_of(message.angular_velocity), *vector_of(message.linear_acceleration))
-    names = ('roll', 'pitch', 'yaw', 'wx', 'wy', 'wz', 'ax', 'ay', 'az')
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
-
-
 def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
-    """Latitude, longitude and altitude as the packet has them: KITTI's altitude is above sea level.
+    """Make a NavSatFix of the packet's numbers: KITTI's altitude is above sea level.
 
     NavSatFix.msg asks for the height above the ellipsoid, some 48 m more in Karlsruhe: KITTI has no
     geoid to convert with (the unit's default: OXTS, "Altitude reference options"). pos_accuracy is
@@ -97,7 +88,7 @@ def _status(packet: OxtsPacket) -> Any:  # noqa: ANN401 - rosbags types the fiel
 
 
 def decode_fix(message: NavSatFix) -> dict[str, float]:
-    """The packet columns a NavSatFix holds: lat lon alt, pos_accuracy."""
+    """Return the packet columns in a NavSatFix: lat lon alt, pos_accuracy."""
     return {
         'lat': message.latitude,
         'lon': message.longitude,
@@ -107,12 +98,12 @@ def decode_fix(message: NavSatFix) -> dict[str, float]:
 
 
 def position_mode(message: NavSatFix) -> int:
-    """A posmode of the fix's status, the least accurate one; -1 without a fix."""
+    """Return the least accurate posmode of the fix's status; -1 without a fix."""
     return _LEAST_MODE_BY_STATUS.get(message.status.status, _NO_MODE)
 
 
 def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistStamped:
-    """Velocity and rates in body axes, from ve vn vu; see OxtsPacket.body_velocity."""
+    """Make a TwistStamped: velocity and rates in body axes, from ve vn vu (see body_velocity)."""
     return TwistStamped(
         header=make_header(stamp_ns, frame_id),
         twist=Twist(
@@ -120,15 +111,3 @@ def encode_velocity(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> TwistSt
             angular=make_vector3((packet.wx, packet.wy, packet.wz)),
         ),
     )
-
-
-def decode_velocity(message: TwistStamped, orientation: Float64Array) -> dict[str, float]:
-    """The packet columns a TwistStamped holds: ve vn vu, wx wy wz.
-
-    Args:
-        message: Made by encode_velocity.
-        orientation: (3, 3) rotation of the body in east-north-up, as the Imu message has it.
-    """
-    values = (*orientation @ vector_of(message.twist.linear), *vector_of(message.twist.angular))
-    names = ('ve', 'vn', 'vu', 'wx', 'wy', 'wz')
-    return {name: float(value) for name, value in zip(names, values, strict=True)}

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any sensor_msgs/Image or CompressedImage -> pixels: grey, or colour in the order BGR.
 
-Grey keeps its 8 or 16 bits. Colour has 8 bits a channel: of 16 the upper 8 are taken, as cv_bridge
-does. Alpha is dropped. Sources: sensor_msgs/image_encodings.hpp; compressed_image_transport, whose
+Grey keeps its 8 or 16 bits. Colour has 8 bits a channel: the upper 8 of 16, as in cv_bridge.
+Alpha is dropped. Sources: sensor_msgs/image_encodings.hpp; compressed_image_transport, whose
 format is "ENCODING; png compressed ..." where others write just "png".
 """
 
@@ -17,8 +17,8 @@ import numpy as np
 from ..files.png.decode import inflated
 
 try:
-    from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
-except ImportError:  # a workspace may do without
+    from isal.isal_zlib import crc32  # the CRC of zlib, many times faster
+except ImportError:  # optional
     from zlib import crc32
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0)}
 """Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
 
 MOST_PIXELS = 2**26
-"""Of an image: more than any camera on a vehicle has, and not more than memory has."""
+"""The limit of an image, above the size of any camera on a vehicle, within memory."""
 
 _TRAILING_BYTES = 52
 _DEPTH_HEAD_BYTES = 12
@@ -51,7 +51,7 @@ _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 class _Encoding(NamedTuple):
-    """How a pixel is stored, and the conversion of OpenCV that makes it BGR, '' for none."""
+    """The storage of a pixel, and OpenCV's conversion of it to BGR, '' for none."""
 
     value_bytes: int
     channels: int
@@ -85,9 +85,9 @@ _ENCODINGS = {
 
 
 def decode_pixels(message: ImageMsg) -> Pixels:
-    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; a view of the data where nothing converts.
+    """Decode to (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; a view if nothing is converted.
 
-    8UC1, 16UC1 and 8UC3 are taken as mono8, mono16 and bgr8; a mosaic is interpolated bilinearly.
+    8UC1, 16UC1 and 8UC3 are decoded as mono8, mono16 and bgr8; a mosaic is interpolated bilinearly.
 
     Raises:
         ValueError: The encoding is unknown, the image is empty, or the data are too short.
@@ -104,7 +104,7 @@ def decode_pixels(message: ImageMsg) -> Pixels:
 
 
 def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
-    """(H, W) or (H, W, channels) of the values as they are stored.
+    """Return (H, W) or (H, W, channels) of the stored values.
 
     Raises:
         ValueError: The image is empty, its rows overlap, or the data are too short.
@@ -135,16 +135,16 @@ def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
 
 
 def _upper_bits(values: Pixels) -> npt.NDArray[np.uint8]:
-    """The upper 8 bits of values of 16; others as they are."""
+    """Return the upper 8 bits of 16-bit values; others unchanged."""
     upper = values if values.dtype.itemsize == 1 else values >> 8
     return upper.astype(np.uint8, copy=False)
 
 
 def _converted(values: npt.NDArray[np.uint8], conversion: str) -> npt.NDArray[np.uint8]:
-    """(H, W, 3) BGR of values as they are stored.
+    """Convert stored values to (H, W, 3) BGR.
 
     Raises:
-        ValueError: The image is too small, or of an odd width where pixels share their colour.
+        ValueError: The image is too small, or has an odd width where pixels share their colour.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
@@ -157,12 +157,12 @@ def _converted(values: npt.NDArray[np.uint8], conversion: str) -> npt.NDArray[np
 
 
 def decode_compressed_pixels(message: CompressedImage) -> Pixels:
-    """(H, W) uint8 or uint16, or (H, W, 3) uint8 BGR, of a PNG or JPEG.
+    """Decode a PNG or JPEG to (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
 
-    The data tell what it is; the format is asked only whether grey pixels are a mosaic.
+    The kind is detected from the data; format only determines whether grey pixels are a mosaic.
 
     Raises:
-        ValueError: The data are something else, are cut, are too many pixels, or cannot be decoded.
+        ValueError: The data are of another kind, truncated, too large, or cannot be decoded.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
@@ -172,7 +172,7 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
     if width * height > MOST_PIXELS:
         raise ValueError(f'a {kind} of {width} x {height} pixels')
     file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
-    # A camera's calibration is of the pixels as they are stored, whatever way up EXIF wants them.
+    # A camera's calibration is of the pixels as stored, whatever the orientation in EXIF.
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(file, flags)
@@ -188,10 +188,10 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
 
 
 def picture_kind(message: CompressedImage) -> str:
-    """PNG or JPEG: what the data are, whatever the format says; they are not decoded.
+    """Detect PNG or JPEG from the data, not the format; the data are not decoded.
 
     Raises:
-        ValueError: The data are something else, or are cut.
+        ValueError: The data are of another kind, or truncated.
     """
     kind = _kind_of(message)
     if not kind:
@@ -205,7 +205,7 @@ def picture_kind(message: CompressedImage) -> str:
 
 
 def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
-    """(width, height) by an image's head alone, None where that does not tell."""
+    """Return (width, height) from an image's header, None if unknown."""
     if not hasattr(message, 'format'):
         size = int(message.width), int(message.height)
     else:
@@ -215,12 +215,12 @@ def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
 
 
 def _png_size(data: bytes) -> tuple[int, int]:
-    """(width, height); zeros where the header is cut."""
+    """Return (width, height); zeros if the header is truncated."""
     return _PNG_SIZE.unpack_from(data) if len(data) >= _PNG_SIZE.size else (0, 0)
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """(width, height); zeros where there is no frame header."""
+    """Return (width, height); zeros without a frame header."""
     offset = 2
     while offset + _JPEG_SEGMENT.size + _JPEG_SIZE.size <= len(data):
         mark, kind, length = _JPEG_SEGMENT.unpack_from(data, offset)
@@ -235,13 +235,13 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
 
 
 def png_of(message: CompressedImage) -> bytes | None:
-    """The message's own bytes where KITTI's loaders read them as they are, else None.
+    """Return the message's own bytes if KITTI's loaders support them, else None.
 
-    They are a whole PNG of 8 bits grey or RGB or of 16 bits grey, not interlaced, without a
-    transparent colour, and no mosaic.
+    They must be a complete PNG of 8 bits grey or RGB or of 16 bits grey, not interlaced, without a
+    transparent colour, and not a mosaic.
 
     Raises:
-        ValueError: A depth image (compressedDepth), or a PNG that is damaged.
+        ValueError: A depth image (compressedDepth), or a damaged PNG.
     """
     if _kind_of(message) != 'PNG' or _mosaic(message.format):
         return None
@@ -253,12 +253,12 @@ def png_of(message: CompressedImage) -> bytes | None:
     _, _, first, width, height, *form = _PNG_HEADER.unpack_from(png)
     sound = first == b'IHDR' and width and height and b'IDAT' in kinds
     plain = tuple(form) in _PLAIN and b'tRNS' not in kinds
-    # kitti.png_file bears some bytes behind the end, which some programs put there.
+    # files.png accepts some bytes after the end, which some programs append.
     return png if sound and plain and len(png) - end <= _TRAILING_BYTES else None
 
 
 def _kind_of(message: CompressedImage) -> str:
-    """PNG, JPEG or '', as the data begin.
+    """Detect PNG or JPEG from the first bytes, '' for others.
 
     Raises:
         ValueError: A depth image: a header of 12 bytes, then a PNG or run lengths.
@@ -274,10 +274,10 @@ def _kind_of(message: CompressedImage) -> str:
 
 
 def _mosaic(format_: str) -> str:
-    """The conversion of a mosaic that was compressed as if it were grey, '' for anything else.
+    """Return the conversion of a mosaic that was compressed as grey, '' for any other format.
 
-    compressed_image_transport compresses mosaics so: "bayer_rggb8; jpeg compressed ". Where it
-    says "... compressed bgr8" they had been converted, and the pixels are not grey.
+    compressed_image_transport names it "bayer_rggb8; jpeg compressed ". In the case of
+    "... compressed bgr8" it was converted before, and the pixels are not grey.
     """
     encoding, semicolon, _ = format_.partition(';')
     mosaic = bool(semicolon) and encoding.startswith('bayer_') and encoding in _ENCODINGS
@@ -285,10 +285,10 @@ def _mosaic(format_: str) -> str:
 
 
 def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
-    """The kinds of a PNG's chunks and where the last one ends, None of a PNG that is cut.
+    """Return the kinds of a PNG's chunks and the end of the last one, None if it is truncated.
 
     Raises:
-        ValueError: A chunk has another checksum than it tells.
+        ValueError: The checksum of a chunk is wrong.
     """
     view = memoryview(png)
     kinds: set[bytes] = set()
@@ -299,9 +299,9 @@ def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
         length, kind = _CHUNK.unpack_from(png, offset)
         kinds.add(kind)
         end = offset + _CHUNK.size + length
-        told = view[end : end + _CHUNK_CRC_BYTES]
-        if len(told) == _CHUNK_CRC_BYTES and crc32(view[offset + 4 : end]) != int.from_bytes(
-            told, 'big'
+        crc = view[end : end + _CHUNK_CRC_BYTES]
+        if len(crc) == _CHUNK_CRC_BYTES and crc32(view[offset + 4 : end]) != int.from_bytes(
+            crc, 'big'
         ):
             name = kind.decode('ascii', 'replace')
             raise ValueError(

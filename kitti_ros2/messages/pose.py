@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pose <-> nav_msgs/Odometry and tf2_msgs/TFMessage; Trajectory <-> nav_msgs/Path."""
+"""Pose <-> nav_msgs/Odometry and tf2_msgs/TFMessage; Trajectory -> nav_msgs/Path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.samples import Pose, Trajectory
-from .header import make_header, make_pose, make_vector3, stamp_ns_of, transform_of, vector_of
+from .header import make_header, make_pose, make_vector3, transform_of, vector_of
 from .ros_types import (
     Odometry,
     Path,
@@ -22,19 +22,17 @@ from .ros_types import (
 from .transforms import make_transform
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from ..model.geometry import Float64Array, Transform
 
 
 def encode_odometry(
     pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
 ) -> Odometry:
-    """The pose of base_link in map, and its motion in base_link.
+    """Make an Odometry: the pose of base_link in map, and its motion in base_link.
 
     Args:
         pose: Of imu_link in map.
-        base_t_imu: Where imu_link is on the vehicle; the lever arm is accounted for.
+        base_t_imu: imu_link in base_link; the lever arm is compensated.
         stamp_ns: Nanoseconds.
         frames: Names of map and base_link.
     """
@@ -54,7 +52,7 @@ def encode_odometry(
 
 
 def decode_odometry(message: Odometry, base_t_imu: Transform) -> Pose:
-    """The inverse of encode_odometry; a motion of all zeros is one that was not known."""
+    """Decode a pose: the inverse of encode_odometry; a motion of zeros is unknown."""
     linear = vector_of(message.twist.twist.linear)
     angular = vector_of(message.twist.twist.angular)
     moving = bool(linear.any() or angular.any())
@@ -72,7 +70,7 @@ def decode_odometry(message: Odometry, base_t_imu: Transform) -> Pose:
 def encode_tf(
     pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
 ) -> TFMessage:
-    """The dynamic transform map -> base_link."""
+    """Make the dynamic transform map -> base_link."""
     map_t_base = pose.world_T_imu @ base_t_imu.inverse()
     return TFMessage([make_transform(map_t_base, stamp_ns, frames[0], frames[1])])
 
@@ -80,7 +78,7 @@ def encode_tf(
 def encode_path(
     trajectory: Trajectory, base_t_imu: Transform, stamp_ns: int, frame_id: str
 ) -> Path:
-    """All poses of base_link in map, each with its own stamp."""
+    """Make a Path of all poses of base_link in map, each with its own stamp."""
     imu_t_base = base_t_imu.inverse()
     poses = [
         PoseStamped(make_header(stamp, frame_id), make_pose(map_t_imu @ imu_t_base))
@@ -91,15 +89,8 @@ def encode_path(
     return Path(make_header(stamp_ns, frame_id), poses)
 
 
-def decode_path(message: Path, base_t_imu: Transform) -> Trajectory:
-    """The inverse of encode_path."""
-    stamps = [stamp_ns_of(pose.header) for pose in message.poses]
-    poses: Sequence[Transform] = [transform_of(pose.pose) @ base_t_imu for pose in message.poses]
-    return Trajectory(np.array(stamps, dtype=np.int64), poses)
-
-
 def _covariance(sigma: float | None) -> Float64Array:
-    """(36,) with the variance of x, y and z; zeros are unknown."""
+    """Return (36,) with the variance of x, y and z; zeros are unknown."""
     variance = 0.0 if sigma is None else sigma**2
     return np.diag([variance] * 3 + [0.0] * 3).ravel()
 

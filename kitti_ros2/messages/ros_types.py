@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The message types that KITTI becomes: their definitions, their classes, and the typestore.
+"""The message types of KITTI's data: definitions, classes, and the typestore.
 
-rosbags brings every type of ROS 2, and importing them all takes longer than converting a short
+rosbags contains every type of ROS 2, and importing them all takes longer than converting a short
 drive. The definitions here are those of ROS 2 Jazzy's common_interfaces, tf2_msgs 0.36 and
-vision_msgs 4.1 (Apache-2.0 and BSD-3-Clause), without their comments, which are no part of a type's
-hash. Tests hold each against rosbags' own where rosbags has it.
+vision_msgs 4.1 (Apache-2.0 and BSD-3-Clause), without their comments, which a type's hash does
+not include. Tests compare each with that of rosbags, if it has one.
 """
 
 from __future__ import annotations

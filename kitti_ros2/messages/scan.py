@@ -24,7 +24,7 @@ _KINDS = {datatype: kind for kind, datatype in _DATATYPES.items()}
 _XYZI = ('x', 'y', 'z', 'intensity')
 _XYZI_BYTES = 16
 FILE_INDEX = 'file_index'
-"""The field of a point's place in KITTI's file, in clouds whose points are in order of time."""
+"""The field with a point's index in KITTI's file, in clouds sorted by time."""
 
 
 def encode_scan(
@@ -35,7 +35,7 @@ def encode_scan(
     ring_and_time: bool = False,
     labels: npt.NDArray[np.uint32] | None = None,
 ) -> PointCloud2:
-    """An unorganised cloud of x y z intensity, float32, the file's bytes untouched (step 16).
+    """Make an unorganised cloud of x y z intensity, float32, the file's bytes unchanged (step 16).
 
     Args:
         scan: N points.
@@ -43,8 +43,8 @@ def encode_scan(
         frame_id: velo_link.
         ring_and_time: Adds ring (uint16, 0 the lowest laser, as velodyne drivers count) and, where
             the scan has a turn, time (float32, seconds from stamp_ns) and file_index (uint32, the
-            point's place in the file). Points with time are in order of time: several SLAM
-            packages take the last point's as the end of the scan.
+            point's index in the file). Points with time are sorted by time: several SLAM packages
+            use the last point's as the end of the scan.
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
@@ -85,7 +85,7 @@ def encode_scan(
 
 
 def decode_scan(message: PointCloud2) -> Scan:
-    """The points of a cloud made by encode_scan, in the file's order; a view if the step is 16.
+    """Decode a cloud made by encode_scan, in the file's order; a view if the step is 16.
 
     Raises:
         ValueError: The cloud has other fields, or its points have no order.
@@ -99,13 +99,13 @@ def decode_scan(message: PointCloud2) -> Scan:
 
 
 def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
-    """(N,) structured array of all fields of a cloud made by encode_scan, in the file's order.
+    """Decode all fields of a cloud made by encode_scan, in the file's order: (N,) structured.
 
-    A view where that is the message's.
+    A view if the message has this order.
 
     Raises:
         ValueError: A field is of another type, the data are of another length, or file_index does
-            not give each place once.
+            not contain each index once.
     """
     if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
         raise ValueError('a cloud with fields other than single float32, uint16 and uint32')
@@ -132,7 +132,7 @@ def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
 
 
 def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp] | None:
-    """Indices that put points in the order of their file; None unless each place is there once.
+    """Return indices that put points in the order of their file; None unless each is there once.
 
     Args:
         places: (N,) the field file_index.
@@ -146,7 +146,7 @@ def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp] | None:
 def _taken(
     points: npt.NDArray[np.void], order: npt.NDArray[np.intp] | None
 ) -> npt.NDArray[np.void]:
-    """Points in another order; whole points are moved, which is faster than field by field."""
+    """Reorder points; whole points are moved, which is faster than field by field."""
     if order is None:
         return points
     return points.view(f'V{points.dtype.itemsize}')[order].view(points.dtype)
@@ -161,11 +161,11 @@ def _fields(point: np.dtype[np.void]) -> list[PointField]:
 
 
 def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
-    """The laser of each point, (N,) uint16, 0 the lowest.
+    """Return the laser of each point, (N,) uint16, 0 the lowest.
 
-    KITTI's files hold the lasers one after the other, top to bottom, each turning once
-    counter-clockwise from straight ahead: a laser begins where the azimuth wraps from behind 2 pi
-    to 0. The count is right where no laser lacks every return near the front.
+    KITTI's files contain the lasers one after the other, top to bottom, each turning once
+    counter-clockwise from straight ahead: a laser begins where the azimuth wraps from below 2 pi to
+    0. The count is correct if every laser has returns near the front.
     """
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     wraps = (azimuth[:-1] < 0) & (azimuth[1:] >= 0) & (azimuth[:-1] - azimuth[1:] > -np.pi)
@@ -175,16 +175,16 @@ def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
 
 
 def times(points: Float32Array, turn: Turn, stamp_ns: int) -> Float32Array:
-    """Seconds of each point from a stamp, (N,) float32; stamp plus time is when it was measured.
+    """Return seconds of each point from a stamp, (N,) float32: stamp plus time is the measurement.
 
     The scanner turns clockwise seen from above, from straight behind (azimuth pi) over the left,
-    front and right to straight behind (-pi): time falls as azimuth grows. Points without an azimuth
+    front and right to straight behind (-pi): time decreases with azimuth. Points without an azimuth
     (NaN) have the time of straight ahead. Sources: see kitti/turns.py; KISS-ICP's
     kitti_raw loader and CT-ICP's reader do the same.
 
     Args:
         points: (N, 4), measured in velo_link at different moments (not compensated for motion).
-        turn: When the scanner turned.
+        turn: Start and end of the scanner's turn.
         stamp_ns: The cloud's stamp; with the start of the turn, times are 0 to its length.
     """
     azimuth = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]), nan=0.0).astype(np.float64)

@@ -27,5 +27,5 @@ _TABLE[list(COLORS)] = list(COLORS.values())
 
 
 def packed_colors(classes: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
-    """(N,) float32 whose bits are 0x00RRGGBB, as PCL and RViz read the field rgb."""
+    """Return (N,) float32 with the bits 0x00RRGGBB, the format of the field rgb in PCL and RViz."""
     return _TABLE[classes].view(np.float32)

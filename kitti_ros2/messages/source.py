@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Text carried verbatim <-> std_msgs/String: what makes the way back exact to the byte.
+"""Text files <-> std_msgs/String, verbatim, for byte-exact restoration.
 
 The first line of the string is the file's name relative to the recording's root; the rest is the
 file's text, or the part of it that belongs to the frame.
@@ -27,25 +27,25 @@ SWEEP = '/kitti/source/sweep'
 
 
 def encode_text(file: TextFile) -> String:
-    """A String of a file's name and text."""
+    """Make a String of a file's name and text."""
     return String(f'{file.name}\n{file.text}')
 
 
 def decode_text(message: String) -> TextFile:
-    """The inverse of encode_text."""
+    """Decode a file's name and text: the inverse of encode_text."""
     name, _, text = message.data.partition('\n')
     return TextFile(name, text)
 
 
 def encode_sweep(scan: Scan) -> String | None:
-    """Start and end of a sweep, nanoseconds; None where neither is told."""
+    """Make a String of start and end of a sweep, nanoseconds; None if both are unknown."""
     if scan.start_ns is None and scan.end_ns is None:
         return None
     return String(json.dumps({'start_ns': scan.start_ns, 'end_ns': scan.end_ns}))
 
 
 def decode_sweep(message: String) -> tuple[int | None, int | None]:
-    """The inverse of encode_sweep."""
+    """Decode start and end of a sweep: the inverse of encode_sweep."""
     values = json.loads(message.data)
     return values['start_ns'], values['end_ns']
 
@@ -55,15 +55,15 @@ def promise(
     carried: Mapping[Stream, Sequence[int]],
     calibrations: Sequence[str],
 ) -> Description:
-    """Add which of the recording's files the messages of a selection carry.
+    """Add a list of the recording's files that are in the messages of a selection.
 
-    A reader of the bag compares what it finds with this, so a lost message is always noticed.
+    A reader of the bag compares the messages with it, so that a lost one is always detected.
 
     Args:
-        description: As the recording gives it; its files name all numbered files of a stream.
-        carried: By stream whose files are carried: the selected numbers; those without a file do
-            not count. The text files are carried where Stream.RECORDING is among them.
-        calibrations: Names of the calibration files that are carried, where these are not numbered.
+        description: Of the recording; its files list all numbered files of a stream.
+        carried: By stream with files in messages: the selected numbers; those without a file are
+            ignored. The text files are included if Stream.RECORDING is.
+        calibrations: Names of the calibration files in messages, if these are not numbered.
     """
     values: dict[str, Any] = dict(description.values)
     values['files'] = {
@@ -77,17 +77,17 @@ def promise(
 
 
 def _common_runs(runs: Iterable[Sequence[int]], numbers: Iterable[int]) -> list[list[int]]:
-    """The runs of those numbers that are within other runs."""
+    """Return the runs of those numbers that are within other runs."""
     within = {number for first, last in runs for number in range(first, last + 1)}
     return runs_of(sorted(within.intersection(numbers)))
 
 
 def encode_description(description: dict[str, object]) -> String:
-    """What Recording.describe tells, as JSON."""
+    """Make a String of a recording's description, as JSON."""
     return String(json.dumps(description, sort_keys=True))
 
 
 def decode_description(message: String) -> dict[str, object]:
-    """The inverse of encode_description."""
+    """Decode a recording's description: the inverse of encode_description."""
     values: dict[str, object] = json.loads(message.data)
     return values

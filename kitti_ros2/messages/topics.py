@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table: each stream's topics, with message type, frame, QoS and encoder.
 
-A row is one topic. The converter writes what a row encodes, the player publishes it, the importer
-decodes it: there is no other place where a topic's name, type or content is decided.
+A row is one topic. The converter writes its messages, the player publishes them, the importer
+decodes them: names, types and content of topics are defined here only.
 """
 
 from __future__ import annotations
@@ -59,22 +59,22 @@ if TYPE_CHECKING:
 
 
 LARGE_TYPES = frozenset(BULK_TAIL)
-"""Messages of a megabyte and more."""
+"""Types of messages of a megabyte and more."""
 
 LABELLED_CAMERA = 2
-"""KITTI's labels are drawn in the left colour image."""
+"""The camera of KITTI's labels: the left colour camera."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """What all messages of a recording share.
+    """The parameters common to all messages of a recording.
 
     Attributes:
         frames: Frame names.
         cameras: Those whose images or labels are in messages.
-        base_t_imu: Where imu_link is on base_link.
+        base_t_imu: imu_link in base_link.
         map_T_world: The fixed frame of the reader's poses in map.
-        options: How messages are made.
+        options: Of the messages.
     """
 
     frames: FrameNames
@@ -86,17 +86,18 @@ class Rig:
 
 @dataclass(frozen=True)
 class Moment:
-    """What an encoder knows besides its sample.
+    """The context of an encoder besides its sample.
 
     Attributes:
-        rig: What all messages share.
+        rig: The parameters common to all messages.
         stamp_ns: The sample's own.
-        path: The file it came from, for errors.
-        calibration: Gives the calibration of the sample's frame.
-        trails: Gives where the tracks of the sample's frame were, in the reader's fixed frame.
+        path: Its file, for errors.
+        calibration: Returns the calibration of the sample's frame.
+        trails: Returns the earlier positions of the tracks in the sample's frame, in the reader's
+            fixed frame.
         camera: KITTI camera index of an image.
         pixels: Decodes an image.
-        labels: Gives the labels of the sample's frame, if any.
+        labels: Returns the labels of the sample's frame, if any.
     """
 
     rig: Rig
@@ -116,13 +117,13 @@ class Topic:
     Attributes:
         name: Topic name.
         msgtype: Message type, such as sensor_msgs/msg/Imu.
-        stream: The stream it is made from.
-        encode: Sample to a message of a rosbags class, or to one already serialised; None where
-            the sample has nothing for it, a list where it has several.
-        latched: Whether it is transient local, for subscribers that come late.
-        depth: How many messages its publisher keeps.
-        change_key: What the message depends on; one equal to the last is not sent again.
-        restores: Whether the file of a sample can be written again from its messages.
+        stream: The stream of its samples.
+        encode: Sample to a message of a rosbags class, or to a serialised one; None if the sample
+            has no data for it, a list for several messages.
+        latched: Whether it is transient local, for late subscribers.
+        depth: The history depth of its publisher.
+        change_key: Returns a key of a sample; a message with the last key is not sent again.
+        restores: Whether the file of a sample can be restored from its messages.
     """
 
     name: str
@@ -136,15 +137,15 @@ class Topic:
 
     @property
     def on_demand(self) -> bool:
-        """Whether its messages are large, so that a player makes them for subscribers only."""
+        """Whether its messages are large, so that a player encodes them for subscribers only."""
         return self.msgtype in LARGE_TYPES
 
     def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
-        """The sample's messages as CDR.
+        """Serialise the sample's messages as CDR.
 
         Raises:
             BadFileError: The sample cannot be decoded.
-            MissingDataError: The message needs a part of the calibration that is not there.
+            MissingDataError: A required part of the calibration is missing.
         """
         try:
             made = self.encode(sample, moment)
@@ -159,7 +160,7 @@ class Topic:
 
 
 def make_rig(recording: Recording, options: MessageOptions) -> Rig:
-    """What all messages of a recording share."""
+    """Make the parameters common to all messages of a recording."""
     mount = base_t_imu(options)
     labelled = {LABELLED_CAMERA} if Stream.LABELS in recording.streams else set()
     return Rig(
@@ -174,12 +175,12 @@ def make_rig(recording: Recording, options: MessageOptions) -> Rig:
 def make_table(
     cameras: Mapping[int, str], image_topic: str, options: MessageOptions
 ) -> list[Topic]:
-    """All rows for a recording.
+    """Make all rows for a recording.
 
     Args:
         cameras: Camera index to name.
         image_topic: One of naming.IMAGE_TOPICS.
-        options: Which messages are made.
+        options: Of the messages.
     """
     every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
     own: dict[str, Any] = {'restores': True}
@@ -225,7 +226,7 @@ def _camera_rows(
 
 
 def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
-    """The rows whose names match one of the patterns (shell wildcards); all without patterns.
+    """Select the rows whose names match a pattern (shell wildcards); all without patterns.
 
     Raises:
         UsageError: There are patterns, and none matches a row.
@@ -235,7 +236,7 @@ def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
 
 
 def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
-    """The topic names that match one of the patterns; see select_topics."""
+    """Select the topic names that match a pattern; see select_topics."""
     if not patterns:
         return names
     selected = [name for name in names if any(fnmatchcase(name, each) for each in patterns)]
@@ -246,12 +247,12 @@ def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
 
 
 def unmatched(table: list[Topic], patterns: tuple[str, ...]) -> list[str]:
-    """The patterns that match no row."""
+    """Return the patterns that match no row."""
     return [each for each in patterns if not any(fnmatchcase(row.name, each) for row in table)]
 
 
 _MOST_FILES = 100
-"""More text files than a recording has: a late subscriber gets them all."""
+"""Above the number of text files of any recording, so that late subscribers get them all."""
 
 _STRING = 'std_msgs/msg/String'
 _TF = 'tf2_msgs/msg/TFMessage'
@@ -276,7 +277,7 @@ def _label_text(labels: FrameLabels, moment: Moment) -> object | None:  # noqa: 
 
 @lru_cache(maxsize=16)
 def _cuboids_once(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
-    """The cuboids of a frame, which several topics show."""
+    """Return the cuboids of a frame, cached for several topics."""
     return cuboids_of(labels, calibration)
 
 
@@ -406,5 +407,5 @@ def _camera_info(image: Image, moment: Moment) -> object:
 def _camera_info_template(
     calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str
 ) -> Parts:
-    """A camera's message, which from image to image differs in its stamp alone."""
+    """Return a camera's message, of which only the stamp differs between images."""
     return serialize(encode_camera_info(calibration, camera, size, 0, frame_id))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration -> tf2_msgs/TFMessage: the static tree, one parent a frame, in one message."""
+"""Calibration -> tf2_msgs/TFMessage: the static tree in one message."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 def static_links(
     calibration: Calibration, base_t_imu: Transform, frames: FrameNames
 ) -> list[tuple[str, str, Transform]]:
-    """(parent, child, parent_T_child) of the static tree; links that are not known are left out.
+    """Return (parent, child, parent_T_child) of the static tree; unknown links are skipped.
 
     base_link -> imu_link -> velo_link -> camera 0 -> the other cameras, where camera 0 is the
     rectified one, or the unrectified where the images are. On a rig whose cameras have extrinsics
-    of their own, each hangs from velo_link.
+    of their own, each is a child of velo_link.
     """
     links = [
         (frames.base, frames.imu, base_t_imu),
@@ -55,7 +55,7 @@ def static_links(
 
 
 def _camera0_t_velo(calibration: Calibration) -> Transform | None:
-    """velo_link to the frame of camera 0's images."""
+    """Return cam0_T_velo of the frame of camera 0's images."""
     if calibration.cam0_T_velo is None:
         return None
     if not calibration.rectified:
@@ -66,14 +66,14 @@ def _camera0_t_velo(calibration: Calibration) -> Transform | None:
 
 
 def encode_static(links: Sequence[tuple[str, str, Transform]], stamp_ns: int) -> TFMessage:
-    """All static transforms in one message."""
+    """Make a message of all static transforms."""
     return TFMessage(
         [make_transform(transform, stamp_ns, parent, child) for parent, child, transform in links]
     )
 
 
 def decode_static(message: TFMessage) -> list[tuple[str, str, Transform]]:
-    """The inverse of encode_static."""
+    """Decode static transforms: the inverse of encode_static."""
     links = []
     for stamped in message.transforms:
         q = stamped.transform.rotation
@@ -86,7 +86,7 @@ def decode_static(message: TFMessage) -> list[tuple[str, str, Transform]]:
 def make_transform(
     transform: Transform, stamp_ns: int, parent: str, child: str
 ) -> TransformStamped:
-    """A TransformStamped of parent_T_child."""
+    """Make a TransformStamped of parent_T_child."""
     return TransformStamped(
         make_header(stamp_ns, parent),
         child,

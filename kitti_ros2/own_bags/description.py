@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The description in a bag of our own: layout, folders, and which files the bag carries.
+"""The description in a bag written by to-bag: layout, folders, and the files the bag contains.
 
-It is untrusted: a bag may be damaged, or made by anyone.
+It is untrusted: a bag may be damaged or forged.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, Recur
 
 
 class UndescribedError(BadBagError):
-    """A bag of our own whose description is missing, invalid or too old to go by."""
+    """The description in a bag written by to-bag is missing, invalid or too old."""
 
     def __init__(self, path: Path, reason: str) -> None:
         expected = 'the description of a recording; --layout or --plan-file goes by a plan instead'
@@ -38,27 +38,27 @@ class UndescribedError(BadBagError):
 
 
 class EarlierVersionError(UndescribedError):
-    """A bag of our own whose description does not give the numbers of the files."""
+    """The description in a bag written by an earlier to-bag has no file numbers."""
 
     def __init__(self, path: Path) -> None:
         BadBagError.__init__(
             self,
             path,
-            'was made by an earlier version of to-bag, which did not tell the files their numbers',
-            'a bag of this version: make it again with to-bag, or give --layout to go by a plan',
+            'was made by an earlier version of to-bag, whose description has no file numbers',
+            'a bag of this version: make it again with to-bag, or give --layout for a plan',
         )
 
 
 @dataclass(frozen=True)
 class RecordingDescription:
-    """A description that was checked.
+    """A validated description.
 
     Attributes:
         layout, name, epoch_ns, period_ns, scan_stamp: As Blueprint has them.
         folders: By stream.
-        texts: The text files that the bag carries, calibration apart; None where the description
-            does not list them.
-        calibrations: The calibration files that it carries, where these are not numbered.
+        texts: The text files in the bag, calibration apart; None if the description does not list
+            them.
+        calibrations: The calibration files in the bag, if these are not numbered.
     """
 
     layout: Layout
@@ -72,7 +72,7 @@ class RecordingDescription:
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
-    """The description that a String holds.
+    """Parse the description in a String.
 
     Raises:
         EarlierVersionError: It has no file numbers.

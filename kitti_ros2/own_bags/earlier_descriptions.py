@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptions that do not list what their bag carries: other topics of the bag show it.
+"""Descriptions that do not list the files of their bag: these follow from its topics.
 
 A stream without any topic in the bag was not selected. A text file is expected where the bag has a
-topic that to-bag makes of that file alone.
+topic that to-bag makes from that file alone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SWEEP = '/kitti/source/sweep'
 def without_absent_streams(
     description: RecordingDescription, topics: Collection[str]
 ) -> RecordingDescription:
-    """The description, its folders carrying nothing of streams without a topic in the bag."""
+    """Remove the files of streams without a topic in the bag from a description."""
     present = _streams(topics)
     folders = {
         stream: folder if stream in present else replace(folder, carried=())
@@ -39,12 +39,12 @@ def without_absent_streams(
 def implied_texts(
     description: RecordingDescription, topics: Collection[str], found: Collection[PurePosixPath]
 ) -> tuple[PurePosixPath, ...]:
-    """Text files that the recording had, by the topics of its bag.
+    """Return the text files of a recording that follow from the topics of its bag.
 
     Args:
         description: Of the recording.
         topics: Of the bag.
-        found: The text files that the bag holds.
+        found: The text files in the bag.
     """
     rules = {
         Layout.RAW: _of_raw,

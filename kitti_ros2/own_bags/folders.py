@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of numbered files, and the paths that a bag may name."""
+"""Folders of numbered files, and validation of the paths in a bag."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _SHOWN = 80
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a stream's numbered files are.
+    """The folder of a stream's numbered files.
 
     Attributes:
         path: Relative to the recording's root.
-        digits: How many digits the names have.
+        digits: Number of digits of the names.
         suffix: Their suffix.
         numbers: File numbers of the recording, ascending.
-        carried: Those of them that the bag was made to hold, ascending.
+        carried: Those of them that were written to the bag, ascending.
     """
 
     path: PurePosixPath
@@ -40,7 +40,7 @@ class Folder:
     carried: tuple[int, ...]
 
     def file(self, number: int) -> PurePosixPath:
-        """The path of the file with a number."""
+        """Return the path of the file with a number."""
         return self.path / names.file_name(number, self.digits, self.suffix)
 
     def has(self, number: int) -> bool:
@@ -50,7 +50,7 @@ class Folder:
 
 
 def owner_of(path: PurePosixPath, folders: Mapping[Stream, Folder]) -> tuple[Stream, int] | None:
-    """The stream and number of a numbered file's path, None where it is none of a recording's."""
+    """Return the stream and number of a numbered file; None if it is not in the recording."""
     for stream, folder in folders.items():
         if path.parent == folder.path and path.stem.isdecimal() and path.stem.isascii():
             number = int(path.stem)
@@ -60,10 +60,10 @@ def owner_of(path: PurePosixPath, folders: Mapping[Stream, Folder]) -> tuple[Str
 
 
 def inside(name: str, bag: Path) -> PurePosixPath:
-    """The relative path that a bag names.
+    """Validate a relative path in a bag.
 
     Raises:
-        BadBagError: It would lie outside of the output.
+        BadBagError: It would be outside of the output.
     """
     if not is_inside(name):
         found = f'names a file {shown(name)}, which would lie outside of the output'
@@ -72,7 +72,7 @@ def inside(name: str, bag: Path) -> PurePosixPath:
 
 
 def shown(name: str) -> str:
-    """A name as errors show it."""
+    """Format a name for errors."""
     return repr(name if len(name) <= _SHOWN else f'{name[:_SHOWN]}...')
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files of a data set that is restored: none overwrites another."""
+"""Writing the files of a restored data set: none overwrites another."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OF_NAME = (errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno
 
 
 def write_texts(root: Path, blueprint: Blueprint, bag: Path) -> tuple[Loss, ...]:
-    """Write the text files, some of which several recordings of a data set share."""
+    """Write the text files; recordings of a data set may share some."""
     losses = []
     for path, text in (*blueprint.texts.items(), *blueprint.calibrations.items()):
         target = root / path
@@ -35,10 +35,10 @@ def write_texts(root: Path, blueprint: Blueprint, bag: Path) -> tuple[Loss, ...]
 
 
 def write_new(target: Path, content: bytes | memoryview) -> str:
-    """Write a file that is not there; returns why its name cannot be taken.
+    """Write a new file; returns the reason if its name is invalid or exists.
 
     Raises:
-        OSError: The disk refuses.
+        OSError: It cannot be written.
     """
     try:
         STORE.write(target, content, new=True)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's file numbers of the messages in a bag of our own.
+"""KITTI's file numbers of the messages in a bag written by to-bag.
 
-Every command that addresses the frames of a bag takes their numbers from here. The description in
-the bag and its text files map stamps to numbers. A bag recorded from a player has other log times:
-its messages are found by the stamps in their headers, and texts by what they name.
+All commands that address the frames of a bag use these numbers. The description in the bag and its
+text files map stamps to numbers. A bag recorded from a player has other log times: its messages are
+identified by the stamps in their headers, and texts by the names in them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .recorded_layout import Blueprint
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
-"""What commands say of a bag that is not ours."""
+"""The remark on a bag that was not written by to-bag."""
 
 OXTS_LINES = '/kitti/source/oxts'
 _LINES = frozenset({OXTS_LINES, LABEL_LINES})
@@ -55,10 +55,10 @@ class NumberedTopic(NamedTuple):
     """A topic whose messages are samples.
 
     Attributes:
-        stream: What they are samples of.
+        stream: Their stream.
         log_ns: (N,) log times, nanoseconds, ascending.
         stamps_ns: (N,) the samples' own stamps.
-        numbers: (N,) KITTI's file numbers, UNKNOWN for a message of no known stamp.
+        numbers: (N,) KITTI's file numbers, UNKNOWN for a message with an unknown stamp.
     """
 
     stream: Stream
@@ -73,11 +73,11 @@ class NumberedTopic(NamedTuple):
 
 
 class NumberedBag(NamedTuple):
-    """The messages of a bag of our own under KITTI's numbers.
+    """The messages of a bag written by to-bag with KITTI's numbers.
 
     Attributes:
-        blueprint: How the recording was laid out.
-        topics: By name; topics that hold for the whole recording are absent.
+        blueprint: The layout of the recording.
+        topics: By name; topics of the recording as a whole are absent.
     """
 
     blueprint: Blueprint
@@ -99,11 +99,11 @@ class NumberedBag(NamedTuple):
         return clock_of(self.blueprint)
 
     def frames_at(self, stamps_ns: Int64Array, topics: Collection[str]) -> Int64Array:
-        """(N,) the frame of each of (N,) messages.
+        """Return (N,) the frame of each of (N,) messages.
 
         Args:
             stamps_ns: (N,) log times of the messages of some topics, ascending.
-            topics: Which.
+            topics: Their names.
         """
         if not self.common:
             return nearest_frames(stamps_ns, *self._reference())
@@ -118,7 +118,7 @@ class NumberedBag(NamedTuple):
         return frames
 
     def _reference(self) -> tuple[Int64Array, Int64Array]:
-        """Log times and numbers of the stream that frames are counted by without common numbers."""
+        """Return log times and numbers of the stream that defines frames without common numbers."""
         present = self.by_stream()
         stream = next(each for each in FRAME_STREAMS if len(present.get(each, ())))
         topic = next(t for t in self.topics.values() if t.stream is stream and t.is_numbered)
@@ -130,7 +130,7 @@ class NumberedBag(NamedTuple):
         return log_ns, never_falling(topic.numbers[known])
 
     def by_stream(self) -> dict[Stream, Int64Array]:
-        """By stream (N,) the file numbers that its topics have, ascending."""
+        """Return by stream (N,) the file numbers of its topics, ascending."""
         found: dict[Stream, list[Int64Array]] = {}
         for each in self.topics.values():
             found.setdefault(each.stream, []).append(each.numbers[each.numbers != UNKNOWN])
@@ -143,7 +143,7 @@ def has_common_numbers(blueprint: Blueprint) -> bool:
 
 
 def clock_of(blueprint: Blueprint) -> Clock:
-    """The meaning of a recording's stamps, by the time files that its bag carries."""
+    """Return the meaning of a recording's stamps, by the time files in its bag."""
     files = {path.name for path in blueprint.texts}
     clock = blueprint.layout.traits.clock
     return clock if names.STAMP_FILES[clock] in files else Clock.NOMINAL
@@ -156,17 +156,17 @@ def number_bag(
     blueprint: Blueprint | None = None,
     by_header: bool = True,
 ) -> NumberedBag | None:
-    """The messages of a bag under KITTI's numbers.
+    """Map the messages of a bag to KITTI's numbers.
 
     Args:
-        bag: Which.
+        bag: Any bag.
         log_ns: Log times by topic, (N,) nanoseconds, ascending.
-        blueprint: Its layout, where that has been read already.
-        by_header: Whether a bag with other log times is read to find the stamps in its headers.
+        blueprint: Its layout, if already read.
+        by_header: Whether a bag with other log times is read to get the stamps in its headers.
 
     Returns:
-        None for a bag that is not ours, or whose stamps are not those of its recording: its frames
-        are numbered by position.
+        None for a bag that was not written by to-bag, or whose stamps are not those of its
+        recording: its frames are numbered by position.
 
     Raises:
         OSError: It cannot be read.
@@ -196,14 +196,14 @@ def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
 
 
 class _Numbers:
-    """Stamps to file numbers, stream by stream."""
+    """Maps stamps to file numbers, by stream."""
 
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
 
     def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
-        """(N,) numbers of (N,) ascending stamps; those of equal stamps in their order."""
+        """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
         known, numbers = self._pairs(stream)
         first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
         turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
@@ -213,7 +213,7 @@ class _Numbers:
         return found
 
     def _pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
-        """Stamps, ascending, and the number of each."""
+        """Return stamps, ascending, and the number of each."""
         if stream not in self._sorted:
             mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
             pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
@@ -223,7 +223,7 @@ class _Numbers:
 
 
 def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
-    """The layout with a stand-in for the folder of a stream that is lines of a common file."""
+    """Add a substitute for the folder of a stream stored as lines of a common file."""
     if stream in blueprint.folders:
         return blueprint
     if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
@@ -241,7 +241,7 @@ def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
 
 
 def _folder_of_tracklets(blueprint: Blueprint) -> PurePosixPath:
-    """The folder whose stamps tracklets have: see RawRecording."""
+    """Return the folder whose stamps tracklets use: see RawRecording."""
     scans = blueprint.folders.get(Stream.SCAN)
     if scans is not None and scans.numbers:
         return scans.path
@@ -251,7 +251,7 @@ def _folder_of_tracklets(blueprint: Blueprint) -> PurePosixPath:
 
 
 def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
-    """The boxes of a raw drive by frame, from the tracklets in its bag; {} without sound ones."""
+    """Return the boxes of a raw drive by frame, from the tracklets in its bag; {} if invalid."""
     for path, text in blueprint.texts.items():
         if path.name == names.RAW_TRACKLETS:
             try:
@@ -262,7 +262,7 @@ def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
 
 
 def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
-    """The frames that the common file of a stream has lines for, ascending."""
+    """Return the frames with lines in the common file of a stream, ascending."""
     for folder in _LINE_FOLDERS[stream] if stream in blueprint.layout.traits.line_streams else ():
         for path, text in blueprint.texts.items():
             if folder in {path.parent.name, path.stem}:
@@ -272,7 +272,7 @@ def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
 
 
 def _rows(lines: Iterable[str]) -> Iterator[int]:
-    """The frame that each row of a tracking label file begins with."""
+    """Yield the frame at the beginning of each row of a tracking label file."""
     for line in lines:
         word = line.split(maxsplit=1)[0] if line.strip() else ''
         if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
@@ -282,7 +282,7 @@ def _rows(lines: Iterable[str]) -> Iterator[int]:
 def _by_log(
     mapped: _Numbers, topics: Mapping[str, tuple[Stream, Int64Array]]
 ) -> dict[str, NumberedTopic]:
-    """By log time, which is the sample's own stamp in a bag that to-bag wrote."""
+    """Number by log time, which is the sample's own stamp in a bag written by to-bag."""
     return {
         name: NumberedTopic(stream, log_ns, log_ns, mapped.of(stream, log_ns))
         for name, (stream, log_ns) in topics.items()
@@ -292,7 +292,7 @@ def _by_log(
 def _by_header(
     bag: BagSource, mapped: _Numbers, streams: Mapping[str, Stream]
 ) -> dict[str, NumberedTopic]:
-    """By the stamps in headers, and by what texts name."""
+    """Number by the stamps in headers, and by the names in texts."""
     found: dict[str, list[tuple[int, int, int]]] = {}
     with open_messages(bag, set(streams)) as messages:
         for message in messages:
@@ -320,7 +320,7 @@ def _by_header(
 
 
 def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
-    """The frame that a text is of, by the name of its file or by its first column."""
+    """Return the frame of a text, by the name of its file or by its first column."""
     if stream in blueprint.layout.traits.line_streams:
         return next(_rows(text.text.splitlines()), UNKNOWN) if stream is Stream.LABELS else UNKNOWN
     stem = PurePosixPath(text.name).stem

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single messages of a bag, found by their log times."""
+"""Random access to single messages of a bag, by their log times."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class Place(NamedTuple):
-    """Where a message is: its topic, its log time, and how many of that topic come before it then.
+    """The place of a message: topic, log time, and number of earlier ones of both.
 
-    A bag is entered by time, and several messages of a topic may have the same.
+    A bag is searched by time, and several messages of a topic may have the same.
     """
 
     topic: str
@@ -31,12 +31,12 @@ class Place(NamedTuple):
 
 
 def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Place]:
-    """Where some messages of a topic are.
+    """Return the places of some messages of a topic.
 
     Args:
         topic: Its name.
         log_ns: (N,) log times of all its messages, nanoseconds, ascending.
-        indices: Which of them.
+        indices: Those to locate.
     """
     stamps = [(index, int(log_ns[index])) for index in indices]
     return [
@@ -46,7 +46,7 @@ def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Pl
 
 
 class PlacedMessages:
-    """Reads messages by their places; safe to use from several threads.
+    """Reads messages by their places; thread-safe.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -57,11 +57,11 @@ class PlacedMessages:
         self._lock = Lock()
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._messages.close()
 
     def read(self, place: Place) -> Any:  # noqa: ANN401 - of the bag's types
-        """The decoded message at a place.
+        """Read and decode the message at a place.
 
         Raises:
             MissingDataError: It is missing.

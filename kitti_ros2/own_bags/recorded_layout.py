@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a recording was laid out before it became a bag, from /kitti/source/* of our own bags.
+"""The original layout of a recording, from /kitti/source/* of bags written by to-bag.
 
-It gives every sample its file back: the text files of a layout map stamps to file numbers, and the
-description maps streams to folders. The description also lists the files that the bag carries, so
-that a lost message is noticed.
+It maps every sample to its file: the text files of a layout map stamps to file numbers, and the
+description maps streams to folders. The description also lists the files in the bag, so that a lost
+message is detected.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ class Blueprint:
     Attributes:
         layout: Which of the four.
         name: Drive, sequence or split.
-        epoch_ns: Where time begins in layouts without absolute time.
+        epoch_ns: The time of the first frame in layouts without absolute time.
         period_ns: Distance of the frames in layouts without time.
-        scan_stamp: The moment of a scan that is its stamp.
+        scan_stamp: The moment of a scan used as its stamp.
         folders: By stream.
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
         topics: Topics of the bag.
-        missing: Text files that the bag should hold and does not.
-        losses: Those files, and texts that are unreadable or were refused.
-        damage: What the bag's reader found damaged so far, and how many messages that costs; None:
-            unknown.
+        missing: Text files missing in the bag.
+        losses: Those files, and texts that are unreadable or invalid.
+        damage: Damage that the bag's reader found so far, and the number of messages lost by each;
+            None: unknown.
     """
 
     layout: Layout
@@ -85,20 +85,20 @@ class Blueprint:
 
     @property
     def root(self) -> PurePosixPath:
-        """Where the recording's root is in a data set: raw drives lie in the folder of their date.
+        """The recording's root in a data set: raw drives are in the folder of their date.
 
-        Source: readme.txt of the raw devkit; pykitti expects it so.
+        Source: readme.txt of the raw devkit; pykitti expects this.
         """
         drive = self.layout.traits.dated and names.RAW_DRIVE.fullmatch(self.name)
         return PurePosixPath(self.name[: len('2011_09_26')] if drive else '')
 
     @property
     def files(self) -> int:
-        """How many numbered files the bag was made to hold."""
+        """Number of numbered files written to the bag."""
         return sum(len(folder.carried) for folder in self.folders.values())
 
     def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
-        """Stamp to the file numbers of a stream that have it; None where their file is missing."""
+        """Map stamps to the file numbers of a stream; None if the file of the stamps is missing."""
         stamps = self._stamps(stream)
         if stamps is None:
             return None
@@ -109,11 +109,11 @@ class Blueprint:
         return found
 
     def stamps_path(self, stream: Stream) -> PurePosixPath:
-        """The text file with a stream's stamps, in layouts that have one."""
+        """Return the text file with a stream's stamps, in layouts that have one."""
         return self.folders[stream].path.parent / names.STAMP_FILES[self.layout.traits.clock]
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
-        """File number to a message's stamp; numbers without a valid stamp are left out."""
+        """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""
         stamps = self.file_stamps(stream)
         if (
             stream is not Stream.SCAN
@@ -130,14 +130,14 @@ class Blueprint:
         return scan_stamps(stamps, turns, self.scan_stamp)
 
     def _turn_stamps(self, name: str) -> Mapping[int, int] | None:
-        """Starts or ends of the scanner's turns; None where the bag should hold them."""
+        """Parse the starts or ends of the scanner's turns; None if they are missing."""
         path = self.folders[Stream.SCAN].path.parent / name
         if path in self.missing:
             return None
         return parse_timestamps(self.texts.get(path, ''), str(path)).sound()
 
     def file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
-        """File number to the stamp of the file; None where their text file is missing."""
+        """Map file numbers to stamps of files; None if their text file is missing."""
         path = self.stamps_path(stream)
         if path in self.missing:
             return None
@@ -151,7 +151,7 @@ class Blueprint:
         return {number: self.epoch_ns + number * self.period_ns for number in numbers}
 
     def shortfall(self, counts: Mapping[str, int]) -> tuple[Loss, ...]:
-        """Streams of which a bag holds fewer messages than its description lists.
+        """Return the streams of which a bag contains fewer messages than its description lists.
 
         Args:
             counts: Messages by topic.
@@ -168,11 +168,11 @@ class Blueprint:
 
 
 def find_blueprint(source: BagSource) -> Blueprint | None:
-    """How the recording in a bag was laid out, None where the bag is not of our own.
+    """Read the layout of the recording in a bag; None unless to-bag wrote the bag.
 
     Raises:
-        UndescribedError: It is of our own, and its description is missing, invalid or too old.
-        BadBagError: It is no bag, or its description names folders outside of its root.
+        UndescribedError: to-bag wrote it, and its description is missing, invalid or too old.
+        BadBagError: It is not a bag, or its description names folders outside of its root.
     """
     with opened(source) as bag:
         with open_messages(bag) as messages:
@@ -191,7 +191,7 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
 
 
 def missing_from(bag: BagSource, counts: Mapping[str, int]) -> tuple[Loss, ...]:
-    """What a bag of our own should hold and does not; nothing for a bag of others.
+    """Return the missing data of a bag written by to-bag; nothing for other bags.
 
     Args:
         bag: A bag that can be read.
@@ -209,7 +209,7 @@ def missing_from(bag: BagSource, counts: Mapping[str, int]) -> tuple[Loss, ...]:
 
 
 class _Source:
-    """What /kitti/source/{recording,files,calibration} of a bag hold, from a pass over them."""
+    """The content of /kitti/source/{recording,files,calibration}, from a pass over them."""
 
     def __init__(self, messages: BagMessages, path: Path) -> None:
         self._path = path
@@ -231,7 +231,7 @@ class _Source:
                 self._found.append((message.topic, message.stamp_ns, decode_text(decoded)))
 
     def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
-        """The layout and its text files; those that are refused or missing are losses."""
+        """Make the layout and its text files; invalid or missing ones are losses."""
         description = self._description
         if description is None:
             reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
@@ -263,7 +263,7 @@ class _Source:
         )
 
     def _files(self, description: RecordingDescription) -> TextFiles:
-        """The text files that can be written; the others are losses."""
+        """Collect the valid text files; the others are losses."""
         listed = {FILES: description.texts, CALIBRATION: description.calibrations}
         found = TextFiles(description.folders, {} if description.texts is None else listed)
         for topic, stamp_ns, file in self._found:

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of our own, read sample by sample under KITTI's file numbers, as its folder was.
+"""A bag written by to-bag, read sample by sample by KITTI's file numbers, as its folder was.
 
-What the folder holds as text is read from the texts in the bag, so it is the same to the last
+Text files of the folder are read from the texts in the bag, so they are identical to the last
 digit. Poses are those of imu_link, as everywhere in the package, from the odometry topic.
 """
 
@@ -57,18 +57,18 @@ if TYPE_CHECKING:
     from .places import Place
 
 _LARGE = (CLOUD, COMPRESSED, IMAGE)
-"""Types of a megabyte a message, in the order of preference; they are read one by one."""
+"""Types with messages of a megabyte, in order of preference; they are read one by one."""
 
 _EXPECTED = 'the data of the frame'
 
 
 class BagRecording:
-    """The recording in a bag; what samples.Recording asks for, as far as frames need it.
+    """The recording in a bag: the part of model.recording.Recording that frames need.
 
     Args:
         source: The bag.
-        bag: Its messages under KITTI's numbers.
-        survey: What a pass over it found.
+        bag: Its messages with KITTI's numbers.
+        survey: Its survey.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -114,15 +114,15 @@ class BagRecording:
         self.streams[Stream.SCAN] = StreamIndex(scans.numbers, np.array(forward, dtype=np.int64))
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._messages.close()
 
     def path(self, stream: Stream, number: int) -> Path:  # noqa: ARG002 - all is in one bag
-        """The bag."""
+        """Return the path of the bag."""
         return self.root
 
     def read(self, stream: Stream, number: int) -> Sample:
-        """The sample of a stream with a file number.
+        """Read the sample of a stream with a file number.
 
         Raises:
             KittiRos2Error: Its message is missing or cannot be decoded.
@@ -144,11 +144,11 @@ class BagRecording:
             raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
 
     def calibration(self, number: int) -> Calibration:
-        """The calibration that holds for a frame; what it lacks is named in it."""
+        """Return the calibration valid for a frame; its lacks list the missing parts."""
         return self._calibration_cached(number if self.layout.traits.calibration_per_frame else 0)
 
     def _choose(self) -> dict[Stream, str]:
-        """The topic that each stream is read from, of those that have a known number."""
+        """Choose the topic to read each stream from, among those with known numbers."""
         kinds = dict.fromkeys((*_LARGE, ODOMETRY))
         lines = {OXTS_LINES} if self._tracklets else {OXTS_LINES, LABEL_LINES}
         if self._tracklets:
@@ -168,7 +168,7 @@ class BagRecording:
 
     @cached_property
     def _small(self) -> dict[Stream, dict[int, Any]]:
-        """By stream and number the decoded messages of all that is not large, or their errors."""
+        """By stream and number the decoded small messages, or their errors."""
         topics = {
             name: stream for stream, name in self._topics.items() if stream not in self._places
         }
@@ -235,7 +235,7 @@ class BagRecording:
         found = [*files.items()]
         if self.layout.traits.calibration_per_frame:
             folder = self._blueprint.folders.get(Stream.CALIBRATION)
-            # A file like the one before it is not written to the bag again.
+            # A file equal to the one before it is not repeated in the bag.
             known = folder is not None and number in folder.numbers
             found = [each for each in found if known and _number(each[0]) <= number]
         if not found:
@@ -263,7 +263,7 @@ def _decoded(decode: Decoder, message: BagMessage) -> Any:  # noqa: ANN401 - of 
 
 
 def _first_of(topic: NumberedTopic) -> dict[int, int]:
-    """Each file number, ascending, with the place of the first message that has it."""
+    """Map file numbers, ascending, to the index of the first message with each."""
     numbers, places = np.unique(topic.numbers, return_index=True)
     pairs = zip(numbers.tolist(), places.tolist(), strict=True)
     return {number: place for number, place in pairs if number != UNKNOWN}

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of our own back to KITTI: every file as it was, to the byte.
+"""Conversion of a bag written by to-bag back to KITTI, byte for byte.
 
-Images that a bag holds as pixels become PNG files of the same pixels; the text scans of raw extract
-get the same numbers.
+Images stored as pixels become PNG files of the same pixels; the text scans of raw extract get the
+same numbers.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from .recorded_layout import Blueprint
 
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
-"""Streams that some layouts have as lines of one file."""
+"""Streams that some layouts store as lines of one file."""
 
 
 @dataclass(frozen=True)
 class _File:
-    """A file to be written: what it holds is worked out where it is written."""
+    """A file to be written; its content is computed by the writing thread."""
 
     stream: Stream
     number: int
@@ -64,7 +64,7 @@ class _File:
 
 @dataclass(frozen=True)
 class _Written:
-    """A file that was written, or why it was not."""
+    """A written file, or the reason why it was not written."""
 
     file: _File
     size_bytes: int
@@ -72,7 +72,7 @@ class _Written:
 
 
 def _topics(present: Collection[str]) -> set[str]:
-    """The topics of a bag to read; a camera's pixels only where the bag lacks its PNG files."""
+    """Return the topics to read; a camera's pixels only where its PNG files are missing."""
     wanted = {*sample_topics(), *LINES}.intersection(present)
     return {topic for topic in wanted if f'{topic}/compressed' not in present}
 
@@ -82,17 +82,17 @@ def restore(
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> list[ImportReport]:
-    """Lay the recordings in bags of our own out again, in one data set.
+    """Restore the recordings in bags written by to-bag, in one data set.
 
     Args:
-        recordings: Each bag, and what it tells of the layout.
+        recordings: Each bag with the layout of its recording.
         out: The data set's folder, absent or empty.
         progress: Called with the files and the bytes written so far of one bag.
 
     Raises:
         BadBagError: A bag cannot be read.
-        UsageError: Two bags hold the same recording, or disagree about a file they share.
-        OutputExistsError: The folder holds something.
+        UsageError: Two bags contain the same recording, or differ in a file they share.
+        OutputExistsError: The folder is not empty.
         OutputError: It cannot be written.
     """
     known: dict[tuple[Layout, str], Path] = {}
@@ -151,7 +151,7 @@ class _Writer:
         self.size_bytes = 0
 
     def files(self) -> Iterator[_File]:
-        """What the messages hold, in their order."""
+        """Yield the files in the messages, in their order."""
         decode = Decoder(self._messages.typestore)
         for message in self._messages:
             try:
@@ -168,7 +168,7 @@ class _Writer:
                 yield file
 
     def _lose(self, message: BagMessage, reason: str) -> None:
-        """Name a message that becomes no file; our bags log a sample at its own stamp."""
+        """Report a message without a file; to-bag logs a sample at its own stamp."""
         self._losses.lose(message.topic, message.stamp_ns, reason)
         stream = self._stream(message)
         found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
@@ -181,7 +181,7 @@ class _Writer:
         return LINES.get(message.topic) or self._streams[message.topic]
 
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
-        """A text of one frame, unless the whole file is known."""
+        """Make the file of a text of one frame, unless the whole file is known."""
         text, stream = decode_text(decoded), self._stream(message)
         path = PurePosixPath(text.name)
         if path in self._blueprint.texts and stream not in self._blueprint.folders:
@@ -195,7 +195,7 @@ class _Writer:
             what = f'no {stream.value} file of {self._blueprint.name}'
             self._lose(message, f'names a file {shown(text.name)}, which is {what}')
             return None
-        # The log times of another recorder are not the samples' stamps, and tell no number.
+        # The log times of another recorder are not the samples' stamps, and map to no number.
         expected = (self._numbers[stream] or {}).get(message.stamp_ns)
         if expected and owner[1] not in expected:
             self._lose(message, f'names {path}, which has another stamp')
@@ -228,7 +228,7 @@ class _Writer:
         return f'no file of {self._blueprint.name} has this stamp'
 
     def _scan(self, cloud: Any, number: int, suffix: str) -> bytes | memoryview:  # noqa: ANN401
-        """A scan's file; the labels of its points go to a file of their own."""
+        """Format a scan's file; write the labels of its points to a file of their own."""
         points = decode_points(cloud)
         if {'label', 'instance'} <= set(points.dtype.names or ()):
             labels = points['label'].astype(np.uint32)
@@ -242,7 +242,7 @@ class _Writer:
         return format_scan_text(scan.points) if suffix == names.TXT else format_scan(scan.points)
 
     def write(self, file: _File) -> _Written:
-        """Write a file; safe to call from several threads, a path by one of them."""
+        """Write a file; thread-safe for different paths."""
         try:
             content = file.content()
         except (ValueError, KittiRos2Error) as error:
@@ -261,7 +261,7 @@ class _Writer:
         self.size_bytes += written.size_bytes
 
     def report(self, path: Path) -> ImportReport:
-        """What was written, and which files the bag should hold and does not."""
+        """Report the written files, and those missing in the bag."""
         missing, notes = [], []
         for stream, folder in self._blueprint.folders.items():
             written = self._written[stream]
@@ -288,7 +288,7 @@ class _Writer:
         )
 
     def _count_frames(self) -> int:
-        """How many frames were written, in files of their own or in a common one."""
+        """Count the written frames, in files of their own or in a common one."""
         stamps = bag_stamps(self._bag)
         numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
         common = numbered.by_stream() if numbered is not None else {}
@@ -298,7 +298,7 @@ class _Writer:
 
 
 def _checked_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
-    """The PNG file that a CompressedImage holds.
+    """Return the PNG file in a CompressedImage.
 
     Raises:
         BadFileError: It is empty, not a PNG, truncated or damaged.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of text files that a bag gives: each is checked, so that none overwrites another file."""
+"""Validation of the names of text files in a bag: none may overwrite another file."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _MOST_PATH_BYTES = 1024  # leaves room within PATH_MAX for the folder of the out
 
 
 class TextFiles:
-    """The text files of a recording: no two of one path, none in the way of a numbered file.
+    """The text files of a recording: paths are unique and do not collide with numbered files.
 
     Args:
-        folders: Where the numbered files are, by stream.
-        listed: By topic the files that it may carry, besides numbered calibrations; None: any.
+        folders: The folders of the numbered files, by stream.
+        listed: By topic the allowed files, besides numbered calibrations; None: any.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class TextFiles:
         }
 
     def add(self, topic: str, file: TextFile) -> None:
-        """Take a file; one that comes again with the same text counts once.
+        """Add a file; one repeated with the same text counts once.
 
         Raises:
             ValueError: The name is invalid, or belongs to another file or to a folder.
@@ -62,7 +62,7 @@ class TextFiles:
             raise ValueError(f'a second {path} with another text; neither is written')
 
     def of(self, topic: str) -> dict[PurePosixPath, str]:
-        """The texts of a topic by path, in the order they came."""
+        """Return the texts of a topic by path, in the order added."""
         return {
             path: text
             for path, (origin, text) in self._found.items()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of bags of our own, under every preset and rig."""
+"""The topics of bags written by to-bag, for all presets and rigs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LINES = {'/kitti/source/oxts': Stream.OXTS, '/kitti/source/labels': Stream.LABEL
 
 @lru_cache(maxsize=1)
 def own_topics() -> dict[str, Topic]:
-    """Every row that to-bag may make, by topic name."""
+    """Return all rows that to-bag may write, by topic name."""
     numbered = {index: str(index) for index in range(CAMERA_COUNT)}
     found: dict[str, Topic] = {}
     for preset in Preset:
@@ -34,5 +34,5 @@ def own_topics() -> dict[str, Topic]:
 
 
 def sample_topics() -> dict[str, Stream]:
-    """The topics of scans and images, with their streams."""
+    """Return the topics of scans and images, with their streams."""
     return {name: row.stream for name, row in own_topics().items() if row.on_demand}

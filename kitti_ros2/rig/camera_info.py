@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""sensor_msgs/CameraInfo -> a camera's numbers, in pixels of the images that are published."""
+"""sensor_msgs/CameraInfo -> a camera model, in pixels of the published images."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LARGEST = 1e9
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """A camera as its CameraInfo tells, in pixels of the images that are published.
+    """A camera model from a CameraInfo, in pixels of the published images.
 
     Attributes:
         frame: Optical frame (x right, y down, z forward).
@@ -46,12 +46,12 @@ class CameraModel:
 
 
 def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's types
-    """The model of a sensor_msgs/CameraInfo.
+    """Make the model of a sensor_msgs/CameraInfo.
 
-    Zeros in P, R or K stand for what was never told: P is K then, R turns nothing, K is P's left
-    part. Binning and a region of interest bring K and P to the published pixels: first the region's
-    corner is subtracted, in pixels of the full resolution, then all is divided (CameraInfo.msg, and
-    as image_geometry does it).
+    P, R or K of zeros is missing: P is then K, R the identity, K the left part of P. Binning and a
+    region of interest transform K and P to the published pixels: first the region's corner is
+    subtracted, in pixels of the full resolution, then all is divided (CameraInfo.msg, and as
+    image_geometry does it).
 
     Raises:
         ValueError: It has no size or no calibration, or its region leaves the image.
@@ -82,7 +82,7 @@ def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's ty
 
 
 def _is_projection(matrix: Float64Array) -> bool:
-    """Whether a K or P can be meant: possible numbers, focal lengths above 0, no plane lost."""
+    """Whether a K or P is valid: finite numbers of limited size, focal lengths > 0, invertible."""
     if not (np.abs(matrix) <= _LARGEST).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         return False
     return bool(abs(np.linalg.det(matrix[:, :3])) >= _SINGULAR)
@@ -102,7 +102,7 @@ def _rectifying(r: Float64Array) -> Float64Array:
 
 
 def _published(message: Any) -> tuple[tuple[int, int], Float64Array]:  # noqa: ANN401
-    """Size of the published images, and (3, 3) from pixels of the full resolution to theirs."""
+    """Return the size of the published images, and (3, 3) from full-resolution pixels to theirs."""
     roi = message.roi
     width, height = roi.width or message.width, roi.height or message.height
     if roi.x_offset + width > message.width or roi.y_offset + height > message.height:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rectifies images as sensor_msgs/CameraInfo tells.
+"""Rectification of images by sensor_msgs/CameraInfo.
 
-A point X of the camera's frame is seen at the pixel K distort(X) of the image as it comes, and at
-the pixel P[:, :3] R X of the rectified one. P's fourth column shifts where the frame's origin is
-and no pixel. Sources: sensor_msgs/CameraInfo.msg and distortion_models.hpp; OpenCV's calib3d
+A point X of the camera's frame is seen at the pixel K distort(X) of the original image, and at the
+pixel P[:, :3] R X of the rectified one. P's fourth column moves the origin of the frame, not the
+pixels. Sources: sensor_msgs/CameraInfo.msg and distortion_models.hpp; OpenCV's calib3d
 (plumb_bob and rational_polynomial) and its fisheye (equidistant, Kannala and Brandt 2006).
 """
 
@@ -33,11 +33,11 @@ _LARGEST = 32767
 def needs_rectifying(
     k: npt.ArrayLike, d: npt.ArrayLike, r: npt.ArrayLike, p: npt.ArrayLike
 ) -> bool:
-    """Whether a camera's images are other than rectified: False where D is 0, R is I, P has K.
+    """Whether a camera's images are not rectified: False where D is 0, R is I and P has K.
 
     Args:
         k: (3, 3) or 9 numbers.
-        d: Any count, none too.
+        d: Any count, also 0.
         r: (3, 3) or 9 numbers.
         p: (3, 4) or 12 numbers.
     """
@@ -49,10 +49,10 @@ def needs_rectifying(
 
 
 class Rectifier:
-    """One camera's images, rectified one by one; where each pixel comes from is computed once.
+    """Rectifies the images of a camera; the pixel maps are computed once.
 
     Attributes:
-        size: (width, height) of the images as they come.
+        size: (width, height) of the original images.
         new_size: (width, height) of the rectified ones.
     """
 
@@ -66,7 +66,7 @@ class Rectifier:
         size: tuple[int, int],
         new_size: tuple[int, int] | None = None,
     ) -> None:
-        """Compute where each pixel comes from.
+        """Compute the pixel maps.
 
         Args:
             k: (3, 3) or 9 numbers.
@@ -74,13 +74,13 @@ class Rectifier:
             r: (3, 3) or 9 numbers.
             p: (3, 4) or 12 numbers.
             model: CameraInfo's distortion_model; fisheye and kannala_brandt mean equidistant.
-            size: (width, height) of the images as they come.
+            size: (width, height) of the original images.
             new_size: (width, height) of the rectified ones, the same by default.
 
         Raises:
-            ValueError: The model is unknown, D has another count of numbers, K, R or P is no
-                calibration (all zero, as drivers send it for a camera without one), or a size is 0,
-                beyond what OpenCV can map (32767), or of more than MOST_PIXELS.
+            ValueError: The model is unknown, D has another count of numbers, K, R or P is invalid
+                (all zero, as drivers send it for an uncalibrated camera), or a size is 0, beyond
+                the limit of OpenCV (32767), or of more than MOST_PIXELS.
         """
         self.size = size
         self.new_size = new_size or size
@@ -98,9 +98,9 @@ class Rectifier:
         )
 
     def apply(self, pixels: Pixels) -> Pixels:
-        """The rectified image, of the same type; bilinear, 0 where the camera did not look.
+        """Rectify an image; bilinear, same type, 0 outside of the camera's view.
 
-        Pixels come from within 0.02 px of where they should: OpenCV counts in 1/32 px.
+        Source positions are accurate to 0.02 px: OpenCV rounds to 1/32 px.
 
         Args:
             pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8, of the rectifier's size.
@@ -127,10 +127,10 @@ class Rectifier:
 
 
 def _invertible(name: str, matrix: npt.NDArray[np.generic]) -> Float64Array:
-    """(3, 3) float64.
+    """Return a matrix as (3, 3) float64.
 
     Raises:
-        ValueError: It is singular or holds what is no finite number.
+        ValueError: It is singular or not finite.
     """
     numbers = np.ascontiguousarray(matrix, np.float64)
     if not np.isfinite(numbers).all() or not np.linalg.det(numbers):
@@ -146,7 +146,7 @@ def _maps(
     model: str,
     new_size: tuple[int, int],
 ) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
-    """The two maps of cv2.remap: (H, W, 2) whole pixels, (H, W) parts of them.
+    """Compute the two maps of cv2.remap: (H, W, 2) whole pixels, (H, W) fractions.
 
     Raises:
         ValueError: The model is unknown or D has another count of numbers.

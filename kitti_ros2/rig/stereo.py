@@ -1,18 +1,19 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where cameras stand, by their CameraInfo and the static transforms: a baseline counts once.
+"""Positions of cameras by CameraInfo and static transforms, each baseline counted once.
 
 P projects points of header.frame_id after R. In the right camera of a stereo pair, P's fourth
-column holds the baseline to the left one (sensor_msgs/CameraInfo.msg). What header.frame_id is
-then differs from bag to bag, and the static tree tells:
+column is the baseline to the left one (sensor_msgs/CameraInfo.msg). The meaning of its
+header.frame_id differs from bag to bag, and is detected by the static tree:
 
 - the left camera's frame, or one in the same place: P is right as it is. Points are rectified by
   the left camera's R, for P is given in the pair's common rectified frame.
 - the right camera's own frame, a baseline away from the left one's: the tree has the baseline too.
-- a frame that no transform joins to the left camera: the pair's frame is the left camera's.
+- a frame not connected to the left camera: the pair's frame is the left camera's.
 
-Many drivers and kitti2bag name frames that are rectified already (RViz and image_geometry apply no
-R). It shows where two cameras' frames are parallel and apart though their R differ: the tree has R.
+Many drivers and kitti2bag name frames that are already rectified (RViz and image_geometry apply no
+R). This is detected where the frames of two cameras are parallel and apart although their R differ:
+the tree includes R.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _PLAUSIBLE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """Where a camera stands, and how it projects.
+    """The position of a camera, and its projection.
 
     Attributes:
         frame: A frame of the tree.
@@ -58,7 +59,7 @@ class Viewpoint:
 def viewpoints(
     tree: FrameTree, cameras: Mapping[int, CameraModel]
 ) -> tuple[dict[int, Viewpoint], list[str]]:
-    """The viewpoint of each camera, and what was decided where it was in doubt, a line each."""
+    """Return the viewpoint of each camera, and notes on ambiguous ones, a line each."""
     rectified = [index for index in sorted(cameras) if _is_rectified(tree, index, cameras)]
     unturned = dict(cameras) | {index: replace(cameras[index], r=np.eye(3)) for index in rectified}
     found, notes = {}, []
@@ -79,13 +80,13 @@ def viewpoints(
 
 
 def angle_of(rotation: Float64Array) -> float:
-    """The angle of a rotation, radians; exact for small ones too."""
+    """Return the angle of a rotation, radians; also exact for small ones."""
     sine = np.linalg.norm(rotation - rotation.T) / np.sqrt(8)
     return float(np.arctan2(sine, (np.trace(rotation) - 1) / 2))
 
 
 def _is_rectified(tree: FrameTree, index: int, cameras: Mapping[int, CameraModel]) -> bool:
-    """Whether the frame of a camera is parallel to another's, elsewhere, while their R differ."""
+    """Whether the frame of a camera is parallel to and apart from another's with another R."""
     model = cameras[index]
     for other in cameras.values():
         place = tree.find(model.frame, other.frame)
@@ -124,7 +125,7 @@ def _viewpoint(
 
 
 def _places(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
-    """Where the frames that look the same way are, seen from a rectified camera, metres."""
+    """Return the positions of frames with the same view direction, in the rectified camera, m."""
     found = (tree.find(model.frame, frame) for frame in tree.frames)
     return [
         model.r @ place.translation
@@ -139,14 +140,14 @@ def _is_same(place: Transform) -> bool:
 
 
 def _agree(place: Float64Array, offset: Float64Array) -> bool:
-    """Whether a frame is where the left camera is by P, rather than in the same place."""
+    """Whether a frame is at the left camera's position by P, rather than at the same place."""
     error = np.linalg.norm(place - offset)
     limit = max(_BASELINE_M, _BASELINE_SHARE * float(np.linalg.norm(offset)))
     return bool(error <= limit and error < np.linalg.norm(place))
 
 
 def _beside(model: CameraModel, left: CameraModel) -> Viewpoint:
-    """The right camera of a pair: P places it beside the left one, whose R rectifies the pair."""
+    """Return the right camera of a pair, placed by P beside the left one, whose R is used."""
     cam_t_rect = Transform(model.r.T.copy(), np.zeros(3))
     rect_t_left = Transform(left.r, model.offset)
     return Viewpoint(left.frame, cam_t_rect @ rect_t_left, _without_offset(model))
@@ -162,10 +163,10 @@ def _doubtful(
     joined: list[tuple[CameraModel, Float64Array]],
     own: Viewpoint,
 ) -> tuple[Viewpoint, str]:
-    """Where P and the tree do not agree.
+    """Decide where P and the tree disagree.
 
-    If they tell much the same baseline, P is believed, for it is measured by a stereo calibration;
-    else P is taken as it is.
+    If the baselines are similar, that of P is used, since a stereo calibration measured it; else P
+    is applied to the camera's own frame.
     """
     baseline = float(np.linalg.norm(model.offset))
     said = f'camera {index}: P has a baseline of {baseline:.3f} m'

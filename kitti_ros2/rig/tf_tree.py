@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tree of coordinate frames that a bag's transforms make, as far as it stands still.
+"""The static part of a bag's TF tree.
 
-As in tf2, every frame has one parent, and ROS 1's leading slash is no part of a frame's name.
+As in tf2, every frame has one parent, and ROS 1's leading slash is not part of a frame's name.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 _MOST_CHILDREN = 8
 _MOST_FRAMES = 40
 _SAME_LINK = 1e-9
-# tf2 takes quaternions whose squared norm is off by 1 % at most; a matrix made of one is as good.
+# tf2 accepts quaternions whose squared norm is off by 1 % at most; matrices have the same limit.
 _ROTATION = 1e-2
-_FARTHEST_M = 1e9  # beyond any map on earth; the squares of float32 coordinates still are finite
+_FARTHEST_M = 1e9  # beyond any map on earth; squares of float32 coordinates are still finite
 
 
 class FrameTree:
-    """Frames, and the links between them; what is wrong with it is told when it matters."""
+    """Frames and the links between them; errors are raised only for the frames they affect."""
 
     def __init__(
         self,
@@ -41,8 +41,8 @@ class FrameTree:
 
         Args:
             static: (parent, child, parent_T_child).
-            dynamic: (parent, child) of links that move.
-            lost: What may be missing, and why.
+            dynamic: (parent, child) of moving links.
+            lost: The part that may be missing, and why.
         """
         self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
         self._differing: set[str] = set()
@@ -64,12 +64,12 @@ class FrameTree:
         }
 
     def transform(self, target: str, source: str) -> Transform:
-        """target_T_source through static links; a frame is itself even if the tree lacks it.
+        """Return target_T_source through static links; the identity for twice the same name.
 
         Raises:
             MissingDataError: A frame is unknown, the two are in different trees, a link between
-                them moves, a frame between them has two parents or two places, they hang in a
-                circle, or a rotation is none. The message shows the tree.
+                them moves, a frame between them has two parents or two places, there is a cycle, or a
+                rotation is invalid. The message shows the tree.
         """
         found = self._join(_plain(target), _plain(source))
         if isinstance(found, Transform):
@@ -81,12 +81,12 @@ class FrameTree:
         )
 
     def find(self, target: str, source: str) -> Transform | None:
-        """target_T_source where transform would give it, else None."""
+        """Return target_T_source as transform does, None instead of an error."""
         found = self._join(_plain(target), _plain(source))
         return found if isinstance(found, Transform) else None
 
     def _join(self, target: str, source: str) -> Transform | str:
-        """target_T_source, or why there is none."""
+        """Return target_T_source, or the reason why there is none."""
         if target == source:
             return Transform.identity()
         for frame in (target, source):
@@ -108,7 +108,7 @@ class FrameTree:
         return common_t[0].inverse() @ common_t[1]
 
     def _ancestors(self, frame: str) -> list[str]:
-        """A frame, its parent and so on, up to a root, a frame with two parents, or a circle."""
+        """Return a frame and its ancestors up to a root, a frame with two parents, or a cycle."""
         line, passed = [frame], {frame}
         while len(self._parents.get(line[-1], ())) == 1:
             (parent,) = self._parents[line[-1]]
@@ -119,7 +119,7 @@ class FrameTree:
         return line
 
     def _down(self, line: list[str]) -> Transform | str:
-        """top_T_bottom of a line of frames from bottom to top, or what is wrong on the way."""
+        """Return top_T_bottom of a line of frames from bottom to top, or why there is none."""
         top_t_bottom = Transform.identity()
         for child, parent in pairwise(line):
             link = self._parents[child][parent]
@@ -136,7 +136,7 @@ class FrameTree:
         return top_t_bottom
 
     def _apart(self, first: list[str], second: list[str]) -> str:
-        """Why two lines of ancestors do not meet."""
+        """Return the reason why two lines of ancestors do not meet."""
         for line in (first, second):
             parents = self._parents.get(line[-1])
             if parents:
@@ -150,7 +150,7 @@ class FrameTree:
         return f'there is no frame {_shown(frame)}{hint}'
 
     def __str__(self) -> str:
-        """All frames on a line: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
+        """Format all frames: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
         writer = _TreeText(self._children)
         roots = sorted(self._tops())
         texts = [writer.text(root) for root in roots[:_MOST_CHILDREN]]
@@ -168,7 +168,7 @@ class FrameTree:
         return '; '.join(texts) or 'no transforms'
 
     def _tops(self) -> set[str]:
-        """The frames that texts of trees begin with: roots, and the first of each circle."""
+        """Return the frames that begin the texts of trees: roots, and the first of each cycle."""
         tops = set()
         seen: set[str] = set()
         for frame in self._children:
@@ -182,14 +182,14 @@ class FrameTree:
 
 
 class _TreeText:
-    """Writes trees of static links, each frame's children once, and not too many of all."""
+    """Formats trees of static links, each frame's children once, up to a limit."""
 
     def __init__(self, children: dict[str, list[str]]) -> None:
         self._children = children
         self.shown: set[str] = set()
 
     def text(self, frame: str) -> str:
-        """A frame and what hangs from it."""
+        """Format a frame and its descendants."""
         children = () if frame in self.shown else self._children.get(frame, ())
         self.shown.add(frame)
         texts: list[str] = []
@@ -219,7 +219,7 @@ def _differ(first: Transform, second: Transform) -> bool:
 
 
 def _is_rigid(link: Transform) -> bool:
-    """Whether it is a rotation and a place; a quaternion of zeros has become NaN."""
+    """Whether a link is a valid rotation and translation; a quaternion of zeros is NaN here."""
     if not (np.abs(link.matrix()) <= _FARTHEST_M).all() or np.linalg.det(link.rotation) < 0:
         return False
     product = link.rotation @ link.rotation.T

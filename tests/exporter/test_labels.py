@@ -15,11 +15,12 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.importer.cuboids import cuboids_of_detections
 from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.detections import decode_boxes_2d, decode_detections
+from kitti_ros2.messages.detections import decode_boxes_2d
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from kitti_ros2.exporter.to_bag import ExportReport
+    from kitti_ros2.model.boxes import Cuboid
 
 POINTS = '/kitti/velo/points'
 DETECTIONS = '/kitti/labels/detections'
@@ -125,6 +127,13 @@ class Told:
     rotation_y: float | None = None
 
 
+def cuboids_in(message) -> list[Cuboid]:
+    """The boxes of a Detection3DArray in velo_link."""
+    cuboids, skipped = cuboids_of_detections(message, {'velo_link': Transform.identity()})
+    assert not skipped
+    return cuboids
+
+
 def told_without_source(found) -> dict[int, dict[str, Told]]:
     """By log time and id, from detections, boxes_2d and tf_static alone."""
     frames: dict[int, dict[str, Told]] = {}
@@ -134,7 +143,7 @@ def told_without_source(found) -> dict[int, dict[str, Told]]:
             rect_t_velo = rect_t_velo_of(found['/tf_static'][stamp])
         frame = {identity: Told(kind, box) for identity, kind, box in decode_boxes_2d(message)}
         assert len(frame) == len(message.detections)
-        for cuboid in decode_detections(found[DETECTIONS][stamp]):
+        for cuboid in cuboids_in(found[DETECTIONS][stamp]):
             location, size, rotation_y = box_of(cuboid, rect_t_velo)
             told = frame[cuboid.identity]
             assert told.kind == cuboid.kind
@@ -330,7 +339,7 @@ def test_markers_and_detections_are_of_the_same_boxes(bags, layout):
     for stamp, message in found[DETECTIONS].items():
         boxes = cubes(found[MARKERS][stamp])
         texts = [m.text for m in found[MARKERS][stamp].markers if m.ns == 'text']
-        cuboids = decode_detections(message)
+        cuboids = cuboids_in(message)
         for cuboid, (place, size), text in zip(cuboids, boxes.values(), texts, strict=True):
             np.testing.assert_array_equal(place.matrix(), cuboid.velo_T_box.matrix())
             np.testing.assert_array_equal(size, cuboid.size_lwh)

@@ -16,7 +16,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.camera_info import decode_camera_info
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.detections import decode_boxes_2d, decode_detections
+from kitti_ros2.messages.detections import decode_boxes_2d
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
@@ -33,6 +33,7 @@ from test_labels import (  # isort: skip
     SOURCE,
     assert_told,
     cubes,
+    cuboids_in,
     read,
     told_without_source,
 )
@@ -92,7 +93,7 @@ def points_inside(message, cloud) -> dict[str, int]:
                 np.abs(cuboid.velo_T_box.inverse().apply(points)) <= np.array(cuboid.size_lwh) / 2
             ).all(axis=1).sum()
         )
-        for cuboid in decode_detections(message)
+        for cuboid in cuboids_in(message)
     }  # fmt: skip
 
 
@@ -106,7 +107,7 @@ def overlaps(detections, boxes_2d, static, info) -> dict[str, float]:
     _, _, rotation, p = decode_camera_info(info)
     labels = {identity: np.array(bounds) for identity, _, bounds in decode_boxes_2d(boxes_2d)}
     found = {}
-    for cuboid in decode_detections(detections):
+    for cuboid in cuboids_in(detections):
         corners = cuboid.velo_T_box.apply(unit_corners() * cuboid.size_lwh)
         seen = velo_t_camera.inverse().apply(corners) @ rotation.T
         bounds, _ = clip_bounds(project_corners(seen[None], p), (info.width, info.height))
@@ -158,7 +159,7 @@ def test_markers_are_the_detections(street):
     assert len(street[MARKERS]) == 154
     for stamp, message in street[MARKERS].items():
         boxes = cubes(message)
-        for cuboid in decode_detections(street[DETECTIONS][stamp]):
+        for cuboid in cuboids_in(street[DETECTIONS][stamp]):
             place, size = boxes[int(cuboid.identity)]
             np.testing.assert_array_equal(place.matrix(), cuboid.velo_T_box.matrix())
             np.testing.assert_array_equal(size, cuboid.size_lwh)
@@ -238,5 +239,5 @@ def test_a_drive_takes_real_tracklets(make_drive, real_kitti, tmp_path):
     arrays = [deserialize(data, kind) for topic, _, data, kind in found if topic == DETECTIONS]
     for number, message in enumerate(arrays):
         expected = [(one.identity, one.kind) for one in tracklets[number]]
-        assert [(one.identity, one.kind) for one in decode_detections(message)] == expected
+        assert [(one.identity, one.kind) for one in cuboids_in(message)] == expected
     assert any('no stamp for the tracklets' in loss.message for loss in report.losses)

@@ -11,7 +11,7 @@ import pytest
 
 from kitti_ros2.exporter import encode
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.image import decode_image
+from kitti_ros2.messages.pixels import decode_pixels
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout, Stream
@@ -57,7 +57,7 @@ def test_labels_are_drawn_on_the_image(recordings, layout):
     ):
         assert drawn.header == plain.header
         assert drawn.encoding == 'bgr8'
-        before, after = decode_image(plain), decode_image(drawn)
+        before, after = decode_pixels(plain), decode_pixels(drawn)
         assert before.shape == after.shape
         changed += int(np.count_nonzero((before != after).any(axis=2)))
     assert changed > 100
