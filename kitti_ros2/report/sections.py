@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of frames, route, objects and calibration; None for what is not there."""
+"""The sections of frames, route, objects and calibration; None without data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_HISTOGRAMS = 9
 
 
 def scenes_section(report: Report) -> Markup | None:
-    """A few frames in pictures."""
+    """Make the section with pictures of a few frames."""
     if not report.scenes:
         return None
     frames = report.frames or len(report.scenes)
@@ -58,7 +58,7 @@ def _scene(scene: Scene, *, timed: bool) -> Markup:
 
 
 def route_section(report: Report) -> Markup | None:
-    """Where the vehicle went."""
+    """Make the section of the route."""
     route = report.route
     if route is None:
         return None
@@ -82,7 +82,7 @@ def route_section(report: Report) -> Markup | None:
 
 
 def objects_section(report: Report) -> Markup | None:
-    """What is labelled."""
+    """Make the section of labelled objects."""
     classes = report.classes
     if classes is None:
         return None
@@ -143,7 +143,7 @@ def _class_table(classes: ClassStatistics) -> Markup:
 
 
 def _swatch(kind: str) -> Markup:
-    """The colour that a class has in the pictures."""
+    """Draw the colour of a class in the pictures."""
     red, green, blue = rgb_of(kind)
     patch = element('rect', width=12, height=12, rx=3, fill=f'#{red:02x}{green:02x}{blue:02x}')
     return element('svg', patch, viewBox='0 0 12 12', class_='swatch', aria_hidden='true')
@@ -160,7 +160,7 @@ def _occlusions(facts: ClassFacts) -> list[Child]:
 
 
 def calibration_section(report: Report) -> Markup | None:
-    """Where the sensors are and how the cameras see."""
+    """Make the section of sensor poses and camera intrinsics."""
     mounts = mounts_of(report.overview.links)
     parts: list[Child] = []
     if report.projections:

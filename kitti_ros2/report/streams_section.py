@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The section of streams: when each has samples, how many, how evenly, how large."""
+"""The section of streams: times, counts, rates, jitter, gaps and sizes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FEWEST_SAMPLES = 3
 
 
 def streams_section(report: Report) -> Markup | None:
-    """All of it; None where there is no stream."""
+    """Make the section; None without streams."""
     if not report.streams:
         return None
     nominal = report.clock is Clock.NOMINAL
@@ -60,7 +60,7 @@ def _table(report: Report) -> Markup:
     columns.append((('Size', NUMBER), _size))
     columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
     columns.append((('Content', LONG), _facts))
-    # Columns that say nothing of any stream take room from those that do.
+    # Columns that are empty for all streams are removed.
     columns = [
         (heading, cell) for heading, cell in columns if any(cell(each) for each in report.streams)
     ]
@@ -102,7 +102,7 @@ def _size(stream: StreamFacts) -> str:
 
 
 def _detail(stream: StreamFacts) -> Markup:
-    """Its frames, or the message type without its package, as info has them."""
+    """Return its frames, or the message type without its package, as in info."""
     return element('span', breakable(stream.detail.rsplit('/', 1)[-1]), class_='faint')
 
 
@@ -157,7 +157,7 @@ def _gap_words(timing: Timing) -> Markup | None:
 
 
 def _intervals(streams: Sequence[StreamFacts]) -> Markup | None:
-    """A plot for each series of stamps; streams with the same ones share theirs."""
+    """Draw a plot for each series of stamps; streams with equal stamps share one."""
     alike: dict[bytes, list[StreamFacts]] = {}
     for each in streams:
         if len(each.timing) > _FEWEST_SAMPLES and each.timing.period_ns:
