@@ -223,12 +223,12 @@ def histogram_plot(
         text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
     ]
     ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']
-    told = ', '.join(
+    words = ', '.join(
         f'{count} from {plain(edge)} {end}'
         for edge, end, count in zip(edges, ends, counts, strict=True)
         if count
     )
-    return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)
+    return figure(key, title, f'In {unit}: {words or "none"}.', (WIDTH, height), *drawn)
 
 
 def _short(count: int) -> str:

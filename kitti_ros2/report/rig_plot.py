@@ -99,11 +99,11 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
     drawn: list[Markup] = []
-    said: list[Float64Array] = []
+    lengths: list[Float64Array] = []
     for place, mount in enumerate(mounts):
         if mount.parent:
             ends = spots[order[mount.parent]], spots[place]
-            drawn += _link(*ends, mount.distance_m, said if len(mounts) <= _SPARSE else None)
+            drawn += _link(*ends, mount.distance_m, lengths if len(mounts) <= _SPARSE else None)
     drawn += [
         _axes(spot, mount.root_T_frame.rotation[list(axes)])
         for spot, mount in zip(spots, mounts, strict=True)
@@ -120,8 +120,8 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
         f'{place + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
         for place, mount in enumerate(mounts)
     )
-    told = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
-    return figure(key, f'Sensors from {seen}', told, (WIDTH, height), *drawn)
+    words = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
+    return figure(key, f'Sensors from {seen}', words, (WIDTH, height), *drawn)
 
 
 def _metres(xyz: Float64Array) -> str:
@@ -150,7 +150,7 @@ class _RigView:
 
 
 def _link(
-    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array] | None
+    start: Float64Array, end: Float64Array, distance_m: float, lengths: list[Float64Array] | None
 ) -> list[Markup]:
     """Draw a line, with its length if it is long enough and no other length is close.
 
@@ -158,16 +158,16 @@ def _link(
         start: (2,) units.
         end: (2,) units.
         distance_m: Distance of the two frames.
-        said: Places of lengths so far; None for a line alone.
+        lengths: Places of lengths so far; None for a line alone.
     """
     (x1, y1), (x2, y2) = start.tolist(), end.tolist()
     drawn = [line(x1, y1, x2, y2, 'link')]
-    if said is None:
+    if lengths is None:
         return drawn
     middle = (start + end) / 2
-    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in said)
+    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in lengths)
     if np.linalg.norm(end - start) > _LABELLED and not crowded:
-        said.append(middle)
+        lengths.append(middle)
         x, y = middle.tolist()
         drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
     return drawn

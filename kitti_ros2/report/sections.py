@@ -119,13 +119,13 @@ def objects_section(report: Report) -> Markup | None:
 
 def _class_table(classes: ClassStatistics) -> Markup:
     found = classes.classes
-    told = any(each.occlusions is not None for each in found)
+    occluded = any(each.occlusions is not None for each in found)
     tracked = any(each.tracks is not None for each in found)
     cut = any(each.truncated is not None for each in found)
     columns = [('Class', TEXT), ('Objects', NUMBER), ('Frames', NUMBER), ('A frame', NUMBER)]
     columns += [('Most', NUMBER)] + [('Tracks', NUMBER)] * tracked
-    columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if told]
-    columns += [('Occlusion', TEXT)] * told + [('Truncated', NUMBER)] * cut
+    columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if occluded]
+    columns += [('Occlusion', TEXT)] * occluded + [('Truncated', NUMBER)] * cut
     rows = [
         [
             join([_swatch(each.kind), breakable(each.kind)]),
@@ -133,9 +133,9 @@ def _class_table(classes: ClassStatistics) -> Markup:
             f'{each.frames:,}',
             f'{each.count / max(classes.frames, 1):.2f}',
             f'{each.most:,}',
-            *([_told(each.tracks)] if tracked else []),
-            *(_occlusions(each) if told else []),
-            *([_told(each.truncated)] if cut else []),
+            *([_count(each.tracks)] if tracked else []),
+            *(_occlusions(each) if occluded else []),
+            *([_count(each.truncated)] if cut else []),
         ]
         for each in found
     ]
@@ -149,7 +149,7 @@ def _swatch(kind: str) -> Markup:
     return element('svg', patch, viewBox='0 0 12 12', class_='swatch', aria_hidden='true')
 
 
-def _told(count: int | None) -> str:
+def _count(count: int | None) -> str:
     return '' if count is None else f'{count:,}'
 
 

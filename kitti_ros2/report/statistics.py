@@ -120,7 +120,7 @@ class _ClassCounts:
     tracks: set[int] = field(default_factory=set)
     distances_m: list[float] = field(default_factory=list)
     occlusions: Counter[int] = field(default_factory=Counter)
-    truncation_told: int = 0
+    truncation_known: int = 0
     truncated: int = 0
 
     def add(self, objects: Sequence[LabelledObject]) -> None:
@@ -137,12 +137,12 @@ class _ClassCounts:
             if each.occluded is not None:
                 self.occlusions[each.occluded] += 1
             if each.truncated is not None:
-                self.truncation_told += 1
+                self.truncation_known += 1
                 self.truncated += each.truncated > 0
 
     def facts(self, kind: str) -> ClassFacts:
         """Return the facts of the objects so far."""
-        told = sum(self.occlusions.values())
+        known = sum(self.occlusions.values())
         places = range(len(OCCLUSIONS))
         return ClassFacts(
             kind,
@@ -151,8 +151,8 @@ class _ClassCounts:
             self.most,
             len(self.tracks) or None,
             np.array(self.distances_m),
-            tuple(self.occlusions[place] for place in places) if told else None,
-            self.truncated if self.truncation_told else None,
+            tuple(self.occlusions[place] for place in places) if known else None,
+            self.truncated if self.truncation_known else None,
         )
 
 

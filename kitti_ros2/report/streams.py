@@ -43,7 +43,7 @@ def recording_streams(
         findings: Findings are appended here.
         step: Called after each stream.
     """
-    told = []
+    found = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
         if recording.clock is not Clock.NOMINAL:
@@ -52,7 +52,7 @@ def recording_streams(
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
         sizes = {path: size for path in paths if (size := _size(path)) is not None}
         facts = _Facts(stream, recording, findings)
-        told.append(
+        found.append(
             StreamFacts(
                 stream.value,
                 format_numbers(index.numbers.tolist(), 2),
@@ -63,7 +63,7 @@ def recording_streams(
             )
         )
         step()
-    return told
+    return found
 
 
 def bag_streams(
@@ -82,7 +82,7 @@ def bag_streams(
         clock: The meaning of its stamps.
         findings: Findings are appended here.
     """
-    told = []
+    found = []
     for topic in topics:
         seen = survey.topics.get(topic.name)
         used = stamps.get(topic.name, np.zeros(0, np.int64))
@@ -102,10 +102,10 @@ def bag_streams(
         elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
             findings.append(_gaps(topic.name, timing))  # else it is an occasional topic
         size = None if seen is None else seen.size_bytes
-        told.append(
+        found.append(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
         )
-    return told
+    return found
 
 
 def _undecoded(topic: TopicSurvey) -> str:

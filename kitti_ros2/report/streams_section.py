@@ -48,10 +48,10 @@ def _table(report: Report) -> Markup:
     ]
     if timed:
         columns += [
-            (('Rate Hz', NUMBER), lambda each: _told(each.timing.rate_hz, 1)),
+            (('Rate Hz', NUMBER), lambda each: _value(each.timing.rate_hz, 1)),
             (('Jitter ms', NUMBER), _jitter),
             (('Gaps', NUMBER), _gap_count),
-            (('Longest s', NUMBER), lambda each: _told(_longest_gap_ns(each), 1e9)),
+            (('Longest s', NUMBER), lambda each: _value(_longest_gap_ns(each), 1e9)),
         ]
     if any(each.delay_ns is not None for each in report.streams):
         columns.append((('Delay ms', NUMBER), _delay))
@@ -86,7 +86,7 @@ def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
 
 
 def _jitter(stream: StreamFacts) -> str:
-    return _told(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
+    return _value(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
 
 
 def _gap_count(stream: StreamFacts) -> str:
@@ -107,17 +107,19 @@ def _detail(stream: StreamFacts) -> Markup:
 
 
 def _delay(stream: StreamFacts) -> str:
-    return '' if stream.clock_offset_ns else _told(stream.delay_ns, 1e6)
+    return '' if stream.clock_offset_ns else _value(stream.delay_ns, 1e6)
 
 
 def _facts(stream: StreamFacts) -> Markup | None:
-    told = list(stream.facts)
+    words = list(stream.facts)
     if stream.clock_offset_ns:
-        told.append(f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log')
-    return element('span', '; '.join(told), class_='faint') if told else None
+        words.append(
+            f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log'
+        )
+    return element('span', '; '.join(words), class_='faint') if words else None
 
 
-def _told(value: float | None, unit: float) -> str:
+def _value(value: float | None, unit: float) -> str:
     return '' if value is None else f'{value / unit:.2f}'
 
 
