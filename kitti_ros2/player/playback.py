@@ -149,7 +149,7 @@ class Playback(PlaybackWalk):
         with self._condition:
             if stamp_ns > self._stamps[-1]:
                 late = (stamp_ns - self._stamps[-1]) / _SECOND
-                raise UsageError(f'the time asked for is {late:.3f} s after the end')
+                raise UsageError(f'the requested time is {late:.3f} s after the end')
             stamp_ns = max(stamp_ns, self._stamps[0])
             self._move(bisect_left(self._stamps, stamp_ns), stamp_ns)
             self._wake()
