@@ -88,7 +88,7 @@ class ViewerServer(ServerListener):
         self._waits = not settings.playback.start_paused
         self._asked_ns: int | None = None
         self._asked_to_seek = False
-        self._told: tuple[Any, float] | None = None
+        self._sent: tuple[Any, float] | None = None
         self._state_ns = 0
         self._stopped = False
         self._context = Context()  # the SDK does not hold it
@@ -96,16 +96,16 @@ class ViewerServer(ServerListener):
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )
-        self._server = self._serve(program, port, told=settings.playback.clock_hz > 0)
+        self._server = self._serve(program, port, with_clock=settings.playback.clock_hz > 0)
 
-    def _serve(self, program: Program, port: int, *, told: bool) -> WebSocketServer:
+    def _serve(self, program: Program, port: int, *, with_clock: bool) -> WebSocketServer:
         first, last = program.stamps_ns[0], program.stamps_ns[-1]
         try:
             return start_server(
                 name=one_line(program.name),
                 host=HOST,
                 port=port,
-                capabilities=[Capability.Time] if told else [],
+                capabilities=[Capability.Time] if with_clock else [],
                 server_listener=self,
                 context=self._context,
                 playback_time_range=(int(first), int(last)),
@@ -223,11 +223,11 @@ class ViewerServer(ServerListener):
     def _tell_changes(self) -> None:
         now = time.monotonic_ns()
         self._begin_with_viewer(now)
-        told = self._told
+        last = self._sent
         state = self._playback_state(did_seek=False)
-        if self._told != told:
+        if self._sent != last:
             self._server.broadcast_playback_state(state)
-        if self._told != told or now - self._state_ns > _STATE_EVERY_NS:
+        if self._sent != last or now - self._state_ns > _STATE_EVERY_NS:
             self.tell_state()
 
     def _begin_with_viewer(self, now: int) -> None:
@@ -245,7 +245,7 @@ class ViewerServer(ServerListener):
         status = PlaybackStatus.Playing
         if state.paused:
             status = PlaybackStatus.Ended if state.finished else PlaybackStatus.Paused
-        self._told = (status, state.rate)
+        self._sent = (status, state.rate)
         return PlaybackState(
             status=status,
             current_time=state.stamp_ns,

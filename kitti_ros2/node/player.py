@@ -107,7 +107,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     def session(self) -> Session:
         """The current session."""
         if self._session is None:
-            raise UsageError('nothing is played')
+            raise UsageError('no session is running')
         return self._session
 
     @property

@@ -13,9 +13,10 @@ from ..bags.reader import index_bag, open_messages
 from ..exporter.schedule import nearest_frames, never_falling
 from ..messages.cdr import filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
+from ..model.losses import Loss
 from ..own_bags.numbering import BY_POSITION, number_bag
 from .bag_topics import AsItIs, choose_topics, define_images
-from .program import Due, Missing
+from .program import Due
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -133,16 +134,16 @@ class BagProgram:
         """See Program."""
         return self._notes if self._numbered is not None else (*self._notes, BY_POSITION)
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
         """See Program."""
         try:
             message = self._read(index)
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
-            return [], [Missing(str(error), 1)]
+            return [], [Loss('', 1, str(error))]
         if message is None or message.stamp_ns != self.stamps_ns[index]:
             self._iterator = None
-            return [], [Missing(self._reason(), 1)]
+            return [], [Loss('', 1, self._reason())]
         due = []
         outlet = self._index.get(message.topic)
         if outlet is not None:
@@ -153,20 +154,20 @@ class BagProgram:
         asked = [each for each in made if each in wanted]
         if not asked:
             return due, []
-        images, missing = self._make(message, asked)
-        return due + images, missing
+        images, losses = self._make(message, asked)
+        return due + images, losses
 
-    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Due], list[Missing]]:
+    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Due], list[Loss]]:
         """Make the images of some outlets from a message."""
         names = [self.outlets[outlet].name for outlet in made]
         images = self._images.make(message, names, self.typestore)
-        due, missing = [], []
+        due, losses = [], []
         for outlet, name, image in zip(made, names, images, strict=True):
             if isinstance(image, bytes):
                 due.append(Due(outlet, message.stamp_ns, image))
             else:
-                missing.append(Missing(f'{self._path}: {name} cannot be made: {image}', 1))
-        return due, missing
+                losses.append(Loss(name, 1, f'{self._path}: {name} cannot be made: {image}'))
+        return due, losses
 
     def latched_before(self, index: int) -> list[Due]:
         """See Program."""
@@ -198,8 +199,8 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        told = self._messages.warnings if self._messages is not None else ()
-        new = [warning for warning in told if warning not in self.losses]
+        warnings = self._messages.warnings if self._messages is not None else ()
+        new = [warning for warning in warnings if warning not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
     def _read_latched(self, last_ns: int) -> list[Due]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Playback: an event loop with controls. No ROS, no disk.
+"""Playback: a schedule with controls. No ROS, no disk.
 
 One thread iterates over Playback.events and handles each event; any other thread may call the
 controls. The semantics are those of `ros2 bag play`, with frames in place of single messages.
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
-from .playback_walk import PlaybackWalk
+from .playback_schedule import PlaybackSchedule
 
 if TYPE_CHECKING:
     from ..options.playback import PlaybackOptions
@@ -47,8 +47,8 @@ class PlaybackState:
     waiting: bool = False
 
 
-class Playback(PlaybackWalk):
-    """Plays positions 0 .. N-1 in time; see PlaybackWalk for the arguments."""
+class Playback(PlaybackSchedule):
+    """Plays positions 0 .. N-1 in time; see PlaybackSchedule for the arguments."""
 
     @property
     def options(self) -> PlaybackOptions:
@@ -149,7 +149,7 @@ class Playback(PlaybackWalk):
         with self._condition:
             if stamp_ns > self._stamps[-1]:
                 late = (stamp_ns - self._stamps[-1]) / _SECOND
-                raise UsageError(f'the time asked for is {late:.3f} s after the end')
+                raise UsageError(f'the requested time is {late:.3f} s after the end')
             stamp_ns = max(stamp_ns, self._stamps[0])
             self._move(bisect_left(self._stamps, stamp_ns), stamp_ns)
             self._wake()

@@ -14,6 +14,7 @@ from ..messages.cdr import join
 from ..messages.ros_types import TYPESTORE
 from ..messages.topics import LARGE_TYPES
 from ..model.errors import describe_error
+from ..model.losses import Loss
 from ..model.streams import Stream
 
 if TYPE_CHECKING:
@@ -66,13 +67,6 @@ class Due(NamedTuple):
     key: Hashable = None
 
 
-class Missing(NamedTuple):
-    """Messages that could not be made: the reason, one line, and their number."""
-
-    text: str
-    messages: int
-
-
 class Program(Protocol):
     """Messages by position; fetch may be called from `workers` threads at once.
 
@@ -100,8 +94,8 @@ class Program(Protocol):
     def notes(self) -> tuple[str, ...]:
         """Return non-fatal remarks so far."""
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
-        """Return the messages at a position, and those that could not be made.
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
+        """Return the messages at a position, and the losses: messages that could not be made.
 
         Args:
             index: 0 .. N-1.
@@ -161,15 +155,11 @@ class RecordingProgram:
         """See Program."""
         return (*self._recording.notes, *self._encoder.notes())
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Missing]]:
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
         """See Program."""
         due, failures = self._encode(index, wanted)
         self._named.update(describe_error(each.error) for each in failures)
-        missing = [
-            Missing(f'{", ".join(each.topics)}: {describe_error(each.error)}', len(each.topics))
-            for each in failures
-        ]
-        return due, missing
+        return due, list(map(_loss, failures))
 
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
         entry = self._entries[index]
@@ -188,8 +178,7 @@ class RecordingProgram:
                 continue
             messages, failures = self._encode(int(positions[past]), ())
             for each in failures:
-                text = f'{", ".join(each.topics)}: {describe_error(each.error)}'
-                self._unsent[describe_error(each.error)] = text
+                self._unsent[describe_error(each.error)] = _loss(each).message
             for message in messages:
                 if self.outlets[message.outlet].latched:
                     last.setdefault(message.outlet, []).append(message)
@@ -201,6 +190,11 @@ class RecordingProgram:
 
 def _due(message: Message) -> Due:
     return Due(message.topic, message.stamp_ns, join(message.parts), message.key)
+
+
+def _loss(failure: Failure) -> Loss:
+    topics = ', '.join(failure.topics)
+    return Loss(topics, len(failure.topics), f'{topics}: {describe_error(failure.error)}')
 
 
 def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from .program import Due, Missing, Program
+    from ..model.losses import Loss
+    from .program import Due, Program
 
-    Fetched = tuple[list[Due], list[Missing]]
+    Fetched = tuple[list[Due], list[Loss]]
 
 
 _NICENESS = 10

@@ -190,9 +190,9 @@ class Session:
     def _send(self, event: Send, ahead: ReadAhead) -> None:
         wanted = self._transport.wanted(time.monotonic_ns())
         ahead.want(wanted)
-        messages, failures = ahead.take(event.position)
-        for missing in failures:
-            self._complain(*missing)
+        messages, losses = ahead.take(event.position)
+        for loss in losses:
+            self._complain(loss.message, loss.count)
         frame = int(self.program.frames[event.position])
         if frame != self._frame:
             if self._frame is not None:

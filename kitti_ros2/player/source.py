@@ -54,7 +54,7 @@ def open_program(
     workers = worker_count(_MOST_WORKERS)
     recording = open_recording(path, settings.read)
     if settings.messages.annotated and Stream.LABELS not in recording.streams:
-        raise UsageError(f'{path}: annotated images need labels, which the recording does not have')
+        raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
     return RecordingProgram(recording, settings.messages, settings.selection, workers)
 
 

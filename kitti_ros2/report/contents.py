@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report tells: values alone, gathered first and laid out as a page afterwards."""
+"""The contents of a report as plain values; page.py lays them out."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 _ONE_CLOCK_NS = 60_000_000_000
-"""No message takes longer from its stamp to the log; a simulation's clock begins at 0."""
+"""Maximum plausible delay from stamp to log time; a simulation's clock begins at 0."""
 
 
 class Severity(Enum):
-    """How bad a finding is, worst first."""
+    """The severity of a finding, worst first."""
 
     LOSS = 'Lost or damaged'
     WARNING = 'Warning'
@@ -33,11 +33,11 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a user of the recording should know.
+    """A loss, a warning or a note about the recording.
 
     Attributes:
         severity: Whether data is lost.
-        where: Stream, topic or part; empty for the whole.
+        where: Stream, topic or part; empty for the whole recording.
         text: One line.
     """
 
@@ -58,12 +58,12 @@ class StreamFacts:
     Attributes:
         name: Stream or topic.
         detail: Its frames, or its message type.
-        timing: How evenly it comes.
-        files: How many files hold it; None in a bag.
-        size_bytes: Of its samples; None where it is not known.
-        facts: What else is worth telling, such as image sizes; a few words each.
-        delay_ns: How long after its own stamp a message was logged, median; None where timing is of
-            log times, or of a folder.
+        timing: Its rate, jitter and gaps.
+        files: Number of its files; None in a bag.
+        size_bytes: Total size of its samples; None if unknown.
+        facts: Other facts, such as image sizes; a few words each.
+        delay_ns: Median time from a message's stamp to its log time; None if timing is of log
+            times, or in a folder.
     """
 
     name: str
@@ -76,7 +76,7 @@ class StreamFacts:
 
     @property
     def clock_offset_ns(self) -> int:
-        """What its stamps lack to the clock of the log: 0, unless they are of another clock."""
+        """The offset from its stamps to log times: 0, unless stamps are of another clock."""
         delay_ns = self.delay_ns or 0
         return delay_ns if abs(delay_ns) > _ONE_CLOCK_NS else 0
 
@@ -88,8 +88,8 @@ class Picture:
     Attributes:
         data: JPEG.
         width, height: Pixels.
-        alt: What it shows, for those who do not see it.
-        caption: What stands below it.
+        alt: Alternative text.
+        caption: Text below it.
     """
 
     data: bytes
@@ -106,7 +106,7 @@ class Scene:
     Attributes:
         number: Frame number.
         stamp_ns: Nanoseconds since 1970.
-        words: What is in it, a few words each.
+        words: Its contents, a few words each.
         camera: The image of a camera, with the boxes of its objects.
         points: The scan over the same image.
         above: Scan and boxes from above.
@@ -122,12 +122,12 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Everything.
+    """The contents of a report.
 
     Attributes:
-        overview: What info shows: kind, name, extent, calibration.
-        frames: How many frames; None where there is nothing to count them by.
-        streams: By name.
+        overview: Kind, name, extent, calibration; shown by info, too.
+        frames: Number of frames; None if there is no reference to count them.
+        streams: Streams or topics.
         findings: Worst first.
         route: None without poses.
         classes: None without labels.
@@ -151,7 +151,7 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """How many losses and warnings there are, in words."""
+        """The number of losses and warnings in words."""
         losses, warnings = (
             sum(finding.severity is severity for finding in self.findings)
             for severity in (Severity.LOSS, Severity.WARNING)
@@ -162,10 +162,10 @@ class Report:
 
     @property
     def notes(self) -> int:
-        """How many findings are no loss and no warning."""
+        """The number of findings that are notes."""
         return sum(finding.severity is Severity.NOTE for finding in self.findings)
 
     @property
     def sound(self) -> bool:
-        """Whether nothing of the data is lost or damaged."""
+        """Whether no data is lost or damaged."""
         return not any(finding.is_loss for finding in self.findings)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Look at a recording or a bag from all sides, once, and keep what a report tells."""
+"""Gathers the contents of a report from a recording or a bag."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ if TYPE_CHECKING:
     from .statistics import ClassStatistics, Route
 
 SCENES = 5
-"""Frames shown, spread over the recording."""
+"""Number of frames shown, spread over the recording."""
 
 _TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})
 _PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not None))
 
 
 class _FrameContents(NamedTuple):
-    """What the frames of a source tell."""
+    """The parts of a report that are gathered from frames."""
 
     frames: int | None = None
     route: Route | None = None
@@ -65,16 +65,16 @@ def gather(
     options: ReadOptions,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Report:
-    """Everything that a report of a KITTI folder or a bag tells.
+    """Gather the report of a KITTI folder or a bag.
 
     Args:
         path: The folder or the bag.
-        options: How a folder is read.
-        progress: Called with the steps done and their number, which grows as more is known.
+        options: Read options of a folder.
+        progress: Called with the steps done and their total, which may grow.
 
     Raises:
-        UsageError: There is no such path.
-        KittiRos2Error: It is nothing that can be read.
+        UsageError: The path does not exist.
+        KittiRos2Error: The path cannot be read.
     """
     if is_bag(path, options.layout):
         with OpenBag(path) as bag:
@@ -83,7 +83,7 @@ def gather(
 
 
 class _Steps:
-    """Counts what is done."""
+    """Counts steps for the progress display."""
 
     def __init__(self, progress: Callable[[int, int], None]) -> None:
         self._progress = progress
@@ -91,11 +91,11 @@ class _Steps:
         self._total = 0
 
     def expect(self, count: int) -> None:
-        """So many more are to come."""
+        """Add steps to the total."""
         self._total += count
 
     def step(self) -> None:
-        """One is done."""
+        """Count one step as done."""
         self._done += 1
         self._progress(self._done, max(self._total, self._done))
 
@@ -151,7 +151,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
 def _of_transforms(
     overview: Overview, survey: Survey, own: BagRecording | None
 ) -> Iterator[Finding]:
-    """Static transforms that change or are none; those of object sets are of several days."""
+    """Yield warnings about changing or invalid static transforms; object sets span several days."""
     if own is None or not own.layout.traits.calibration_per_frame:
         for parent, child in survey.changing:
             text = f'the static transform {parent} -> {child} is told anew and differently'
@@ -163,14 +163,14 @@ def _of_transforms(
 
 
 def _route_along(source: BagFrames) -> Route | None:
-    """The route through all poses of a bag, also those between its frames."""
+    """Return the route through all poses of a bag, also those between its frames."""
     found = source.trajectory()
     places = [pose.translation for pose in found.world_T_imu]
     return route_of(found.stamps_ns.tolist(), places)
 
 
 def _route_alone(bag: OpenBag, survey: Survey) -> Route | None:
-    """The poses of a bag that has nothing else to make frames of."""
+    """Return the route of a bag that has no frames."""
     found = ego_track(bag, survey, [])
     if found is None:
         return None
@@ -181,7 +181,7 @@ def _route_alone(bag: OpenBag, survey: Survey) -> Route | None:
 
 
 def _pictured(recording: Readable, source: FrameSource) -> list[int]:
-    """The frames that have something to see."""
+    """Return the numbers of the frames with images or scans."""
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
     found = [
@@ -194,7 +194,7 @@ def _pictured(recording: Readable, source: FrameSource) -> list[int]:
 def _look_through(
     source: FrameSource, pictured: Sequence[int], findings: list[Finding], steps: _Steps
 ) -> _FrameContents:
-    """Labels and poses of every frame, pictures of a few."""
+    """Gather labels and poses of every frame, and pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
     missing = _Lacks()
     tally = ClassTally()
@@ -223,20 +223,20 @@ def _look_through(
 
 
 class _Lacks:
-    """What frames lack, by what it is: the first reason, and the frames."""
+    """Missing data of frames, by part: the first reason, and the frames."""
 
     def __init__(self) -> None:
         self._frames: dict[str, dict[int, str]] = defaultdict(dict)
 
     def add(self, frame: Frame) -> None:
-        """Take what a frame lacks."""
+        """Add the missing data of a frame."""
         for what, reason in frame.missing.items():
-            # Each row of labels has a name of its own; the stream is what they have in common.
+            # Each row of labels has its own name; they share the stream.
             part = what if what.startswith('calibration') else what.split()[0]
             self._frames[part].setdefault(frame.number, reason)
 
     def findings(self) -> list[Finding]:
-        """One of each."""
+        """Return one finding per part."""
         found = []
         for what, reasons in self._frames.items():
             severity = Severity.WARNING if what.startswith('calibration') else Severity.LOSS
@@ -276,7 +276,7 @@ def _report(
 
 
 def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Worst first; what is told of several streams in the same words once, a word never twice."""
+    """Sort findings, worst first; merge equal texts of several streams, drop repetitions."""
     where: dict[tuple[Severity, str], dict[str, None]] = {}
     said: set[str] = set()
     ranks = list(Severity)

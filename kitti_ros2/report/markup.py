@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""HTML and SVG as values: what is not markup already is escaped, so no name becomes a tag."""
+"""HTML and SVG elements; all text that is not Markup is escaped."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _BREAKS = re.compile(r'(?<=[/_.-])(?=\w)|(?<=[a-z])(?=[A-Z])')
 
 
 class Markup(str):
-    """Text that is HTML; element makes it, and nothing else should."""
+    """HTML text; only element should create it."""
 
     __slots__ = ()
 
 
 Child: TypeAlias = 'str | float | Markup | Iterable[Child] | None'
-"""What an element may hold: text, numbers, other elements, several of them; None for nothing."""
+"""The content of an element: text, numbers, elements, several of them; None for nothing."""
 
 Attribute: TypeAlias = 'str | float | bool | None'
 
 
 def element(tag: str, *children: Child, **attributes: Attribute) -> Markup:
-    """One element.
+    """Make an element.
 
     Args:
         tag: Its name.
-        children: What is in it; text that is no Markup is escaped.
+        children: Its content; text that is not Markup is escaped.
         attributes: Its attributes, escaped; class_ is class, aria_label is aria-label. True is an
-            attribute without a value, None and False are none at all.
+            attribute without a value; None and False omit the attribute.
     """
     written = ''.join(_attribute(name, value) for name, value in attributes.items())
     if tag in _VOID:
@@ -43,12 +43,12 @@ def element(tag: str, *children: Child, **attributes: Attribute) -> Markup:
 
 
 def join(children: Iterable[Child]) -> Markup:
-    """Several one after the other."""
+    """Concatenate several."""
     return Markup(''.join(_child(child) for child in children))
 
 
 def breakable(name: str) -> Markup:
-    """A name that a narrow column may break, such as after a slash or before a capital."""
+    """Add line break opportunities to a name, such as after a slash or before a capital."""
     first, *rest = _BREAKS.split(name)
     return join([first, *([element('wbr'), part] for part in rest)])
 
@@ -71,7 +71,7 @@ def _attribute(name: str, value: Attribute) -> str:
 
 
 def _printable(text: str) -> str:
-    """The text without what HTML cannot hold: control characters and lone surrogates."""
+    """Replace characters that are invalid in HTML: control characters and lone surrogates."""
     if text.isprintable():
         return text
     kept = (c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text)
@@ -79,6 +79,6 @@ def _printable(text: str) -> str:
 
 
 def number(value: float) -> str:
-    """A coordinate of an SVG: two decimals at most, and no negative zero."""
+    """Format a coordinate of an SVG: two decimals at most, and no negative zero."""
     text = f'{value:.2f}'.rstrip('0').rstrip('.')
     return '0' if text == '-0' else text

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a KITTI folder or a bag, at a glance: series, gaps, sizes, calibration."""
+"""The overview of a KITTI folder or a bag: series, gaps, sizes, calibration."""
 
 from __future__ import annotations
 
@@ -48,8 +48,7 @@ _MOST_TF = 200
 class CameraGlance:
     """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m.
 
-    What is not known is None: the size where only images have it, the rest of a camera that is not
-    calibrated.
+    Unknown values are None: the size if only images have it, the rest of an uncalibrated camera.
     """
 
     name: str
@@ -74,23 +73,23 @@ class LinkGlance:
 
 @dataclass(frozen=True)
 class Overview:
-    """What info shows.
+    """The overview of a recording or a bag, as shown by info.
 
     Attributes:
-        path: What was looked at.
+        path: The folder or the bag.
         kind: KITTI layout, or bag container.
         name: Drive, split or sequence; files of a bag.
-        series: Streams or topics; times that are not known are None.
-        frames: How many frames; None in a bag that is not ours.
+        series: Streams or topics; unknown times are None.
+        frames: Number of frames; None in a bag not written by to-bag.
         clock: The meaning of the stamps.
-        start_ns, end_ns: First and last stamp, None where there is none or the date is assumed.
-        duration_ns: From the first to the last; None where no time is known.
-        size_bytes: Of all its files.
-        compression: Of a bag.
+        start_ns, end_ns: First and last stamp, None without any or if the date is assumed.
+        duration_ns: From the first to the last; None if no time is known.
+        size_bytes: Total size of its files.
+        compression: Compression of a bag; None for a folder.
         cameras, links: Calibration.
-        losses: What is missing or unusable.
-        notes: What is worth a word.
-        complete: False for a bag that was cut off or damaged.
+        losses: Missing or unusable data.
+        notes: Remarks.
+        complete: False for a truncated or damaged bag.
     """
 
     path: Path
@@ -112,7 +111,7 @@ class Overview:
 
 
 def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
-    """What a KITTI recording holds; its data files are listed and not read."""
+    """Inspect a KITTI recording; its data files are listed and not read."""
     series = tuple(
         summarize_topic(stream.value, format_numbers(index.numbers.tolist(), 2), index.stamps_ns)
         for stream, index in recording.streams.items()
@@ -140,10 +139,10 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
 
 
 def inspect_bag(source: BagSource) -> Overview:
-    """What a bag holds: its index, and the first camera_info and static transforms.
+    """Inspect a bag: its index, and the first camera_info and static transforms.
 
     Raises:
-        BadBagError: It is no bag, or cannot be read at all.
+        BadBagError: The path is not a bag, or is unreadable.
     """
     with opened(source) as bag:
         summary = summarize_bag(bag)
@@ -176,7 +175,7 @@ def inspect_bag(source: BagSource) -> Overview:
 
 
 class _Times(NamedTuple):
-    """What is known of when a recording was made, nanoseconds."""
+    """The known times of a recording, nanoseconds."""
 
     start_ns: int | None
     end_ns: int | None
@@ -184,7 +183,7 @@ class _Times(NamedTuple):
 
 
 def _times(series: Iterable[TopicSummary], clock: Clock) -> _Times:
-    """The times of all series, without those that the layout does not tell."""
+    """Return the times of all series, without those unknown to the layout."""
     starts = [each.start_ns for each in series if each.start_ns is not None]
     ends = [each.end_ns for each in series if each.end_ns is not None]
     if not starts or clock is Clock.NOMINAL:
@@ -196,7 +195,7 @@ def _times(series: Iterable[TopicSummary], clock: Clock) -> _Times:
 
 
 def _known(series: TopicSummary, clock: Clock) -> TopicSummary:
-    """A series without the dates or times that its clock does not tell."""
+    """Return a series without the dates or times that its clock does not provide."""
     if clock is Clock.NOMINAL:
         return TopicSummary(series.name, series.msgtype, series.count)
     if clock is Clock.RELATIVE:
@@ -205,7 +204,7 @@ def _known(series: TopicSummary, clock: Clock) -> TopicSummary:
 
 
 def _size_bytes(recording: KittiRecording) -> int:
-    """Of the data files, each counted once though several streams may read it."""
+    """Return the size of the data files; a file of several streams counts once."""
     paths = {
         recording.path(stream, number)
         for stream, index in recording.streams.items()
@@ -272,14 +271,14 @@ def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
     k, _, _, p = decode_camera_info(info)
     focal = float(p[0, 0]) or float(k[0, 0])
     values = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], -p[0, 3] / focal if focal else np.nan)
-    # Drivers of cameras that are not calibrated fill in zeros.
+    # Drivers of uncalibrated cameras fill in zeros.
     known = bool(k[0, 0]) and bool(k[1, 1])
     fx, fy, cx, cy, baseline = (_finite(float(value)) if known else None for value in values)
     return CameraGlance(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
 
 
 def _finite(value: float) -> float | None:
-    """The value without a negative zero; None where it is none."""
+    """Return the value without negative zero; None if it is not finite."""
     return value + 0.0 if np.isfinite(value) else None
 
 
@@ -296,6 +295,6 @@ def _link_glances(links: Iterable[tuple[str, str, Transform]]) -> tuple[LinkGlan
 
 
 def _rounded(values: Sequence[float]) -> tuple[float, float, float]:
-    """To a micrometre or a millionth of a degree, and without negative zeros."""
+    """Round to a micrometre or a millionth of a degree, without negative zeros."""
     x, y, z = (round(float(value), 6) + 0.0 for value in values)
     return x, y, z

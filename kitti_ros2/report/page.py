@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page: head, summary, findings and the sections; nothing in it comes from elsewhere."""
+"""The HTML page: head, summary, findings and sections, without external resources."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _KINDS = {
 
 
 def make_page(report: Report) -> Markup:
-    """The report as one HTML document."""
+    """Make the HTML document of a report."""
     overview = report.overview
     sections = [
         ('findings', 'Findings', _findings(report)),
@@ -112,7 +112,7 @@ def _summary(report: Report) -> Markup:
 
 
 def _name(overview: Overview) -> str:
-    """Of a bag its own, which a directory with several files has, too."""
+    """Return the name; for a bag that of its path, also for a directory with several files."""
     return overview.name if overview.compression is None else overview.path.absolute().name
 
 
@@ -158,7 +158,7 @@ def _figures(report: Report) -> list[tuple[str, str]]:
 
 
 def metres(length: float) -> str:
-    """A distance such as 107.0 m or 3.72 km."""
+    """Format a distance, such as 107.0 m or 3.72 km."""
     return f'{length:.1f} m' if length < 1000 else f'{length / 1000:.2f} km'
 
 
@@ -192,7 +192,7 @@ def _findings(report: Report) -> Markup:
 
 
 def _shortened(finding: Finding, path: Path) -> Finding:
-    """Without the folder that the whole report is of: the footer names it."""
+    """Remove the path of the folder from a finding: the footer contains it."""
     return replace(finding, text=finding.text.replace(f'{path.absolute()}/', ''))
 
 

@@ -34,9 +34,9 @@ _MOST_BANDS = 200
 
 
 def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
-    """When a stream has samples between two times: a bar, with its gaps cut out and marked.
+    """Draw when a stream has samples between two times: a bar, with its gaps cut out and marked.
 
-    It has no words of its own, for the row it stands in has them.
+    It has no text alternative, as its row has the text.
     """
     scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
     period = timing.period_ns or 0
@@ -60,7 +60,7 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
 
 
 def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[float, float]]:
-    """Where samples are: runs of a regular stream, the samples themselves of others."""
+    """Return the spans with samples: runs of a regular stream, single samples of others."""
     if period:
         ends = [gap.at_ns for gap in timing.gaps]
         cuts = np.searchsorted(timing.stamps_ns, ends, 'right')
@@ -71,9 +71,9 @@ def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[floa
 
 
 def interval_plot(key: str, name: str, timing: Timing) -> Markup:
-    """Distance to the next sample over time; gaps are marked.
+    """Draw the distance to the next sample over time; gaps are marked.
 
-    The axis shows the usual distances large; what is outside is drawn at its edge.
+    The axis is scaled to the usual distances; values outside are drawn at its edge.
     """
     period_ns = timing.period_ns or 0
     away = np.abs(timing.intervals_ns - period_ns)
@@ -104,20 +104,20 @@ def interval_plot(key: str, name: str, timing: Timing) -> Markup:
 
 
 def format_period(period_ns: int) -> str:
-    """A period in the unit of its plot, such as 100.00 ms."""
+    """Format a period in the unit of its plot, such as 100.00 ms."""
     unit, length = _unit(period_ns)
     return f'{period_ns / length:.2f} {unit}'
 
 
 def _unit(longest_ns: float) -> tuple[str, float]:
-    """The unit, and its nanoseconds, in which durations up to a longest one have few digits."""
+    """Return a unit and its nanoseconds, for few digits of durations up to a longest one."""
     if longest_ns >= _LARGE_NS:
         return _UNITS[0]
     return next((unit for unit in _UNITS[1:] if longest_ns >= unit[1]), _UNITS[-1])
 
 
 def _gap_mark(area: _PlotArea, at_s: float) -> Markup:
-    """A triangle at the upper edge and a line down from it."""
+    """Draw a triangle at the upper edge and a line down from it."""
     x = area.x(at_s)
     return join(
         [
@@ -128,7 +128,7 @@ def _gap_mark(area: _PlotArea, at_s: float) -> Markup:
 
 
 class _PlotArea:
-    """The axes of a plot: what it shows across and up, and where that is in the SVG."""
+    """The axes of a plot: the value ranges across and up, and their mapping to the SVG."""
 
     def __init__(
         self, across: tuple[float, float], vertical: tuple[float, float], height: int
@@ -137,17 +137,17 @@ class _PlotArea:
         self._floor = height - _BOTTOM
 
     def x(self, value: float) -> float:
-        """Place of a value across."""
+        """Return the x coordinate of a value."""
         low, high = self._across
         return _LEFT + (WIDTH - _LEFT - _RIGHT) * (value - low) / (high - low)
 
     def y(self, value: float) -> float:
-        """Place of a value up."""
+        """Return the y coordinate of a value."""
         low, high = self.vertical
         return self._floor - (self._floor - _TOP) * (value - low) / (high - low)
 
     def axes(self, across: str, up: str) -> Markup:
-        """Lines and numbers of both axes, with their units."""
+        """Draw lines and numbers of both axes, with their units."""
         drawn = [
             join(
                 [
@@ -169,13 +169,13 @@ class _PlotArea:
 
 
 def _inside(x: float, words: str) -> float:
-    """The middle of a tick's words, moved so that none of them is cut off at the edges."""
+    """Return the centre of a tick's text, moved so that it is not cut off at the edges."""
     half = len(words) * _DIGIT / 2
     return min(max(x, half), WIDTH - half)
 
 
 def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> Markup:
-    """Each value a dot; of very many, the range of each column."""
+    """Draw a dot for each value; for very many, the range of each column."""
     if len(values) <= 4 * _COLUMNS:
         marks = (
             f'M{number(area.x(float(x)))} {number(area.y(float(y)))}h0'
@@ -194,7 +194,7 @@ def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> Markup:
 def histogram_plot(
     key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
 ) -> Markup:
-    """Bars over bins of one width; the last bin has all from its edge on."""
+    """Draw bars over bins of equal width; the last bin contains all from its edge on."""
     width = edges[1] - edges[0]
     most = max(*counts, 1)
     height = _HISTOGRAM_HEIGHT
@@ -223,16 +223,16 @@ def histogram_plot(
         text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
     ]
     ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']
-    told = ', '.join(
+    words = ', '.join(
         f'{count} from {plain(edge)} {end}'
         for edge, end, count in zip(edges, ends, counts, strict=True)
         if count
     )
-    return figure(key, title, f'In {unit}: {told or "none"}.', (WIDTH, height), *drawn)
+    return figure(key, title, f'In {unit}: {words or "none"}.', (WIDTH, height), *drawn)
 
 
 def _short(count: int) -> str:
-    """A count that fits beside an axis, such as 2,500 or 120k."""
+    """Format a count that fits beside an axis, such as 2,500 or 120k."""
     if count < 10_000:
         return f'{count:,}'
     power, letter = next(each for each in ((1e9, 'G'), (1e6, 'M'), (1e3, 'k')) if count >= each[0])
@@ -240,7 +240,7 @@ def _short(count: int) -> str:
 
 
 def shares_bar(shares: Sequence[int]) -> Markup:
-    """Counts as parts of a bar; the cells beside it have the numbers."""
+    """Draw counts as parts of a bar; the cells beside it have the numbers."""
     total = max(sum(shares), 1)
     drawn, x = [], 0.0
     for place, share in enumerate(shares):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page on disk: wholly there, or not at all."""
+"""Writes a page atomically: completely or not at all."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ _KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
 
 def check_output(out: Path, *, overwrite: bool) -> None:
-    """Find out before the work whether a page can be written; nothing is left behind.
+    """Check beforehand whether a page can be written; leaves nothing behind.
 
     Raises:
-        OutputExistsError: There is something that may not be replaced.
-        OutputError: It cannot be written.
+        OutputExistsError: The path exists and must not be replaced.
+        OutputError: The page cannot be written.
     """
     Staging(out, _refusal(overwrite=overwrite)).discard()
 
 
 def write_page(out: Path, page: str, *, overwrite: bool) -> int:
-    """Write a page beside its place and rename it there; returns its bytes.
+    """Write a page to a temporary file and rename it; return its size in bytes.
 
     Args:
-        out: The file to make, with its folders.
+        out: The file to write; missing folders are created.
         page: Its text.
-        overwrite: Whether a page that is there may be replaced; nothing else ever is.
+        overwrite: Whether an existing page may be replaced; other files never are.
 
     Raises:
-        OutputExistsError: There is something that may not be replaced.
-        OutputError: It cannot be written; nothing is left behind.
+        OutputExistsError: The path exists and must not be replaced.
+        OutputError: The page cannot be written; nothing is left behind.
     """
     with staged_file(out, _refusal(overwrite=overwrite)) as path:
         return path.write_bytes(page.encode())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the sensors are: their frames with axes, from above and from the side."""
+"""The plot of the sensors: their frames with axes, from above and from the side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .overview import LinkGlance
 
 MOST_FRAMES = 16
-"""More are not told apart in a drawing."""
+"""Maximum number of frames that can be distinguished in a drawing."""
 
 _MARGIN = 44.0
 _FOOT = 26
@@ -39,10 +39,10 @@ class Mount:
 
     Attributes:
         name: Frame.
-        parent: The frame it hangs from, empty for the root.
+        parent: Its parent frame, empty for the root.
         root_T_frame: Its pose in the root.
-        xyz_m: On its parent, metres; empty for the root.
-        rpy_deg: The same, roll pitch yaw in degrees.
+        xyz_m: Translation in its parent, metres; empty for the root.
+        rpy_deg: Rotation in its parent, roll pitch yaw in degrees; empty for the root.
     """
 
     name: str
@@ -53,12 +53,12 @@ class Mount:
 
     @property
     def distance_m(self) -> float:
-        """To its parent, metres; 0 for the root."""
+        """Distance to its parent, metres; 0 for the root."""
         return float(np.linalg.norm(self.xyz_m))
 
 
 def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
-    """The frames of the largest tree that links make, parents before children; roots first."""
+    """Return the frames of the largest tree of links, parents before children."""
     links = [link for link in links if is_finite(link)]
     children: dict[str, list[LinkGlance]] = defaultdict(list)
     for link in links:
@@ -69,7 +69,7 @@ def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
 
 
 def is_finite(link: LinkGlance) -> bool:
-    """Whether a link tells a place and an attitude; a rotation of zeros tells none."""
+    """Whether the values of a link are finite; those of a zero quaternion are not."""
     return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
 
 
@@ -87,11 +87,11 @@ def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
 
 
 def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
-    """The frames with their axes, numbered from 1; distances stand on the links that have room.
+    """Draw the frames with their axes, numbered from 1, and distances on links with room.
 
     Args:
         key: Unique in the page.
-        mounts: At most MOST_FRAMES of them.
+        mounts: At most MOST_FRAMES.
         side: From the left side (x to the right, z up); else from above (x to the right, y up).
     """
     axes = (0, 2) if side else (0, 1)
@@ -99,11 +99,11 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
     drawn: list[Markup] = []
-    said: list[Float64Array] = []
+    lengths: list[Float64Array] = []
     for place, mount in enumerate(mounts):
         if mount.parent:
             ends = spots[order[mount.parent]], spots[place]
-            drawn += _link(*ends, mount.distance_m, said if len(mounts) <= _SPARSE else None)
+            drawn += _link(*ends, mount.distance_m, lengths if len(mounts) <= _SPARSE else None)
     drawn += [
         _axes(spot, mount.root_T_frame.rotation[list(axes)])
         for spot, mount in zip(spots, mounts, strict=True)
@@ -120,8 +120,8 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
         f'{place + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
         for place, mount in enumerate(mounts)
     )
-    told = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
-    return figure(key, f'Sensors from {seen}', told, (WIDTH, height), *drawn)
+    words = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
+    return figure(key, f'Sensors from {seen}', words, (WIDTH, height), *drawn)
 
 
 def _metres(xyz: Float64Array) -> str:
@@ -129,52 +129,52 @@ def _metres(xyz: Float64Array) -> str:
 
 
 class _RigView:
-    """Metres of two axes to the units of the plot."""
+    """The mapping from metres of two axes to the units of the plot."""
 
     def __init__(self, mounts: Sequence[Mount], axes: tuple[int, int]) -> None:
         self._axes = list(axes)
         places = np.array([mount.root_T_frame.translation for mount in mounts])
         flat = places[:, self._axes]
         extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_M)
-        # The same scale in both views, so that they can be held against each other.
+        # The same scale in both views, so that they can be compared.
         widest = float(np.ptp(places, axis=0).max())
         self.scale = (WIDTH - 2 * _MARGIN) / max(widest, _LEAST_M)
         self.height = round(float(extent[1]) * self.scale + 2 * _MARGIN)
         self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
 
     def place(self, xyz: Float64Array) -> Float64Array:
-        """(2,) units of (3,) metres."""
+        """Map (3,) metres to (2,) units."""
         shift = (xyz[self._axes] - self._middle) * [self.scale, -self.scale]
         placed: Float64Array = np.array([WIDTH / 2, self.height / 2]) + shift
         return placed
 
 
 def _link(
-    start: Float64Array, end: Float64Array, distance_m: float, said: list[Float64Array] | None
+    start: Float64Array, end: Float64Array, distance_m: float, lengths: list[Float64Array] | None
 ) -> list[Markup]:
-    """A line, with its length where it is long enough and no other length stands there.
+    """Draw a line, with its length if it is long enough and no other length is close.
 
     Args:
         start: (2,) units.
         end: (2,) units.
-        distance_m: Between the two frames.
-        said: Where lengths stand already; None for a line alone.
+        distance_m: Distance of the two frames.
+        lengths: Places of lengths so far; None for a line alone.
     """
     (x1, y1), (x2, y2) = start.tolist(), end.tolist()
     drawn = [line(x1, y1, x2, y2, 'link')]
-    if said is None:
+    if lengths is None:
         return drawn
     middle = (start + end) / 2
-    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in said)
+    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in lengths)
     if np.linalg.norm(end - start) > _LABELLED and not crowded:
-        said.append(middle)
+        lengths.append(middle)
         x, y = middle.tolist()
         drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
     return drawn
 
 
 def _axes(spot: Float64Array, directions: Float64Array) -> Markup:
-    """Arrows along x, y and z as far as they lie in the plane of the drawing.
+    """Draw arrows along x, y and z, projected into the plane of the drawing.
 
     Args:
         spot: (2,) units.
@@ -195,7 +195,7 @@ def _axes(spot: Float64Array, directions: Float64Array) -> Markup:
 
 
 def _apart(spots: Float64Array) -> Float64Array:
-    """(N, 2) places near the spots, far enough from each other for their badges."""
+    """Return (N, 2) places near the spots, far enough from each other for their badges."""
     places = spots + np.linspace(0, 1e-3, len(spots))[:, None]
     for _ in range(200):
         away = places[:, None] - places[None]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A route seen from above."""
+"""The plot of a route from above."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LOWEST = 70.0
 
 
 def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
-    """Equal axes in metres, a scale, start and end marked.
+    """Draw a route with equal axes in metres, a scale, and marks at start and end.
 
     Args:
         key: Unique in the page.
         positions: (N, 2) x y in metres; x is drawn to the right, y up.
-        description: In words.
+        description: Text alternative.
     """
     view = _RouteView(positions)
     pixels = _thinned(view.place(positions))
@@ -44,11 +44,11 @@ def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
 
 
 class _RouteView:
-    """Metres to the units of the plot.
+    """The mapping from metres to the units of the plot.
 
     Attributes:
-        scale: Units a metre, the same both ways.
-        height: Of the part with the route.
+        scale: Units per metre, the same for both axes.
+        height: Height of the part with the route.
     """
 
     def __init__(self, positions: Float64Array) -> None:
@@ -60,12 +60,12 @@ class _RouteView:
         self._centre = np.array([WIDTH / 2, self.height / 2])
 
     def place(self, positions: Float64Array) -> Float64Array:
-        """(N, 2) units of (N, 2) metres."""
+        """Map (N, 2) metres to (N, 2) units."""
         placed: Float64Array = self._centre + (positions - self._middle) * [self.scale, -self.scale]
         return placed
 
     def grid(self) -> Markup:
-        """Lines at round metres, with their numbers along the left and the lower edge."""
+        """Draw lines at round metres, with their numbers along the left and the lower edge."""
         step = round_length(WIDTH / self.scale / 4)
         x0, y0 = self.place(np.zeros((1, 2)))[0].tolist()
         drawn = []
@@ -91,7 +91,7 @@ def _multiples(low: float, high: float, step: float) -> list[float]:
 
 
 def _thinned(pixels: Float64Array) -> Float64Array:
-    """Without places nearer than half a unit to the one before."""
+    """Remove places nearer than half a unit to the one before."""
     kept = [0]
     for place in range(1, len(pixels)):
         if np.abs(pixels[place] - pixels[kept[-1]]).max() >= 0.5:
@@ -103,7 +103,7 @@ def _thinned(pixels: Float64Array) -> Float64Array:
 
 
 def _marked(at: Float64Array, name: str) -> Markup:
-    """A start (round, named above) or an end (square, named below)."""
+    """Draw a start (round, label above) or an end (square, label below)."""
     x, y = at.tolist()
     if name == 'start':
         mark = element('circle', cx=number(x), cy=number(y), r=5, class_='start')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A few frames of a recording in pictures, small enough for a page."""
+"""Pictures of a few frames of a recording, small enough for a page."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def draw_scenes(
     seen: Callable[[Frame], None],
     step: Callable[[], None],
 ) -> tuple[Scene, ...]:
-    """Up to most frames, evenly spread, each from a camera, with points in it, and from above.
+    """Draw evenly spread frames: the camera image, points in it, and from above.
 
     Args:
         source: The frames.
-        pictured: Numbers of those that have something to see.
-        most: How many.
+        pictured: Numbers of the frames with images or scans.
+        most: Maximum number of frames.
         seen: Called with each frame.
-        step: Called after each.
+        step: Called after each frame.
     """
     options = PictureOptions()
     camera = chosen_camera(source.cameras, options)
@@ -68,7 +68,7 @@ def draw_scenes(
 def draw_projections(
     source: FrameSource, pictured: Sequence[int], seen: Callable[[Frame], None]
 ) -> tuple[Picture, ...]:
-    """The points of the frame in the middle over the image of each camera."""
+    """Draw the points of the middle frame over the image of each camera."""
     if not pictured:
         return ()
     images = [Stream(f'image_{index}').value for index in sorted(source.cameras)][:_MOST_CAMERAS]
@@ -79,7 +79,7 @@ def draw_projections(
 
 
 def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
-    """What can be drawn of a frame."""
+    """Draw the possible pictures of a frame."""
     image = points = None
     if camera is not None:
         image = _image(frame, camera, source.cameras[camera])
@@ -90,7 +90,7 @@ def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
 
 
 def _image(frame: Frame, camera: int, name: str) -> Picture | None:
-    """The image with its boxes: the 2D ones, where there is no calibration for the others."""
+    """Draw the image with 3D boxes, or with 2D boxes without a calibration."""
     pixels = _drawn('boxes', frame, camera)
     if pixels is None:
         pixels = _drawn('camera', frame, camera)
@@ -109,7 +109,7 @@ def _from_above(frame: Frame) -> Picture | None:
 
 
 def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
-    """Points over an image, None where they cannot be brought there."""
+    """Draw points over an image; None if they cannot be projected."""
     pixels = _drawn('lidar', frame, camera)
     if pixels is None:
         return None
@@ -119,7 +119,7 @@ def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
 
 
 def _drawn(mode: str, frame: Frame, camera: int | None) -> Pixels | None:
-    """A picture in one of the modes, None of a frame that has not what it takes."""
+    """Draw a picture in one of the modes; None if required data is missing."""
     try:
         return MODES[mode].draw(frame, PictureOptions(camera=camera))
     except MissingDataError:
@@ -139,7 +139,7 @@ def _labels(frame: Frame) -> str:
 
 
 def encode_picture(pixels: Pixels, width: int, alt: str, caption: str) -> Picture:
-    """A JPEG no wider than so many pixels."""
+    """Encode a JPEG with a maximum width in pixels."""
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     small: Pixels = pixels
     if pixels.shape[1] > width:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of frames, route, objects and calibration; None for what is not there."""
+"""The sections of frames, route, objects and calibration; None without data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_HISTOGRAMS = 9
 
 
 def scenes_section(report: Report) -> Markup | None:
-    """A few frames in pictures."""
+    """Make the section with pictures of a few frames."""
     if not report.scenes:
         return None
     frames = report.frames or len(report.scenes)
@@ -58,7 +58,7 @@ def _scene(scene: Scene, *, timed: bool) -> Markup:
 
 
 def route_section(report: Report) -> Markup | None:
-    """Where the vehicle went."""
+    """Make the section of the route."""
     route = report.route
     if route is None:
         return None
@@ -82,7 +82,7 @@ def route_section(report: Report) -> Markup | None:
 
 
 def objects_section(report: Report) -> Markup | None:
-    """What is labelled."""
+    """Make the section of labelled objects."""
     classes = report.classes
     if classes is None:
         return None
@@ -119,13 +119,13 @@ def objects_section(report: Report) -> Markup | None:
 
 def _class_table(classes: ClassStatistics) -> Markup:
     found = classes.classes
-    told = any(each.occlusions is not None for each in found)
+    occluded = any(each.occlusions is not None for each in found)
     tracked = any(each.tracks is not None for each in found)
     cut = any(each.truncated is not None for each in found)
     columns = [('Class', TEXT), ('Objects', NUMBER), ('Frames', NUMBER), ('A frame', NUMBER)]
     columns += [('Most', NUMBER)] + [('Tracks', NUMBER)] * tracked
-    columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if told]
-    columns += [('Occlusion', TEXT)] * told + [('Truncated', NUMBER)] * cut
+    columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if occluded]
+    columns += [('Occlusion', TEXT)] * occluded + [('Truncated', NUMBER)] * cut
     rows = [
         [
             join([_swatch(each.kind), breakable(each.kind)]),
@@ -133,9 +133,9 @@ def _class_table(classes: ClassStatistics) -> Markup:
             f'{each.frames:,}',
             f'{each.count / max(classes.frames, 1):.2f}',
             f'{each.most:,}',
-            *([_told(each.tracks)] if tracked else []),
-            *(_occlusions(each) if told else []),
-            *([_told(each.truncated)] if cut else []),
+            *([_count(each.tracks)] if tracked else []),
+            *(_occlusions(each) if occluded else []),
+            *([_count(each.truncated)] if cut else []),
         ]
         for each in found
     ]
@@ -143,13 +143,13 @@ def _class_table(classes: ClassStatistics) -> Markup:
 
 
 def _swatch(kind: str) -> Markup:
-    """The colour that a class has in the pictures."""
+    """Draw the colour of a class in the pictures."""
     red, green, blue = rgb_of(kind)
     patch = element('rect', width=12, height=12, rx=3, fill=f'#{red:02x}{green:02x}{blue:02x}')
     return element('svg', patch, viewBox='0 0 12 12', class_='swatch', aria_hidden='true')
 
 
-def _told(count: int | None) -> str:
+def _count(count: int | None) -> str:
     return '' if count is None else f'{count:,}'
 
 
@@ -160,7 +160,7 @@ def _occlusions(facts: ClassFacts) -> list[Child]:
 
 
 def calibration_section(report: Report) -> Markup | None:
-    """Where the sensors are and how the cameras see."""
+    """Make the section of sensor poses and camera intrinsics."""
     mounts = mounts_of(report.overview.links)
     parts: list[Child] = []
     if report.projections:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far a route goes and what is labelled: numbers only."""
+"""Statistics of the route and of labels."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 _STEP_LIMIT_M_S = 100.0
 
 OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
-"""By the number in a label file (readme.txt of the object devkit)."""
+"""Indexed by the number in a label file (readme.txt of the object devkit)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Where the vehicle went.
+    """The route of the vehicle.
 
     Attributes:
         stamps_ns: (N,) int64, ascending.
         positions: (N, 3) x y z in metres, in map.
-        jumps: Steps that would need more than 100 m/s; not part of the length.
+        jumps: Number of steps faster than 100 m/s; not part of the length.
     """
 
     stamps_ns: Int64Array
@@ -47,12 +47,12 @@ class Route:
 
     @property
     def net_m(self) -> float:
-        """Metres from the first position straight to the last."""
+        """Straight distance in metres from the first position to the last."""
         return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
 
 
 def route_of(stamps_ns: Sequence[int], positions: Sequence[Float64Array]) -> Route | None:
-    """The route through (3,) positions in metres; None for less than two finite ones."""
+    """Make the route through (3,) positions in metres; None for less than two finite ones."""
     stamps = np.array(stamps_ns, dtype=np.int64)
     places = np.array(positions, dtype=np.float64).reshape(-1, 3)
     good = np.isfinite(places).all(axis=1)
@@ -71,13 +71,13 @@ class ClassFacts:
 
     Attributes:
         kind: Class name.
-        count: Boxes.
-        frames: Frames that have one.
-        most: Most of them in a frame.
-        tracks: Different track ids; None where there are none.
-        distances_m: (N,) from the scanner over the ground, of those with a 3D box.
-        occlusions: How many have each of OCCLUSIONS; None where it is not told.
-        truncated: How many are cut by the image; None where it is not told.
+        count: Number of boxes.
+        frames: Number of frames with one.
+        most: Maximum number in a frame.
+        tracks: Number of track ids; None without any.
+        distances_m: (N,) horizontal distance from the scanner, of those with a 3D box.
+        occlusions: Number for each of OCCLUSIONS; None if unknown.
+        truncated: Number truncated by the image edge; None if unknown.
     """
 
     kind: str
@@ -96,9 +96,9 @@ class ClassStatistics:
 
     Attributes:
         classes: Most frequent first.
-        frames: Frames that were looked at.
-        labelled: Those with an object.
-        dont_care: Regions without labels.
+        frames: Number of frames.
+        labelled: Number of frames with an object.
+        dont_care: Number of regions without labels.
     """
 
     classes: tuple[ClassFacts, ...]
@@ -108,7 +108,7 @@ class ClassStatistics:
 
     @property
     def count(self) -> int:
-        """All objects."""
+        """Number of all objects."""
         return sum(each.count for each in self.classes)
 
 
@@ -120,11 +120,11 @@ class _ClassCounts:
     tracks: set[int] = field(default_factory=set)
     distances_m: list[float] = field(default_factory=list)
     occlusions: Counter[int] = field(default_factory=Counter)
-    truncation_told: int = 0
+    truncation_known: int = 0
     truncated: int = 0
 
     def add(self, objects: Sequence[LabelledObject]) -> None:
-        """Take those of one frame, all of this class."""
+        """Add the objects of this class in one frame."""
         self.count += len(objects)
         self.frames += 1
         self.most = max(self.most, len(objects))
@@ -137,12 +137,12 @@ class _ClassCounts:
             if each.occluded is not None:
                 self.occlusions[each.occluded] += 1
             if each.truncated is not None:
-                self.truncation_told += 1
+                self.truncation_known += 1
                 self.truncated += each.truncated > 0
 
     def facts(self, kind: str) -> ClassFacts:
-        """What was taken."""
-        told = sum(self.occlusions.values())
+        """Return the facts of the objects so far."""
+        known = sum(self.occlusions.values())
         places = range(len(OCCLUSIONS))
         return ClassFacts(
             kind,
@@ -151,13 +151,13 @@ class _ClassCounts:
             self.most,
             len(self.tracks) or None,
             np.array(self.distances_m),
-            tuple(self.occlusions[place] for place in places) if told else None,
-            self.truncated if self.truncation_told else None,
+            tuple(self.occlusions[place] for place in places) if known else None,
+            self.truncated if self.truncation_known else None,
         )
 
 
 class ClassTally:
-    """Labels, frame by frame."""
+    """Counts labels frame by frame."""
 
     def __init__(self) -> None:
         self._counts: dict[str, _ClassCounts] = defaultdict(_ClassCounts)
@@ -166,7 +166,7 @@ class ClassTally:
         self._dont_care = 0
 
     def add(self, objects: Iterable[LabelledObject]) -> None:
-        """Take a frame, also one without objects."""
+        """Add a frame, also one without objects."""
         by_kind: dict[str, list[LabelledObject]] = defaultdict(list)
         for each in objects:
             by_kind[each.kind].append(each)
@@ -177,20 +177,20 @@ class ClassTally:
             self._counts[kind].add(found)
 
     def statistics(self) -> ClassStatistics:
-        """What was taken so far."""
+        """Return the statistics of the frames so far."""
         facts = (tally.facts(kind) for kind, tally in self._counts.items())
         ordered = sorted(facts, key=lambda each: (-each.count, each.kind))
         return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
 
 
 def histogram(values: Float64Array, edges: Sequence[float]) -> list[int]:
-    """How many values are in each bin [edge, next edge); the last one has all from its edge on."""
+    """Count values in each bin [edge, next edge); the last bin is open."""
     counts, _ = np.histogram(values, [*edges, np.inf])
     return [int(count) for count in counts]
 
 
 def spread(count: int, most: int) -> list[int]:
-    """Up to most places of 0 .. count-1, evenly, the first and the last among them."""
+    """Return up to most evenly spaced indices of 0 .. count-1, including first and last."""
     if not count:
         return []
     places = np.linspace(0, count - 1, min(count, most)).round().astype(int)

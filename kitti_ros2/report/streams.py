@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The streams of a recording and the topics of a bag, each held against what it should be."""
+"""Facts and findings of the streams of a recording and the topics of a bag."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _DIAGNOSED_MOST = 5
 def recording_streams(
     recording: KittiRecording, findings: list[Finding], step: Callable[[], None]
 ) -> list[StreamFacts]:
-    """The streams of a KITTI recording; of images and scans the ends of every file are read.
+    """Return the streams of a KITTI recording; reads the ends of every image and scan file.
 
     Args:
         recording: Open for reading.
-        findings: What is wrong is entered here.
+        findings: Findings are appended here.
         step: Called after each stream.
     """
-    told = []
+    found = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
         if recording.clock is not Clock.NOMINAL:
@@ -52,7 +52,7 @@ def recording_streams(
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
         sizes = {path: size for path in paths if (size := _size(path)) is not None}
         facts = _Facts(stream, recording, findings)
-        told.append(
+        found.append(
             StreamFacts(
                 stream.value,
                 format_numbers(index.numbers.tolist(), 2),
@@ -63,7 +63,7 @@ def recording_streams(
             )
         )
         step()
-    return told
+    return found
 
 
 def bag_streams(
@@ -73,16 +73,16 @@ def bag_streams(
     clock: Clock,
     findings: list[Finding],
 ) -> list[StreamFacts]:
-    """The topics of a bag, by the stamps in their headers where they have usable ones.
+    """Return the topics of a bag, with the stamps of their headers if usable.
 
     Args:
-        topics: Of its index.
+        topics: Topics of the bag's index.
         stamps: Log times by topic, (N,) nanoseconds, ascending.
-        survey: What a pass over it found.
+        survey: The survey of the bag.
         clock: The meaning of its stamps.
-        findings: What is wrong is entered here.
+        findings: Findings are appended here.
     """
-    told = []
+    found = []
     for topic in topics:
         seen = survey.topics.get(topic.name)
         used = stamps.get(topic.name, np.zeros(0, np.int64))
@@ -96,16 +96,16 @@ def bag_streams(
                 findings.append(Finding(Severity.LOSS, topic.name, _undecoded(seen)))
         timing = timing_of(used)
         if clock is Clock.NOMINAL:
-            pass  # times that nobody measured have no gaps
+            pass  # nominal times have no gaps
         elif seen is not None and seen.header_ns:
             findings += _uneven(topic.name, timing)
         elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
-            findings.append(_gaps(topic.name, timing))  # else it was meant to come now and then
+            findings.append(_gaps(topic.name, timing))  # else it is an occasional topic
         size = None if seen is None else seen.size_bytes
-        told.append(
+        found.append(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
         )
-    return told
+    return found
 
 
 def _undecoded(topic: TopicSurvey) -> str:
@@ -113,11 +113,11 @@ def _undecoded(topic: TopicSurvey) -> str:
 
 
 def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
-    """How long after its own stamp a message was logged, median, where stamps are used."""
+    """Return the median time from stamp to log time, if stamps are used."""
     log = np.array(topic.log_ns, dtype=np.int64)
     if len(topic.header_ns) != len(log) or not np.array_equal(used, topic.header_ns):
         return None
-    # Not np.median, whose float64 tells clocks of different epochs apart to 256 ns only.
+    # Not np.median: float64 has a resolution of 256 ns only for clocks of different epochs.
     return int(np.sort(log - used)[len(log) // 2])
 
 
@@ -148,7 +148,7 @@ def _gaps(name: str, timing: Timing) -> Finding:
 
 
 def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
-    """Whether files of one number belong to different moments."""
+    """Return a warning if files with the same number belong to different times."""
     reference = recording.streams.get(Stream.SCAN)
     if reference is None or stream is Stream.SCAN or not recording.common_numbers:
         return []
@@ -171,7 +171,7 @@ def _size(path: Path) -> int | None:
 
 
 class _Facts:
-    """What the files of a stream tell without being read whole."""
+    """Facts of the files of a stream, from their sizes and ends."""
 
     def __init__(self, stream: Stream, recording: KittiRecording, findings: list[Finding]) -> None:
         self._stream = stream
@@ -179,7 +179,7 @@ class _Facts:
         self._findings = findings
 
     def of(self, sizes: Mapping[Path, int]) -> tuple[str, ...]:
-        """Image sizes, or points a scan."""
+        """Return image sizes, or points per scan."""
         if self._stream.camera is not None:
             return self._images(list(sizes))
         if self._stream is Stream.SCAN:

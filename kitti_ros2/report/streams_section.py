@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The section of streams: when each has samples, how many, how evenly, how large."""
+"""The section of streams: times, counts, rates, jitter, gaps and sizes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FEWEST_SAMPLES = 3
 
 
 def streams_section(report: Report) -> Markup | None:
-    """All of it; None where there is no stream."""
+    """Make the section; None without streams."""
     if not report.streams:
         return None
     nominal = report.clock is Clock.NOMINAL
@@ -48,10 +48,10 @@ def _table(report: Report) -> Markup:
     ]
     if timed:
         columns += [
-            (('Rate Hz', NUMBER), lambda each: _told(each.timing.rate_hz, 1)),
+            (('Rate Hz', NUMBER), lambda each: _value(each.timing.rate_hz, 1)),
             (('Jitter ms', NUMBER), _jitter),
             (('Gaps', NUMBER), _gap_count),
-            (('Longest s', NUMBER), lambda each: _told(_longest_gap_ns(each), 1e9)),
+            (('Longest s', NUMBER), lambda each: _value(_longest_gap_ns(each), 1e9)),
         ]
     if any(each.delay_ns is not None for each in report.streams):
         columns.append((('Delay ms', NUMBER), _delay))
@@ -60,7 +60,7 @@ def _table(report: Report) -> Markup:
     columns.append((('Size', NUMBER), _size))
     columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
     columns.append((('Content', LONG), _facts))
-    # Columns that say nothing of any stream take room from those that do.
+    # Columns that are empty for all streams are removed.
     columns = [
         (heading, cell) for heading, cell in columns if any(cell(each) for each in report.streams)
     ]
@@ -86,7 +86,7 @@ def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
 
 
 def _jitter(stream: StreamFacts) -> str:
-    return _told(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
+    return _value(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
 
 
 def _gap_count(stream: StreamFacts) -> str:
@@ -102,22 +102,24 @@ def _size(stream: StreamFacts) -> str:
 
 
 def _detail(stream: StreamFacts) -> Markup:
-    """Its frames, or the message type without its package, as info has them."""
+    """Return its frames, or the message type without its package, as in info."""
     return element('span', breakable(stream.detail.rsplit('/', 1)[-1]), class_='faint')
 
 
 def _delay(stream: StreamFacts) -> str:
-    return '' if stream.clock_offset_ns else _told(stream.delay_ns, 1e6)
+    return '' if stream.clock_offset_ns else _value(stream.delay_ns, 1e6)
 
 
 def _facts(stream: StreamFacts) -> Markup | None:
-    told = list(stream.facts)
+    words = list(stream.facts)
     if stream.clock_offset_ns:
-        told.append(f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log')
-    return element('span', '; '.join(told), class_='faint') if told else None
+        words.append(
+            f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log'
+        )
+    return element('span', '; '.join(words), class_='faint') if words else None
 
 
-def _told(value: float | None, unit: float) -> str:
+def _value(value: float | None, unit: float) -> str:
     return '' if value is None else f'{value / unit:.2f}'
 
 
@@ -157,7 +159,7 @@ def _gap_words(timing: Timing) -> Markup | None:
 
 
 def _intervals(streams: Sequence[StreamFacts]) -> Markup | None:
-    """A plot for each series of stamps; streams with the same ones share theirs."""
+    """Draw a plot for each series of stamps; streams with equal stamps share one."""
     alike: dict[bytes, list[StreamFacts]] = {}
     for each in streams:
         if len(each.timing) > _FEWEST_SAMPLES and each.timing.period_ns:

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the page looks: one calm column of cards, light or dark as the reader's system is.
+"""The style sheet of the page: one column of cards, light or dark by the system's setting.
 
-Text has a contrast of at least 4.5 to 1 with what it stands on, in both (WCAG 2.1, AA).
+Text has a contrast of at least 4.5 to 1 with its background, in both (WCAG 2.1, AA).
 """
 
 STYLE = """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of plots: inline SVG, told in words as well; colours come from the page.
+"""The parts of plots: inline SVG with text alternatives; colours come from the page.
 
 Each plot is drawn 400 units wide and shown between 300 and 560 pixels wide, so its text stays
 legible on a phone.
@@ -21,12 +21,12 @@ WIDTH = 400
 
 
 def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn: Markup) -> Markup:
-    """An SVG that screen readers tell in words.
+    """Make an SVG with a text alternative for screen readers.
 
     Args:
         key: Unique in the page; its ids are made from it.
         title: Its name.
-        description: What a person sees in it.
+        description: Text alternative.
         size: Width and height in its own units.
         drawn: Its elements.
     """
@@ -43,21 +43,21 @@ def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn
 
 
 def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> Markup:
-    """Words at a place; anchor is start, middle or end."""
+    """Draw text; anchor is start, middle or end."""
     return element(
         'text', words, x=number(x), y=number(y), text_anchor=anchor, class_=class_ or None
     )
 
 
 def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> Markup:
-    """A straight line."""
+    """Draw a straight line."""
     return element(
         'line', x1=number(x1), y1=number(y1), x2=number(x2), y2=number(y2), class_=class_
     )
 
 
 def box(x: float, y: float, width: float, height: float, class_: str) -> Markup:
-    """A filled rectangle."""
+    """Draw a filled rectangle."""
     return element(
         'rect',
         x=number(x),
@@ -69,7 +69,13 @@ def box(x: float, y: float, width: float, height: float, class_: str) -> Markup:
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """At most so many round values (1, 2 or 5 times a power of ten apart) from low to high."""
+    """Return round values (1, 2 or 5 times a power of ten apart) from low to high.
+
+    Args:
+        low: Least value.
+        high: Greatest value.
+        most: Maximum number of values.
+    """
     span = max(high - low, 1e-9)
     rough = span / most
     power = 10.0 ** math.floor(math.log10(rough))
@@ -79,22 +85,22 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def plain(value: float) -> str:
-    """A tick's value without needless digits."""
+    """Format a tick's value without needless digits."""
     return f'{value:.6g}'
 
 
 def round_length(length: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is no longer."""
+    """Return the largest of 1, 2, 5 times a power of ten that is not longer."""
     power = 10.0 ** math.floor(math.log10(length))
     return max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001)
 
 
 def scale_bar(scale: float, height: float) -> Markup:
-    """A round length, drawn in the lower left corner.
+    """Draw a scale bar of a round length in the lower left corner.
 
     Args:
-        scale: Units a metre.
-        height: Of the plot.
+        scale: Units per metre.
+        height: Height of the plot.
     """
     length = round_length(110 / scale)
     y = height - 8
@@ -106,5 +112,5 @@ def scale_bar(scale: float, height: float) -> Markup:
 
 
 def path(points: Float64Array) -> str:
-    """The d of a line through (N, 2) points."""
+    """Return the d attribute of a line through (N, 2) points."""
     return 'M' + 'L'.join(f'{number(x)} {number(y)}' for x, y in points.tolist())

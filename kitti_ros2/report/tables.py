@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables, figures and pictures as the page has them."""
+"""Tables, figures and pictures of the page."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def table(
     rows: Sequence[Sequence[Child]],
     total: Sequence[Child] | None = None,
 ) -> Markup:
-    """A table that scrolls in a box of its own where it is too wide, also by keyboard.
+    """Make a table that scrolls in its own box if it is too wide, also by keyboard.
 
     Args:
-        caption: What it tells.
+        caption: Its caption.
         columns: Heading and kind (NUMBER, TEXT, LONG or NAME) of each; the first one names the row.
         rows: The cells.
-        total: A last row that sums up.
+        total: A last row with totals.
     """
     kinds = [kind for _, kind in columns]
     head = element(
@@ -59,12 +59,12 @@ def _row(cells: Sequence[Child], kinds: Sequence[str]) -> Markup:
 
 
 def captioned(drawn: Markup, *caption: Child, class_: str | None = None) -> Markup:
-    """A figure with words below it."""
+    """Make a figure with a caption."""
     return element('figure', drawn, element('figcaption', *caption), class_=class_)
 
 
 def pictured(picture: Picture, class_: str | None = None) -> Markup:
-    """An image that is part of the page."""
+    """Make an image embedded in the page."""
     data = b64encode(picture.data).decode('ascii')
     image = element(
         'img',

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How evenly a stream comes, and whether its numbers mean the same moments as another's."""
+"""Rate, jitter and gaps of a stream, and whether its numbers match another stream's in time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
 
 GAP_PERIODS = 1.5
-"""A distance of so many periods is a gap: one sample lost makes it 2."""
+"""A distance of more periods than this is a gap; one lost sample makes it 2."""
 
 _EVEN = 0.25
 _MOSTLY = 0.6
@@ -23,12 +23,12 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class Gap:
-    """A place where samples are lacking.
+    """A gap, where samples are missing.
 
     Attributes:
-        at_ns: The stamp after which it comes.
-        length_ns: To the next stamp.
-        lacking: How many samples would have been there at the usual period.
+        at_ns: The stamp before it.
+        length_ns: Distance to the next stamp.
+        lacking: Number of missing samples, by the usual period.
     """
 
     at_ns: int
@@ -38,18 +38,18 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How evenly the samples of a stream come.
+    """The timing of the samples of a stream.
 
     Attributes:
         stamps_ns: (N,) int64, ascending.
         period_ns: Median distance of neighbours, None with less than two.
-        rate_hz: Samples per second between the first and the last; None where that is no time.
-        jitter_ns: 95 of 100 distances differ from the median by no more, gaps left out; None with
-            less than three.
-        regular: Whether most distances are near the median, so that gaps mean something.
+        rate_hz: Samples per second between the first and the last; None if they are equal.
+        jitter_ns: 95th percentile of the deviation of distances from the median, without gaps; None
+            with less than three stamps.
+        regular: Whether most distances are near the median, so that gaps are meaningful.
         gaps: In order of time; none unless regular.
-        repeated: Stamps that equal one before them.
-        backward: Samples stamped earlier than the one before them.
+        repeated: Number of stamps equal to the one before.
+        backward: Number of samples stamped earlier than the one before.
     """
 
     stamps_ns: Int64Array
@@ -72,7 +72,7 @@ class Timing:
 
 
 def timing_of(stamps_ns: Int64Array) -> Timing:
-    """The timing of (N,) stamps in the order of the samples."""
+    """Compute the timing of (N,) stamps in the order of the samples."""
     backward = int(np.count_nonzero(np.diff(stamps_ns) < 0))
     stamps = np.sort(stamps_ns)
     distances = np.diff(stamps)
@@ -106,11 +106,11 @@ def _jitter(distances: Int64Array, period: int) -> int | None:
 
 @dataclass(frozen=True)
 class Pairing:
-    """How the samples of a stream lie to those of another that have the same file number.
+    """Samples of a stream compared with those of another with the same file number.
 
     Attributes:
-        pairs: How many have the same number.
-        numbers: Those nearer to a sample of the other stream with another number.
+        pairs: Number of common file numbers.
+        numbers: File numbers that are nearer to another sample of the other stream.
     """
 
     pairs: int
@@ -118,10 +118,10 @@ class Pairing:
 
 
 def pairing_of(stream: StreamIndex, reference: StreamIndex) -> Pairing | None:
-    """The pairing of a stream with a reference by file number; None where no number is common.
+    """Pair a stream with a reference by file number; None without common numbers.
 
-    A sample is nearer to another frame where it is more than half a period of the reference from
-    its own: files renumbered without their stamps show so.
+    A sample is nearer to another frame if it is more than half a period of the reference away from
+    its own: this detects files renumbered without their stamps.
     """
     common, mine, theirs = np.intersect1d(
         stream.numbers, reference.numbers, assume_unique=True, return_indices=True

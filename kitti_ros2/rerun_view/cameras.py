@@ -48,7 +48,7 @@ class PinholeConverter(Converter):
         try:
             model = camera_model(message)
         except ValueError as error:
-            self.context.note(f'{self.topic}: {error}; its images are shown without a place')
+            self.context.note(f'{self.topic}: {error}; its images are shown without a pose')
             return
         view = self.context.rig.place(self.topic, model)
         for image in self._images:

@@ -41,7 +41,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     """
     writer = _PipeToFile(path)
 
-    def tell(done: int, size_bytes: int) -> None:
+    def checked_progress(done: int, size_bytes: int) -> None:
         writer.check()
         progress(done, size_bytes)
 
@@ -61,7 +61,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
         fcntl.fcntl(source, fcntl.F_SETPIPE_SZ, _BLOCK_BYTES)
     writer.begin(source)
     try:
-        report = show(program, stream, tell)
+        report = show(program, stream, checked_progress)
         stream.flush()
     finally:
         stream.disconnect()

@@ -86,9 +86,9 @@ def show(
             shown.take(due, shown.begin)
         for position, frame in enumerate(program.frames.tolist()):
             ahead.refill()
-            messages, missing = ahead.take(position)
-            for each in missing:
-                shown.losses[each.text] += each.messages
+            messages, losses = ahead.take(position)
+            for loss in losses:
+                shown.losses[loss.message] += loss.count
             for due in messages:
                 shown.take(due, TimePoint(due.stamp_ns, frame))
             progress(position + 1, shown.size_bytes)

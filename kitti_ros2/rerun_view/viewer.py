@@ -170,7 +170,7 @@ class Viewer:
         self._log.seek(0)
         lines = [line.strip() for line in self._log if line.strip()]
         errors = [line for line in lines if 'rror' in line]
-        return (errors or lines or ['it said nothing'])[-1]
+        return (errors or lines or ['no output'])[-1]
 
     def _end(self) -> None:
         if self._process.poll() is None:

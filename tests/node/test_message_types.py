@@ -316,7 +316,7 @@ def test_another_kind_of_type_support_is_not_had():
 def test_an_unknown_type_is_named():
     with pytest.raises(MissingDataError, match=f'{STRANGE}: the definition of this message type'):
         message_class(STRANGE, TYPESTORE)
-    with pytest.raises(MissingDataError, match='No/msg/Such: no definition'):
+    with pytest.raises(MissingDataError, match='No/msg/Such: the definition'):
         message_class(STRANGE, described_by_hand(('field', (Nodetype.NAME, 'No/msg/Such'))))
 
 

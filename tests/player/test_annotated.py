@@ -103,7 +103,7 @@ def test_labels_that_cannot_be_read_cost_the_annotated_image_only(recordings, tm
     losses = []
     for place in range(len(played.stamps_ns)):
         losses += played.fetch(place, set(index.values()))[1]
-    texts = [loss.text for loss in losses if 'annotated' in loss.text]
+    texts = [loss.message for loss in losses if 'annotated' in loss.message]
     assert len(texts) == len([name for name in index if name.endswith('annotated')])
     assert all('000002.txt' in text for text in texts)
 

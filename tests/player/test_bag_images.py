@@ -313,8 +313,8 @@ def test_a_damaged_image_costs_itself(truth, tmp_path):
     bag = write_foreign(tmp_path / 'o.mcap', truth, change=change)
     found, lost = images(played(bag))
     assert (len(found[f'{RIGHT}/image_rect']), len(found[f'{LEFT}/image_raw'])) == (23, 24)
-    assert [each.messages for each in lost] == [1]
-    assert f'{bag}: {RIGHT}/image_rect cannot be made: neither PNG nor JPEG' in lost[0].text
+    assert [each.count for each in lost] == [1]
+    assert f'{bag}: {RIGHT}/image_rect cannot be made: neither PNG nor JPEG' in lost[0].message
 
 
 def test_a_header_that_no_image_can_have_costs_its_image(truth, tmp_path):
@@ -328,7 +328,7 @@ def test_a_header_that_no_image_can_have_costs_its_image(truth, tmp_path):
 
     found, lost = images(played(write_foreign(tmp_path / 'o.mcap', truth, change=change)))
     assert len(found[f'{RIGHT}/image_rect']) == 23
-    assert [each.messages for each in lost] == [1]
+    assert [each.count for each in lost] == [1]
 
 
 def test_what_is_not_played_is_as_it_was(recordings, tmp_path):

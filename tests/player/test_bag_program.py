@@ -320,10 +320,10 @@ def fetch_all(program):
     found, missing = [], []
     for index in range(len(program.stamps_ns)):
         due, lost = program.fetch(index, range(len(program.outlets)))
-        assert len(due) + sum(each.messages for each in lost) == 1
+        assert len(due) + sum(each.count for each in lost) == 1
         assert all(message.stamp_ns == program.stamps_ns[index] for message in due)
         found += named(program, due)
-        missing += [each.text for each in lost]
+        missing += [each.message for each in lost]
     return found, missing
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The event loop of a playback: which event is due when. No ROS, no disk."""
+"""The schedule of a playback: which event is due when. No ROS, no disk."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _IDLE_EVERY_NS = 50_000_000
 """During a long wait other work may run: at its beginning, and at this interval."""
 
 
-class PlaybackWalk:
-    """Walks through positions 0 .. N-1 in time; Playback adds the controls.
+class PlaybackSchedule:
+    """Schedules positions 0 .. N-1 in time; Playback adds the controls.
 
     Args:
         stamps_ns: (N,) int64 nanoseconds, ascending; N > 0.
