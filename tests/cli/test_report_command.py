@@ -64,7 +64,7 @@ def test_a_damaged_bag_is_a_page_and_exit_code_1(recordings, tmp_path, capsys):
     whole = bag.read_bytes()
     bag.write_bytes(whole[: len(whole) * 2 // 3])
     assert main(['report', str(bag), '-o', str(tmp_path / 'r.html'), '-q']) == 1
-    assert 'cut off or damaged' in capsys.readouterr().err
+    assert 'missing or damaged' in capsys.readouterr().err
     page = Page.of(tmp_path / 'r.html')
     assert page.faults == []
     assert 'Lost or damaged.' in page.words('strong')
