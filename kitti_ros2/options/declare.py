@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S
 from .parsers import parse_seconds_ns
 
 Parser: TypeAlias = Callable[[str, object], Any]
+T = TypeVar('T')
 
 _METADATA = 'option'
 
@@ -66,10 +67,10 @@ class Option:
         return f'{value:g}' if isinstance(value, float) else str(value)
 
 
-def option(default: object, meaning: str, parse: Parser, **metadata: Any) -> Any:  # noqa: ANN401
+def option(default: T, meaning: str, parse: Parser, **rest: Any) -> T:  # noqa: ANN401 - attributes
     """Return a dataclass field that is an option; the rest are attributes of Option."""
     return field(
-        default=default, metadata={_METADATA: {'meaning': meaning, 'parse': parse, **metadata}}
+        default=default, metadata={_METADATA: {'meaning': meaning, 'parse': parse, **rest}}
     )
 
 

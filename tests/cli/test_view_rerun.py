@@ -30,26 +30,26 @@ def raw(recordings):
 def test_without_the_sdk_it_says_what_to_install(raw, tmp_path, monkeypatch):
     monkeypatch.setattr('kitti_ros2.rerun_view.installed.find_spec', lambda _: None)
     with pytest.raises(UsageError, match=r"pip install 'kitti_ros2\[rerun\]'") as caught:
-        run_rerun(raw, save=tmp_path / 'o.rrd')
+        run_rerun(raw, {}, save=tmp_path / 'o.rrd')
     assert '\n' not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_web_and_save_exclude_each_other(raw, tmp_path):
     with pytest.raises(UsageError, match='exclude each other'):
-        run_rerun(raw, web=True, save=tmp_path / 'o.rrd')
+        run_rerun(raw, {}, web=True, save=tmp_path / 'o.rrd')
 
 
 @needs_sdk
 def test_a_file_is_written_once_and_replaced_on_request(raw, tmp_path, capsys):
     out = tmp_path / 'new' / 'o.rrd'
-    assert run_rerun(raw, save=out) == 0
+    assert run_rerun(raw, {}, save=out) == 0
     assert 'messages, 5 frames' in capsys.readouterr().out
     before = out.read_bytes()
     with pytest.raises(OutputExistsError, match='exists already'):
-        run_rerun(raw, save=out)
+        run_rerun(raw, {}, save=out)
     assert out.read_bytes() == before
-    assert run_rerun(raw, save=out, overwrite=True, quiet=True) == 0
+    assert run_rerun(raw, {}, save=out, overwrite=True, quiet=True) == 0
     assert capsys.readouterr().out == ''
     assert [each.name for each in out.parent.iterdir()] == ['o.rrd']
 
@@ -60,19 +60,19 @@ def test_overwrite_spares_what_is_no_rrd_file(raw, tmp_path):
         path = tmp_path / name
         path.write_text(text)
         with pytest.raises(OutputExistsError, match=r'it is no \.rrd file'):
-            run_rerun(raw, save=path, overwrite=True)
+            run_rerun(raw, {}, save=path, overwrite=True)
         assert path.read_text() == text
 
 
 @needs_sdk
 def test_a_selection_takes_less(raw, tmp_path):
-    assert run_rerun(raw, save=tmp_path / 'all.rrd') == 0
-    assert run_rerun(raw, save=tmp_path / 'few.rrd', start='1', end='2') == 0
-    assert run_rerun(raw, save=tmp_path / 'fix.rrd', topics=['/kitti/oxts/fix']) == 0
+    assert run_rerun(raw, {}, save=tmp_path / 'all.rrd') == 0
+    assert run_rerun(raw, {'start': '1', 'end': '2'}, save=tmp_path / 'few.rrd') == 0
+    assert run_rerun(raw, {'topics': ['/kitti/oxts/fix']}, save=tmp_path / 'fix.rrd') == 0
     every, few, fix = ((tmp_path / f'{n}.rrd').stat().st_size for n in ('all', 'few', 'fix'))
     assert fix < few < every
     with pytest.raises(UsageError, match='no topic is called'):
-        run_rerun(raw, save=tmp_path / 'none.rrd', topics=['/nothing'])
+        run_rerun(raw, {'topics': ['/nothing']}, save=tmp_path / 'none.rrd')
 
 
 @needs_sdk
@@ -80,7 +80,7 @@ def test_what_is_broken_or_missing_is_named_and_the_exit_code_is_1(drive, tmp_pa
     image = sorted((drive / 'image_02' / 'data').iterdir())[1]
     image.write_bytes(image.read_bytes()[:100])
     sorted((drive / 'velodyne_points' / 'data').iterdir())[2].unlink()
-    assert run_rerun(drive, save=tmp_path / 'o.rrd') == 1
+    assert run_rerun(drive, {}, save=tmp_path / 'o.rrd') == 1
     errors = capsys.readouterr().err
     assert 'missing: scan: ' in errors
     assert '/kitti/camera_color_left/image_rect/compressed: ' in errors
@@ -95,7 +95,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(raw, tmp_path):
         f'{RUN} import resource, signal;'
         ' signal.signal(signal.SIGXFSZ, signal.SIG_IGN);'
         ' resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000));'
-        ' run_rerun(Path(sys.argv[1]), save=Path(sys.argv[2]))'
+        ' run_rerun(Path(sys.argv[1]), {}, save=Path(sys.argv[2]))'
     )
     done = subprocess.run(
         [sys.executable, '-c', limited, raw, tmp_path / 'o.rrd'],
@@ -115,7 +115,7 @@ def test_without_a_display_it_says_what_else_there_is(raw, monkeypatch):
     monkeypatch.delenv('DISPLAY', raising=False)
     monkeypatch.delenv('WAYLAND_DISPLAY', raising=False)
     with pytest.raises(UsageError, match=r'no display.*--web.*--save'):
-        run_rerun(raw)
+        run_rerun(raw, {})
 
 
 @needs_sdk
@@ -124,13 +124,18 @@ def test_a_viewer_that_ends_at_once_says_why(raw, monkeypatch):
     monkeypatch.setenv('DISPLAY', ':4242')
     monkeypatch.delenv('WAYLAND_DISPLAY', raising=False)
     with pytest.raises(UsageError, match=r'the viewer ended: .*--web.*--save'):
-        run_rerun(raw)
+        run_rerun(raw, {})
 
 
 @needs_sdk
 def test_the_page_is_served_on_this_machine_alone_until_ctrl_c(raw):
     process = subprocess.Popen(
-        [sys.executable, '-c', f'{RUN} sys.exit(run_rerun(Path(sys.argv[1]), web=True))', raw],
+        [
+            sys.executable,
+            '-c',
+            f'{RUN} sys.exit(run_rerun(Path(sys.argv[1]), {{}}, web=True))',
+            raw,
+        ],
         stdout=subprocess.PIPE,
         text=True,
     )

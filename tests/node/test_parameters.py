@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 from kitti_ros2.node.parameters import PARAMETERS, given, to_parameters
+from kitti_ros2.node.player import _LIVE, _OF_SOURCE
 from kitti_ros2.options.table import make_play_settings
 
 
@@ -44,3 +45,8 @@ def test_parameters_are_described_with_their_ranges():
     assert described['step'].integer_range[0].to_value == 10_000
     assert described['period'].read_only
     assert described['layout'].description == 'raw, object, odometry or tracking; empty: detected'
+
+
+def test_the_player_applies_every_parameter_that_may_change():
+    live = {each.name for each in PARAMETERS if each.live}
+    assert live == {*_LIVE, *_OF_SOURCE, 'position', 'burst'}

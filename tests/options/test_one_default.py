@@ -14,6 +14,8 @@ import yaml
 
 from kitti_ros2.cli.app import get_command
 from kitti_ros2.cli.config_file import load_config
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.table import (
     PLAY,
     PLAY_OPTIONS,
@@ -21,6 +23,7 @@ from kitti_ros2.options.table import (
     TO_BAG_OPTIONS,
     TO_KITTI,
     VIEW,
+    Settings,
     make_import_options,
     make_play_settings,
     make_settings,
@@ -93,6 +96,11 @@ def test_readme_states_the_default(command, option):
         stated = readme_defaults('to-bag')
     if stated:
         assert stated[spelling(option)] == option.default_text
+
+
+def test_play_has_every_option_of_to_bag_but_those_of_the_bag():
+    of_the_bag = {each.name for each in (*options_of(BagOptions), *options_of(Settings))}
+    assert set(TO_BAG_OPTIONS) - set(PLAY_OPTIONS) == of_the_bag
 
 
 def test_a_second_call_finds_the_same_options():
