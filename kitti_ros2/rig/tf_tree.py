@@ -68,8 +68,8 @@ class FrameTree:
 
         Raises:
             MissingDataError: A frame is unknown, the two are in different trees, a link between
-                them moves, a frame between them has two parents or two places, there is a cycle, or a
-                rotation is invalid. The message shows the tree.
+                them moves, a frame between them has two parents or two places, there is a cycle, or
+                a rotation is invalid. The message shows the tree.
         """
         found = self._join(_plain(target), _plain(source))
         if isinstance(found, Transform):
