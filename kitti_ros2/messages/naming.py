@@ -61,7 +61,7 @@ def rename_topic(topic: str, preset: Preset) -> str:
 
 
 IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
-"""The possible names of images; image in bags of other versions of kitti2bag."""
+"""The possible names of images. Other versions of kitti2bag write "image"."""
 
 
 def image_topic(layout: Layout, own: str, preset: Preset) -> str:

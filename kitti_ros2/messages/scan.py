@@ -163,9 +163,10 @@ def _fields(point: np.dtype[np.void]) -> list[PointField]:
 def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
     """Return the laser of each point, (N,) uint16, 0 the lowest.
 
-    KITTI's files contain the lasers one after the other, top to bottom, each turning once
-    counter-clockwise from straight ahead: a laser begins where the azimuth wraps from below 2 pi to
-    0. The count is correct if every laser has returns near the front.
+    KITTI's files contain the lasers one after the other, top to bottom, the points of each sorted
+    by rising azimuth from straight ahead (against the direction in which the scanner turns): a
+    laser begins where the azimuth wraps from below 2 pi to 0. The count is correct if every laser
+    has returns near the front.
     """
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     wraps = (azimuth[:-1] < 0) & (azimuth[1:] >= 0) & (azimuth[:-1] - azimuth[1:] > -np.pi)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table: each stream's topics, with message type, frame, QoS and encoder.
 
-A row is one topic. The converter writes its messages, the player publishes them, the importer
-decodes them: names, types and content of topics are defined here only.
+A row is one topic. The converter writes its messages and the player publishes them. Names by preset
+are in naming.py; own_bags/ finds the topics of a bag by this table.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ class Topic:
             has no data for it, a list for several messages.
         latched: Whether it is transient local, for late subscribers.
         depth: The history depth of its publisher.
-        change_key: Returns a key of a sample; a message with the last key is not sent again.
+        change_key: Returns a key of a sample; a message with the key of the previous one is
+            not sent again.
         restores: Whether the file of a sample can be restored from its messages.
     """
 

@@ -23,7 +23,7 @@ class Container:
         in_file: Whether a bag can be written to a single file of that suffix.
         in_rosbag2: Whether rosbag2 supports it: a directory then has a metadata.yaml.
         encoding: Of the messages in it: cdr or ros1.
-        compressions: By name the levels of each, None where there is no level to choose.
+        compressions: Name of each to its levels; None for one without levels.
         compresses_messages: Whether it is messages that are compressed (rosbag2's message mode).
         stamp_limit_ns: The first log time that it cannot hold.
     """

@@ -32,7 +32,7 @@ class Option:
         meaning: One line of help, without the default.
         parse: Parser of a value; see parsers.py.
         name: Name in YAML and ROS; the command line has dashes for underscores.
-        unset: What applies without it, where that is no single value.
+        unset: Text for help if the default depends on something else, such as another option.
         bounds: Lowest and highest value of the ROS parameter.
         flags: Further spellings on the command line; one with two dashes replaces --name.
         live: Whether the ROS parameter may change while the node runs.
