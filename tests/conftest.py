@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SHARED, SMALL  # isort: skip

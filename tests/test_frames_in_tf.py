@@ -12,7 +12,7 @@ from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions

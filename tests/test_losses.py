@@ -17,8 +17,9 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of, vector_of
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.losses import Loss
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.options.selection import Bound, SelectionOptions

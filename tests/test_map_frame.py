@@ -17,8 +17,8 @@ from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.map_frame import map_from_world
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.recording import Start
-from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset

@@ -17,7 +17,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.store import STORE, LocalStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions

@@ -19,7 +19,8 @@ from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.scan import decode_points, decode_scan
 from kitti_ros2.messages.semantic import COLORS, packed_colors
 from kitti_ros2.model.errors import BadFileError, UsageError
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from ..model.streams import Layout
+    from ..model.layouts import Layout
 
 _METADATA = 'metadata.yaml'
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)

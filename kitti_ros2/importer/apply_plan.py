@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..bags.reader import open_messages, path_of
 from ..kitti.names import SPLITS
 from ..model.errors import UsageError
-from ..model.streams import Layout
+from ..model.layouts import Layout
 from .append import appended
 from .convert import build
 from .guess import Guess, guess_plan

@@ -14,7 +14,7 @@ from ..messages.clouds import guess_intensity_scale
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S, format_stamp
-from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..model.streams import CAMERA_NAMES, Stream
 from ..rig.rectify import needs_rectifying
 from ..rig.tf_tree import FrameTree
 from . import survey as types
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from ..model.layouts import Layout
     from .survey import Survey, TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)

@@ -25,8 +25,8 @@ from ..drawing.pixels import colour_pixels
 from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
+from ..model.layouts import Layout
 from ..model.samples import FrameLabels
-from ..model.streams import Layout
 from .apply_calibration import Rigging
 from .frames import topic_of
 from .guess import guess_plan

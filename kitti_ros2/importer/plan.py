@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import yaml
 
 from ..model.errors import UsageError
-from ..model.streams import Layout
+from ..model.layouts import Layout
 from ..model.text import one_line
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
     from pathlib import Path
 
-    from ..model.streams import Layout
+    from ..model.layouts import Layout
     from .plan import Plan
     from .survey import Survey, TopicSurvey
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..model.errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
-from ..model.streams import Layout
+from ..model.layouts import Layout
 from ..options.read import ReadOptions
 from . import names
 from .object import ObjectRecording

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadFileError, describe_error
+from ..model.layouts import Layout
 from ..model.samples import FrameLabels, TextFile
-from ..model.streams import Layout, Stream
+from ..model.streams import Stream
 from . import append_journal, names
 from .label_file import frame_labels, parse_labels
 from .recording import KittiRecording

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadFileError
+from ..model.layouts import Layout
 from ..model.stamps import LAST_NS
-from ..model.streams import Clock, Layout, Stream
+from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
 from . import names
 from .poses import pose_from_odometry

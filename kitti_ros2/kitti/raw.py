@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadFileError, describe_error
+from ..model.layouts import Layout
 from ..model.samples import Scan, TextFile
-from ..model.streams import Clock, Layout, Stream
+from ..model.streams import Clock, Stream
 from . import names
 from .calib_file import parse_raw_calibration
 from .oxts_file import parse_packet

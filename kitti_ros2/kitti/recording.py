@@ -27,7 +27,7 @@ from ..model.samples import (
     TextFile,
     Trajectory,
 )
-from ..model.streams import CAMERA_NAMES, Clock, Layout, Stream
+from ..model.streams import CAMERA_NAMES, Clock, Stream
 from .calib_file import parse_calibration
 from .poses import MercatorWorld, pose_from_packet
 from .recording_index import RecordingIndex
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.geometry import Float64Array, Transform
+    from ..model.layouts import Layout
     from ..options.read import ReadOptions
 
 

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadFileError
+from ..model.layouts import Layout
 from ..model.samples import FrameLabels, TextFile
-from ..model.streams import IMAGE_STREAMS, Layout, Stream
+from ..model.streams import IMAGE_STREAMS, Stream
 from . import names
 from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet

@@ -9,7 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.streams import Layout
+from ..model.layouts import Layout
 from . import names
 from .calib_file import format_object
 from .label_file import EMPTY_OBJECT_LINE, format_object_labels

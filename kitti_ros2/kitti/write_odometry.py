@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.streams import Layout, Stream
+from ..model.layouts import Layout
+from ..model.streams import Stream
 from . import names
 from .calib_file import format_odometry
 from .poses_file import format_poses

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..model.errors import UsageError
 from ..model.labels import rect_from_velo
-from ..model.streams import Layout, Stream
+from ..model.layouts import Layout
+from ..model.streams import Stream
 from . import names
 from .box_frames import box_to_velo
 from .calib_file import format_raw

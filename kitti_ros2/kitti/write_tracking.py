@@ -9,7 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.streams import Layout, Stream
+from ..model.layouts import Layout
+from ..model.streams import Stream
 from . import names
 from .calib_file import format_tracking
 from .label_file import format_tracking_labels

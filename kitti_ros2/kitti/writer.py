@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Box
     from ..model.geometry import Float64Array
+    from ..model.layouts import Layout
     from ..model.samples import Calibration, OxtsPacket, Scan
-from ..model.streams import Layout
 
 
 class LayoutWriter:

@@ -14,7 +14,7 @@ from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..model.streams import Layout
+    from ..model.layouts import Layout
     from ..options.messages import MessageOptions
 
 

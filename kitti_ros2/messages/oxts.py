@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..model.geometry import (
-    rotation_from_rpy,
-    rotation_to_quaternion,
-)
+from ..model.geometry import rotation_from_rpy, rotation_to_quaternion
 from .header import make_header, make_quaternion, make_vector3
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 

@@ -12,9 +12,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .geometry import Float64Array, Transform
+    from .layouts import Layout
     from .losses import Loss
     from .samples import Calibration, Description, Int64Array, Sample, Trajectory, Turn
-    from .streams import Clock, Layout, Stream
+    from .streams import Clock, Stream
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
-from ..model.streams import LAYOUT_NAMES, Layout
+from ..model.layouts import LAYOUT_NAMES, Layout
 from .declare import option
 from .parsers import parse_choice, parse_flag, parse_number, parse_path, parse_text
 

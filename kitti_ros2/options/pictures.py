@@ -10,13 +10,7 @@ from enum import Enum
 
 from ..model.errors import UsageError
 from .declare import option
-from .parsers import (
-    parse_choice,
-    parse_four_numbers,
-    parse_integer,
-    parse_number,
-    parse_texts,
-)
+from .parsers import parse_choice, parse_four_numbers, parse_integer, parse_number, parse_texts
 
 
 class ColorBy(str, Enum):

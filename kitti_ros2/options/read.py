@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ..model.errors import UsageError
+from ..model.layouts import LAYOUT_NAMES, Layout
 from ..model.stamps import NS_PER_S
-from ..model.streams import LAYOUT_NAMES, Layout
 from .declare import option
 from .parsers import parse_choice, parse_epoch, parse_flag, parse_seconds_ns, parse_text
 

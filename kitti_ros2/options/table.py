@@ -16,14 +16,7 @@ from .bag import BagOptions
 from .declare import option, options_of, parse_values, values_for
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
-from .parsers import (
-    parse_choice,
-    parse_flag,
-    parse_integer,
-    parse_number,
-    parse_path,
-    parse_text,
-)
+from .parsers import parse_choice, parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from ..kitti import names
 from ..messages.source import RECORDING, decode_description
 from ..model.errors import BadBagError
-from ..model.streams import Layout, Stream
+from ..model.layouts import Layout
+from ..model.streams import Stream
 from ..options.read import ScanStamp, is_period
 from .folders import Folder, inside
 

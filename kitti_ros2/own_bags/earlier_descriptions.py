@@ -13,7 +13,8 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..kitti import names
-from ..model.streams import Layout, Stream
+from ..model.layouts import Layout
+from ..model.streams import Stream
 from .topics import own_topics
 
 if TYPE_CHECKING:

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.reader import BagMessages, BagSource
+    from ..model.layouts import Layout
     from ..model.samples import TextFile
-    from ..model.streams import Layout
     from .description import RecordingDescription
     from .folders import Folder
 

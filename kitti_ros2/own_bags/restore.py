@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.reader import BagMessage, BagMessages, BagSource, OpenBag
-    from ..model.streams import Layout
+    from ..model.layouts import Layout
     from .recorded_layout import Blueprint
 
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})

@@ -28,9 +28,10 @@ from ..kitti.label_file import frame_labels, parse_labels
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform
+from ..model.layouts import Layout
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import FrameLabels, Pose, Trajectory
-from ..model.streams import CAMERA_NAMES, Layout, Stream
+from ..model.streams import CAMERA_NAMES, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
 from ..rig.tf_tree import FrameTree

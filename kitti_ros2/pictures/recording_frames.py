@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
+    from ..model.layouts import Layout
     from ..model.losses import Loss
     from ..model.recording import Start, StreamIndex
     from ..model.samples import Int64Array, Sample
-    from ..model.streams import Layout
 
 S = TypeVar('S')
 

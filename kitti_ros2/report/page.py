@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..model.containers import CONTAINERS
+from ..model.layouts import Layout
 from ..model.stamps import format_stamp
-from ..model.streams import Clock, Layout
+from ..model.streams import Clock
 from ..model.text import format_bytes, format_count, format_duration
 from .contents import Severity
 from .markup import Markup, breakable, element, join

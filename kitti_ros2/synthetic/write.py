@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.writer import LayoutWriter
-    from ..model.streams import Layout
+    from ..model.layouts import Layout
     from .options import SyntheticOptions
 
 DATE = '2011_09_26'

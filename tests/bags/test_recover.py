@@ -16,7 +16,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import BadBagError, OutputExistsError, UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions

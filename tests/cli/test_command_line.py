@@ -23,7 +23,7 @@ from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.parsers import parse_bytes
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings

@@ -12,7 +12,7 @@ import pytest
 from builders import one_line
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.pictures import movie
 from kitti_ros2.pictures.modes import MODES
 

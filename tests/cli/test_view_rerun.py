@@ -16,7 +16,7 @@ import pytest
 
 from kitti_ros2.cli.view_rerun import run_rerun
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 needs_sdk = pytest.mark.skipif(find_spec('rerun') is None, reason='rerun-sdk is not installed')
 RUN = 'import sys; from pathlib import Path; from kitti_ros2.cli.view_rerun import run_rerun;'

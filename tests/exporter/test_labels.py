@@ -29,8 +29,9 @@ from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import Box, box_of, box_rotations
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.labels import Trails, cuboids_of, identified, rect_from_velo
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions

@@ -8,7 +8,8 @@ import pytest
 from kitti_ros2.exporter.schedule import make_schedule
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.selection import Bound, SelectionOptions
 
 from builders import SMALL  # isort: skip

@@ -19,7 +19,8 @@ from kitti_ros2.messages.image import decode_compressed
 from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.options.selection import Bound, SelectionOptions

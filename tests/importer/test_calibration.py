@@ -31,9 +31,9 @@ from kitti_ros2.messages.transforms import decode_static, encode_static, static_
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from kitti_ros2.model.samples import Calibration, CameraCalibration
-from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Preset
 from kitti_ros2.rig.tf_tree import FrameTree
 

@@ -13,7 +13,8 @@ from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.labels import cuboids_of, rect_from_velo
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.messages import MessageOptions

@@ -16,7 +16,7 @@ import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.kitti import names
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.importing import ImportOptions
 
 TRUTH = foreign.make_truth()

@@ -23,7 +23,8 @@ from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.model.boxes import box_corners, box_of, project_corners
 from kitti_ros2.model.errors import BadFileError, MissingDataError, UsageError
 from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.read import ReadOptions

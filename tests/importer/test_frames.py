@@ -14,7 +14,8 @@ from kitti_ros2.importer.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey, TopicSurvey
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 
 MS = 1_000_000
 

@@ -16,7 +16,7 @@ from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey, TopicSurvey
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 PATH = Path('bag.mcap')

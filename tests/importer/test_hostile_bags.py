@@ -23,7 +23,8 @@ from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
 from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.errors import KittiRos2Error, MissingDataError, UsageError
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
 

@@ -21,7 +21,7 @@ from kitti_ros2.importer.plan import (
     parse_plan,
 )
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 PATH = Path('plan.yaml')
 LEAST = 'layout: object\nname: training\nreference: scan\ntolerance_s: 0.05\n'

@@ -16,7 +16,7 @@ import pytest
 from builders import one_line
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 RUN = [sys.executable, '-m', 'kitti_ros2']
 

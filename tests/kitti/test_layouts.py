@@ -14,7 +14,7 @@ from kitti_ros2.model.errors import (
     NotKittiError,
     UsageError,
 )
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.read import ReadOptions
 
 

@@ -19,11 +19,7 @@ from kitti_ros2.importer.oxts import make_packet
 from kitti_ros2.importer.pose_track import poses_from_path
 from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
-from kitti_ros2.messages.image import (
-    decode_compressed,
-    encode_compressed,
-    encode_image,
-)
+from kitti_ros2.messages.image import decode_compressed, encode_compressed, encode_image
 from kitti_ros2.messages.oxts import (
     decode_fix,
     encode_fix,
@@ -32,12 +28,7 @@ from kitti_ros2.messages.oxts import (
     position_mode,
 )
 from kitti_ros2.messages.pixels import decode_pixels
-from kitti_ros2.messages.pose import (
-    decode_odometry,
-    encode_odometry,
-    encode_path,
-    encode_tf,
-)
+from kitti_ros2.messages.pose import decode_odometry, encode_odometry, encode_path, encode_tf
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.scan import decode_scan, encode_scan
 from kitti_ros2.messages.source import (

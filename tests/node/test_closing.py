@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy')
 

@@ -15,7 +15,7 @@ import live
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.node.creation import create_node
 from kitti_ros2.node.middleware import _use_profile, cyclone_settings, stays_on_this_machine
 

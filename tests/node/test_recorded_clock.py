@@ -8,7 +8,7 @@ import pytest
 
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -22,7 +22,8 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import FRAME_STREAMS, Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import FRAME_STREAMS, Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.playback import PlaybackOptions

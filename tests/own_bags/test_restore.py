@@ -22,7 +22,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.errors import BadBagError, OutputExistsError, UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions

@@ -15,8 +15,9 @@ from rosbags.typesys import Stores, get_typestore
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.stamps import NS_PER_S, parse_stamp
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions, ScanStamp
 from kitti_ros2.options.selection import SelectionOptions

@@ -14,7 +14,8 @@ from folder_and_bag import BAGS, OBJECT_NUMBERS, make_bag, make_holes
 
 from kitti_ros2.cli import main
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.streams import Clock, Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Clock, Stream
 from kitti_ros2.options.messages import Images
 from kitti_ros2.options.pictures import PictureOptions
 from kitti_ros2.options.read import ReadOptions

@@ -13,8 +13,8 @@ import pytest
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
 from kitti_ros2.model.errors import MissingDataError, UsageError
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
-from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.pictures import BirdOptions, PictureOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.facts import facts_of

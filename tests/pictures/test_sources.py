@@ -16,7 +16,8 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions

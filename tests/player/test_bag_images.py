@@ -20,7 +20,7 @@ from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, CompressedImage
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions

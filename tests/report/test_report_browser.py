@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from chromium import Chromium, find_chromium
 
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.report import gather, make_page
 

@@ -22,7 +22,8 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.header import make_header, make_vector3
 from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
-from kitti_ros2.model.streams import Clock, Layout
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Clock
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions

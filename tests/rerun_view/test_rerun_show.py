@@ -18,7 +18,8 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions

@@ -19,8 +19,9 @@ from kitti_ros2.kitti.scan_file import parse_scan
 from kitti_ros2.kitti.stamps_file import parse_timestamps
 from kitti_ros2.model.errors import OutputExistsError, UsageError
 from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import Scan
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
 
 if TYPE_CHECKING:

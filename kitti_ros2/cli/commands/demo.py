@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ...model.streams import LAYOUT_NAMES
+from ...model.layouts import LAYOUT_NAMES
 from .shared import QuietOption
 
 
