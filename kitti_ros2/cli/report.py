@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
 from ..options.table import make_settings
-from ..report import check_output, gather, make_page, write_page
+from ..report.gather import gather
+from ..report.page import make_page
+from ..report.publish import check_output, write_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import part_progress

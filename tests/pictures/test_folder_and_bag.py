@@ -24,7 +24,7 @@ from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.panel import draw_panel
 from kitti_ros2.pictures.sources import open_frames
-from kitti_ros2.report import gather
+from kitti_ros2.report.gather import gather
 
 ANY = ReadOptions()
 LINE = 'Car 0.00 0 -1.57 100.00 50.00 200.00 90.00 1.50 1.60 3.90 1.00 1.60 12.00 -1.57 0.91\n'

@@ -16,7 +16,8 @@ from chromium import Chromium, find_chromium
 
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.report import gather, make_page
+from kitti_ros2.report.gather import gather
+from kitti_ros2.report.page import make_page
 
 from builders import SHARED  # isort: skip
 

@@ -28,9 +28,10 @@ from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import SelectionOptions
-from kitti_ros2.report import gather, make_page
 from kitti_ros2.report.contents import Severity
+from kitti_ros2.report.gather import gather
 from kitti_ros2.report.markup import element, join
+from kitti_ros2.report.page import make_page
 from kitti_ros2.report.rig_plot import mounts_of
 from kitti_ros2.report.route_plot import route_plot
 from kitti_ros2.report.svg import round_length, ticks
