@@ -17,6 +17,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli.memory import keep_freed_memory
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
@@ -106,10 +107,11 @@ class Bench:
         out = fresh(self.folder / 'out')
 
         def work() -> int:
-            blueprint = find_blueprint(bag)
-            if blueprint is None:
-                raise SystemExit(f'{bag} is none of to-bag')
-            return sum(each.size_bytes for each in restore([(bag, blueprint)], out))
+            with OpenBag(bag) as opened:
+                blueprint = find_blueprint(opened)
+                if blueprint is None:
+                    raise SystemExit(f'{bag} is none of to-bag')
+                return sum(each.size_bytes for each in restore([(opened, blueprint)], out))
 
         run = timed(work)
         fresh(out)
