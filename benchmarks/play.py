@@ -137,7 +137,7 @@ def _resume(player: KittiPlayer, topics: list[str]) -> None:
 def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
     """Publish the same bytes, made before, in time or as fast as they are taken."""
     program = open_program(src, raw=False)
-    outlets = frozenset(range(len(program.outlets)))
+    outlets = frozenset(range(len(program.channels)))
     ready = [program.fetch(index, outlets)[0] for index in range(len(program.stamps_ns))]
     context = start_ros([])
     node = Node('bare', context=context)
@@ -158,7 +158,7 @@ def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
                 tick += CLOCK_PERIOD_NS
             time.sleep(max(0, due - time.monotonic_ns()) / 1e9)
         for message in messages:
-            publishers[message.outlet].publish(message.data)
+            publishers[message.channel].publish(message.data)
         if not paced and position % (WINDOW * 7) == 0:
             for publisher in publishers.values():
                 publisher.wait_for_all_acked(Duration(seconds=5))
@@ -287,19 +287,19 @@ def report(name: str, value: float, bound: str, note: str = '') -> None:
 def expected(program: Program) -> dict[str, int]:
     """Messages of each volatile topic."""
     counts: dict[str, int] = {}
-    everything = frozenset(range(len(program.outlets)))
+    everything = frozenset(range(len(program.channels)))
     for index in range(len(program.stamps_ns)):
         for message in program.fetch(index, everything)[0]:
-            outlet = program.outlets[message.outlet]
+            outlet = program.channels[message.channel]
             if not outlet.latched:
-                counts[outlet.name] = counts.get(outlet.name, 0) + 1
+                counts[outlet.topic] = counts.get(outlet.topic, 0) + 1
     return counts
 
 
 def measure_real_time(src: Path, repeat: int) -> None:
     """All topics at rate 1: punctual, and nothing lost."""
     counts = expected(open_program(src, raw=True))
-    types = {each.name: each.msgtype for each in open_program(src, raw=True).outlets}
+    types = {each.topic: each.msgtype for each in open_program(src, raw=True).channels}
     topics = {name: types[name] for name in counts}
     half, most, timer, lost = [], [], [], 0
     for _ in range(repeat):
@@ -320,7 +320,7 @@ def measure_real_time(src: Path, repeat: int) -> None:
 def measure_load(src: Path, repeat: int) -> None:
     """Compressed images and scans at rate 1, and as fast as can be."""
     program = open_program(src, raw=False)
-    topics = {each.name: each.msgtype for each in program.outlets if not each.latched}
+    topics = {each.topic: each.msgtype for each in program.channels if not each.latched}
     frames = len(set(program.frames.tolist()))
     cpu, bare_cpu, fast, bare_fast, lost = [], [], [], [], 0
     total = sum(expected(program).values())
@@ -346,7 +346,7 @@ def measure_load(src: Path, repeat: int) -> None:
 def measure_memory(src: Path, rounds: int) -> None:
     """Many rounds."""
     program = open_program(src, raw=False)
-    topics = {each.name: each.msgtype for each in program.outlets if not each.latched}
+    topics = {each.topic: each.msgtype for each in program.channels if not each.latched}
     played, _ = with_subscriber(topics, play(src, topics, lossless=True, loop=rounds))
     memory = played['memory']
     tenth = max(1, len(memory) // 10)

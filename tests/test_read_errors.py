@@ -132,7 +132,7 @@ def test_playing_names_it_too(tiny, disk):
 
     def play():
         program = open_program(tiny, settings)
-        every = range(len(program.outlets))
+        every = range(len(program.channels))
         fetched = [program.fetch(index, every) for index in range(len(program.stamps_ns))]
         return [due for due, _ in fetched], [*program.losses, *(m for _, ms in fetched for m in ms)]
 

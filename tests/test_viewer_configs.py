@@ -39,7 +39,7 @@ RVIZ_SHOWS = {'PointCloud2': CLOUD, 'MarkerArray': MARKERS, 'Path': PATH, 'Image
 def types():
     """By topic its type, with all cameras and kinds of images."""
     rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
-    return {row.name: row.msgtype for row in rows} | {STATE: DIAGNOSTICS}
+    return {row.topic: row.msgtype for row in rows} | {STATE: DIAGNOSTICS}
 
 
 @pytest.fixture(scope='module')
@@ -148,7 +148,7 @@ def test_rviz_asks_for_what_is_latched(rviz):
         if 'Topic' in display
     }
     rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
-    latched = {row.name for row in rows if row.latched}
+    latched = {row.topic for row in rows if row.latched}
     for topic, durability in asked.items():
         assert durability == ('Transient Local' if topic in latched else 'Volatile')
 
@@ -170,7 +170,7 @@ def published(request, recordings, tmp_path):
     }
     settings = make_play_settings(given)
     program = open_program(source, settings, reserved_by_node('/kitti_player', settings))
-    return {each.name: each.msgtype for each in program.outlets} | {STATE: DIAGNOSTICS}
+    return {each.topic: each.msgtype for each in program.channels} | {STATE: DIAGNOSTICS}
 
 
 def test_what_rviz_shows_is_published(rviz, published):

@@ -113,10 +113,10 @@ class OpenBag:
         if self.located.compression_mode:
             index.compressions.add('zstd')
         index.complete = findings.complete
-        index.warnings += findings.warnings
+        index.findings += findings.lines
         expected = self.located.message_count
         if expected is not None and expected != index.total:
-            index.warnings.append(
+            index.findings.append(
                 f'{self.path}: metadata.yaml counts {expected} messages, the files hold'
                 f' {index.total}; {reindex_advice(self.path, self.located.files)}'
             )

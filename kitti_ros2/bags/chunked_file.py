@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from .findings import Findings
-    from .pieces import FileBytes, Piece, SourceChannel, StoredMessage
+    from .pieces import FileBytes, Piece, StoredChannel, StoredMessage
 
 
 class ChunkedFile(ABC):
@@ -40,7 +40,7 @@ class ChunkedFile(ABC):
         self,
         file: FileBytes,
         findings: Findings,
-        channels: Mapping[int, SourceChannel],
+        channels: Mapping[int, StoredChannel],
         pieces: Sequence[Piece],
         stamps: Mapping[int, array[int]] | None,
         compressions: set[str],

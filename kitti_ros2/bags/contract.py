@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from ..options.bag import BagOptions
-    from .pieces import SourceChannel
+    from .pieces import StoredChannel
 
 Parts: TypeAlias = Sequence[bytes | memoryview]
 """One CDR message (encapsulation header included) as buffers to be concatenated, so that a bulk
@@ -40,7 +40,7 @@ class Channel:
     latched: bool = False
     depth: int = 10
     reliable: bool = True
-    source: SourceChannel | None = None
+    source: StoredChannel | None = None
 
 
 @dataclass

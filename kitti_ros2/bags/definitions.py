@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
 
     from .findings import Findings
-    from .pieces import SourceChannel
+    from .pieces import StoredChannel
 
 _HEADER = 'std_msgs/msg/Header'
 _LONGEST_REASON = 80
@@ -47,7 +47,7 @@ class Definitions:
         self._origins: dict[str, Path] = {}
         self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
 
-    def add(self, bag: Path, file: Path, channel: SourceChannel) -> str:
+    def add(self, bag: Path, file: Path, channel: StoredChannel) -> str:
         """Enter the definition of a channel.
 
         Returns:

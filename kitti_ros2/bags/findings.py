@@ -43,6 +43,6 @@ class Findings:
         return not self.losses
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def lines(self) -> tuple[str, ...]:
         """Notes and losses, one line each."""
         return (*self.notes, *self.losses)

@@ -28,7 +28,7 @@ from .mcap_records import (
 from .mcap_scan import RECORD_ERRORS, McapContents, McapScan, enter_description, piece_records
 from .mcap_summary import MAGIC
 from .offered_qos import latched_depth
-from .pieces import FileBytes, Piece, SourceChannel
+from .pieces import FileBytes, Piece, StoredChannel
 
 if TYPE_CHECKING:
     from array import array
@@ -156,12 +156,12 @@ def _piece(chunk: ChunkIndex) -> Piece:
     return Piece(*times, position, chunk.chunk_length, counts)
 
 
-def _source_channel(contents: McapContents, channel_id: int) -> SourceChannel:
+def _source_channel(contents: McapContents, channel_id: int) -> StoredChannel:
     channel = contents.channels[channel_id]
     schema = contents.schemas.get(channel.schema_id)
     name = schema.name if schema else ''
     cdr = channel.message_encoding == 'cdr' and '/' in name
-    return SourceChannel(
+    return StoredChannel(
         channel.topic,
         normalize_msgtype(name) if cdr else name,
         channel.message_encoding,

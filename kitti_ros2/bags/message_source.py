@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from .bag_files import BagSource
-    from .pieces import BagFile, Buffer, SourceChannel
+    from .pieces import BagFile, Buffer, StoredChannel
 
 _READ = ('cdr', 'ros1')
 _BEGINNING = -(2**63)
@@ -67,7 +67,7 @@ class _Reading(NamedTuple):
 
     bag: Path
     file: Path
-    channel: SourceChannel
+    channel: StoredChannel
 
 
 class BagMessages:
@@ -154,9 +154,9 @@ class BagMessages:
         return self._findings.complete
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[str, ...]:
         """Notes and losses found so far, one line each."""
-        return self._findings.warnings
+        return self._findings.lines
 
     @property
     def expected(self) -> int:
@@ -213,7 +213,7 @@ class BagMessages:
         place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
         self._findings.lose_one(f'{place} cannot be read ({reason})')
 
-    def _as_cdr(self, channel: SourceChannel, stored: Buffer) -> Buffer:
+    def _as_cdr(self, channel: StoredChannel, stored: Buffer) -> Buffer:
         """Convert a message from its stored form, unless that is requested."""
         if channel.encoding == 'ros1':
             if self._as_stored:

@@ -33,7 +33,7 @@ StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 
 
 @dataclass(frozen=True)
-class SourceChannel:
+class StoredChannel:
     """A topic as stored in a file.
 
     Attributes:
@@ -101,7 +101,7 @@ class BagFile(Protocol):
     """A file open for reading, of any container."""
 
     @property
-    def channels(self) -> Mapping[int, SourceChannel]:
+    def channels(self) -> Mapping[int, StoredChannel]:
         """By id."""
         ...
 

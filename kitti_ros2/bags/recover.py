@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .message_source import BagMessage
-    from .pieces import SourceChannel
+    from .pieces import StoredChannel
     from .writer import BagWriter
 
 _DEPTH = 10  # of an offered QoS that is not latched
@@ -97,7 +97,7 @@ def recover(
         losses=tuple(losses),
         lost=sum(filter(None, losses.values())),
         lost_exactly=None not in losses.values(),
-        notes=tuple(each for each in messages.warnings if each not in losses),
+        notes=tuple(each for each in messages.findings if each not in losses),
     )
 
 
@@ -155,7 +155,7 @@ class _Copy:
         self.size_bytes += len(message.data)
 
 
-def _copied(source: SourceChannel) -> Channel:
+def _copied(source: StoredChannel) -> Channel:
     depth = source.latched_depth
     return Channel(
         source.topic, source.msgtype, latched=depth > 0, depth=depth or _DEPTH, source=source

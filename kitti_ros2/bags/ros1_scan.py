@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rosbags.typesys.msg import normalize_msgtype
 
 from .offered_qos import UNKNOWN_DEPTH
-from .pieces import HeldBytes, Run, SourceChannel
+from .pieces import HeldBytes, Run, StoredChannel
 from .record_walk import walk
 from .ros1_records import (
     CHUNK,
@@ -42,7 +42,7 @@ _HEAD_READ = 256
 
 
 @dataclass(frozen=True)
-class Ros1Channel(SourceChannel):
+class Ros1Channel(StoredChannel):
     """A connection.
 
     Attributes:

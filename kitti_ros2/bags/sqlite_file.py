@@ -21,7 +21,7 @@ from rosbags.typesys.msg import normalize_msgtype
 from ..model.errors import BadBagError
 from ..model.text import one_line
 from .offered_qos import latched_depth
-from .pieces import FileBytes, Piece, SourceChannel
+from .pieces import FileBytes, Piece, StoredChannel
 from .sqlite_scan import Pages
 from .summary import BagIndex
 
@@ -226,7 +226,7 @@ class SqliteFile:
             return None
 
 
-def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:
+def _channels(connection: sqlite3.Connection) -> dict[int, StoredChannel]:
     """Read the topics by the id of their row; earlier versions of the schema have fewer columns.
 
     Raises:
@@ -246,7 +246,7 @@ def _channels(connection: sqlite3.Connection) -> dict[int, SourceChannel]:
     }
 
 
-def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
+def _scanned_channels(pages: Pages) -> dict[int, StoredChannel]:
     """Return the topics found in the pages, by the id of their row."""
     definitions = {}
     topics = {}
@@ -258,7 +258,7 @@ def _scanned_channels(pages: Pages) -> dict[int, SourceChannel]:
     return {topic_id: _channel(texts, definitions) for topic_id, texts in topics.items()}
 
 
-def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> SourceChannel:
+def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> StoredChannel:
     """Make a topic from its row: name, type, serialization format, from version 2 on QoS profiles.
 
     Raises:
@@ -267,7 +267,7 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
     if not all(isinstance(text, str) for text in texts[:_LEAST_TOPIC_COLUMNS]):
         raise TypeError('the names of topics are no texts')
     topic, msgtype, encoding, *rest = texts
-    return SourceChannel(
+    return StoredChannel(
         topic,
         normalize_msgtype(msgtype) if '/' in msgtype else msgtype,
         encoding,

@@ -27,13 +27,13 @@ class BagIndex:
         stamps: Nanoseconds by topic and type, in any order, in any number of pieces.
         compressions: Names of the compressions found.
         complete: Whether no file is truncated or damaged.
-        warnings: Notes and losses, one line each.
+        findings: Notes and losses, one line each.
     """
 
     stamps: dict[TopicKey, list[StampArray]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     complete: bool = True
-    warnings: list[str] = field(default_factory=list)
+    findings: list[str] = field(default_factory=list)
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
         """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
@@ -45,7 +45,7 @@ class BagIndex:
             self.stamps.setdefault(key, []).extend(pieces)
         self.compressions |= other.compressions
         self.complete = self.complete and other.complete
-        self.warnings += other.warnings
+        self.findings += other.findings
 
     def by_topic(self) -> dict[str, StampArray]:
         """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""
@@ -98,7 +98,7 @@ class BagSummary:
         topics: By name.
         compression: none, or the names of the compressions found.
         complete: False if a file is truncated or damaged; readable messages are counted.
-        warnings: Notes and losses, one line each.
+        findings: Notes and losses, one line each.
     """
 
     container: str
@@ -109,7 +109,7 @@ class BagSummary:
     topics: tuple[TopicSummary, ...]
     compression: str
     complete: bool
-    warnings: tuple[str, ...]
+    findings: tuple[str, ...]
 
     @property
     def message_count(self) -> int:
@@ -131,7 +131,7 @@ def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSu
         topics=topics,
         compression=', '.join(sorted(index.compressions - {'none', ''})) or 'none',
         complete=index.complete,
-        warnings=tuple(index.warnings),
+        findings=tuple(index.findings),
     )
 
 

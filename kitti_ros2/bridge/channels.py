@@ -56,7 +56,7 @@ class ViewerChannels:
         self.complaints: dict[int, str] = {}
         self.tell_time = tell_time
         self._tell_jump = tell_jump
-        self._outlets = list(program.outlets)
+        self._outlets = list(program.channels)
         self._channels = [_open(each, program.typestore, context) for each in self._outlets]
         self._state = len(self._outlets)
         state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1)
@@ -171,4 +171,4 @@ def _open(outlet: Outlet, typestore: Typestore, context: Context) -> Channel:
     """Open a channel with the same schema that a bag has for the topic."""
     text, _ = typestore.generate_msgdef(outlet.msgtype, ros_version=2)
     schema = Schema(name=outlet.msgtype, encoding='ros2msg', data=text.encode())
-    return Channel(outlet.name, message_encoding='cdr', schema=schema, context=context)
+    return Channel(outlet.topic, message_encoding='cdr', schema=schema, context=context)

@@ -115,8 +115,8 @@ def _convert(
         found = guess(bags, survey, options)
         plan, losses = found.plan, (*losses, *found.losses)
         if not quiet:
-            for remark in found.remarks:
-                say(f'note: {remark}')
+            for note in found.notes:
+                say(f'note: {note}')
     for note in mend(out) if options.append else ():
         if not quiet:
             say(f'note: {note}')
@@ -178,7 +178,7 @@ def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
     from ..importer.apply_plan import guess, look
     from ..importer.plan import format_plan
 
-    remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     own, damaged = _own(bags, options)
     if own:
         blueprint = own[0][1]
@@ -186,13 +186,13 @@ def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
             named = options.name or blueprint.name
             options = replace(options, layout=blueprint.layout, name=named)
         name = blueprint.name
-        remarks = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
+        notes = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
     survey = look(bags)
     found = guess(bags, survey, options)
-    remarks += (*found.remarks, *(loss.text() for loss in (*damaged, *found.losses)))
-    remarks += (*survey.notes, *survey.losses)
-    remarks = tuple(dict.fromkeys(remarks))
-    return format_plan(found.plan, remarks)
+    notes += (*found.notes, *(loss.text() for loss in (*damaged, *found.losses)))
+    notes += (*survey.notes, *survey.losses)
+    notes = tuple(dict.fromkeys(notes))
+    return format_plan(found.plan, notes)
 
 
 def _summarize(report: ImportReport, elapsed: float) -> None:

@@ -143,7 +143,7 @@ def _draw(
         rate_hz = settings.rate_hz or rate_of(stamps_of(source, numbers))
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
-        for note in (*source.cautions, *_absent(settings, source, tally.kinds)):
+        for note in (*source.assumptions, *_absent(settings, source, tally.kinds)):
             say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'

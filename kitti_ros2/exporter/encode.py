@@ -124,7 +124,7 @@ class Encoder:
         try:
             sample = self._read(entry)
         except (KittiRos2Error, OSError) as error:
-            return [], [Failure(tuple(row.name for _, row in rows), error)]
+            return [], [Failure(tuple(row.topic for _, row in rows), error)]
         if isinstance(sample, Calibration):
             self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
         moment = Moment(
@@ -235,7 +235,7 @@ class Encoder:
             try:
                 serialized = row.serialize(sample, moment)
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
-                failures.append(Failure((row.name,), error))
+                failures.append(Failure((row.topic,), error))
                 continue
             key = row.change_key(sample) if row.change_key else None
             messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]

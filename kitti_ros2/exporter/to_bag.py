@@ -102,7 +102,7 @@ def convert(
             tally.lose_unnamed(loss)
     return ExportReport(
         path=writer.path,
-        counts={row.name: tally.counts[index] for index, row in enumerate(encoder.table)},
+        counts={row.topic: tally.counts[index] for index, row in enumerate(encoder.table)},
         frames=schedule.frames,
         size_bytes=tally.size_bytes,
         first_ns=int(schedule.stamps_ns[0]),
@@ -125,7 +125,7 @@ class _Channels:
         index = message.topic
         if index not in self._ids:
             row = self._table[index]
-            channel = Channel(row.name, row.msgtype, latched=row.latched, depth=row.depth)
+            channel = Channel(row.topic, row.msgtype, latched=row.latched, depth=row.depth)
             self._ids[index] = self._writer.add_channel(channel)
         self._writer.write(self._ids[index], message.stamp_ns, message.parts)
 

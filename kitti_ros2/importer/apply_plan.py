@@ -49,26 +49,26 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         known = ', '.join(layout.value for layout in Layout)
         raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
     found = guess_plan(survey, options.layout, path_of(bags[0]))
-    plan, remarks = adapt(found.plan, options), found.remarks
+    plan, notes = adapt(found.plan, options), found.notes
     if plan.labels is not None and plan.calibration == NONE:
-        remarks += (f'{plan.labels.topic}: left out, for labels need a calibration',)
+        notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    return replace(found, plan=plan, remarks=remarks + _label_remarks(plan))
+    return replace(found, plan=plan, notes=notes + _label_notes(plan))
 
 
-def _label_remarks(plan: Plan) -> tuple[str, ...]:
-    """Return remarks on pitfalls in loading or evaluating the labels."""
+def _label_notes(plan: Plan) -> tuple[str, ...]:
+    """Return notes on pitfalls in loading or evaluating the labels."""
     if plan.labels is None:
         if plan.layout.traits.frame_set and plan.name == SPLITS[0]:
             return ('loaders read label_2 of training frames; without labels say --name testing',)
         return ()
     if plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES:
         return ()
-    remark = (
+    note = (
         f'{plan.labels.topic}: has no occlusion, so labels contain 3, unknown, which evaluations'
         f' leave out; set labels.occluded of the plan to 0 to have them counted'
     )
-    return (remark,)
+    return (note,)
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:

@@ -45,16 +45,16 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class Guess:
-    """A plan with remarks.
+    """A plan with notes.
 
     Attributes:
         plan: The plan.
-        remarks: Missing and skipped topics; a line each.
+        notes: Missing and skipped topics; a line each.
         losses: Topics that the plan would name if any of their messages could be decoded.
     """
 
     plan: Plan
-    remarks: tuple[str, ...]
+    notes: tuple[str, ...]
     losses: tuple[Loss, ...] = ()
 
 
@@ -88,25 +88,25 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
         calibration=guesser.calibration(cameras),
         **ego,
     )
-    return Guess(plan, tuple(guesser.remarks), _unreadable(survey, layout))
+    return Guess(plan, tuple(guesser.notes), _unreadable(survey, layout))
 
 
 class _Guesser:
     def __init__(self, survey: Survey, layout: Layout) -> None:
         self._survey = survey
         self._layout = layout
-        self.remarks: list[str] = []
+        self.notes: list[str] = []
 
     def scan(self) -> ScanPlan | None:
         """Choose the lidar: by name, with intensity, with most points."""
         clouds = [each for each in self._survey.of_type(types.CLOUD) if _with_points(each)]
         if not clouds:
-            self.remarks.append('missing: scans (no PointCloud2 with x, y and z)')
+            self.notes.append('missing: scans (no PointCloud2 with x, y and z)')
             return None
         best = max(clouds, key=_lidar_rank)
         self._pass_over('scans', best, clouds)
         if best.frame.endswith('optical_frame'):
-            self.remarks.append(
+            self.notes.append(
                 f'{best.name} is in {best.frame}, z forward; KITTI has x forward: set scan.frame'
                 f' to such a frame of the static tree'
             )
@@ -117,7 +117,7 @@ class _Guesser:
         rigs = _image_topics(self._survey)
         names = _numbered(rigs)
         for name in sorted(set(rigs) - set(names.values())):
-            self.remarks.append(f'passed over: {rigs[name].name}; KITTI has four cameras')
+            self.notes.append(f'passed over: {rigs[name].name}; KITTI has four cameras')
         plans = {}
         for index, name in sorted(names.items()):
             info = self._info_of(name, rigs[name])
@@ -126,9 +126,9 @@ class _Guesser:
         if calibrated:
             for index in [index for index, plan in plans.items() if not plan.info]:
                 topic = plans.pop(index).topic
-                self.remarks.append(f'passed over: {topic}; it has no camera_info')
+                self.notes.append(f'passed over: {topic}; it has no camera_info')
         if not plans:
-            self.remarks.append('missing: images (no camera)')
+            self.notes.append('missing: images (no camera)')
         return plans
 
     def _info_of(self, name: str, topic: TopicSurvey) -> str:
@@ -177,11 +177,11 @@ class _Guesser:
                 self._pass_over(key, best, topics)
                 found[key] = best.name
         if 'fix' not in found:
-            self.remarks.append('missing: fix (NavSatFix), so oxts is left out')
+            self.notes.append('missing: fix (NavSatFix), so oxts is left out')
             return {}
         for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
             if key not in found:
-                self.remarks.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
+                self.notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
         return found
 
     def imu_frame(self, scan: ScanPlan | None) -> str:
@@ -193,7 +193,7 @@ class _Guesser:
         for frame in frames:
             if tree.find(scan.frame, frame) is not None:
                 return frame
-        self.remarks.append(
+        self.notes.append(
             f'missing: a static transform from {frames[0]} to {scan.frame}; the imu frame is'
             f' nominal until imu_frame names a frame that is joined'
         )
@@ -213,7 +213,7 @@ class _Guesser:
         links = [link for link in self._survey.moving if link[1] in _BODIES]
         if tf and links:
             return PosePlan(tf[0].name, links[0][1], links[0][0])
-        self.remarks.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
+        self.notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
         return None
 
     def _body(self) -> str:
@@ -229,7 +229,7 @@ class _Guesser:
             each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
         ]
         if not topics or not cameras:
-            self.remarks.append('missing: labels (no Detection3DArray, no cubes in a MarkerArray)')
+            self.notes.append('missing: labels (no Detection3DArray, no cubes in a MarkerArray)')
             return None
         best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
         self._pass_over('labels', best, topics)
@@ -242,13 +242,13 @@ class _Guesser:
         if any(plan.info for plan in cameras.values()):
             return TF
         lacking = 'camera_info' if cameras else 'camera'
-        self.remarks.append(f'missing: calibration (no {lacking}); --calib FILE gives it')
+        self.notes.append(f'missing: calibration (no {lacking}); --calib FILE gives it')
         return NONE
 
     def _pass_over(self, what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> None:
         others = ', '.join(each.name for each in topics if each is not best)
         if others:
-            self.remarks.append(f'passed over for {what}: {others}')
+            self.notes.append(f'passed over for {what}: {others}')
 
 
 def _nothing(survey: Survey, layout: Layout) -> str:

@@ -132,14 +132,14 @@ class Plan:
     calibration: str = TF
 
 
-def format_plan(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
-    """Format the plan as YAML, with remarks as comments above; the inverse of parse_plan."""
+def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
+    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
     values = asdict(plan)
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
     kept = {name: value for name, value in values.items() if value not in (None, '', {})}
-    comments = ''.join(f'# {one_line(remark)}\n' for remark in remarks)
+    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
     return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
 
 

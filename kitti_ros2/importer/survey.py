@@ -175,7 +175,7 @@ def survey_bag(messages: BagMessages) -> Survey:
         taken.take(message)
     taken.close()
     losses = messages.losses
-    notes = [text for text in messages.warnings if text not in losses]
+    notes = [text for text in messages.findings if text not in losses]
     found = *taken.links.sorted(), taken.calibrations, notes, losses, messages.left_out
     return Survey(taken.topics, *found)
 

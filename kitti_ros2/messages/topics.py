@@ -208,7 +208,7 @@ def make_table(
         rows.append(Topic('/tf', _TF, Stream.POSE, _tf))
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
-    return [replace(row, name=rename_topic(row.name, options.preset)) for row in rows]
+    return [replace(row, name=rename_topic(row.topic, options.preset)) for row in rows]
 
 
 def _camera_rows(
@@ -232,8 +232,8 @@ def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
     Raises:
         UsageError: There are patterns, and none matches a row.
     """
-    names = set(match_names([row.name for row in table], patterns))
-    return [row for row in table if row.name in names]
+    names = set(match_names([row.topic for row in table], patterns))
+    return [row for row in table if row.topic in names]
 
 
 def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
@@ -249,7 +249,7 @@ def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
 
 def unmatched(table: list[Topic], patterns: tuple[str, ...]) -> list[str]:
     """Return the patterns that match no row."""
-    return [each for each in patterns if not any(fnmatchcase(row.name, each) for row in table)]
+    return [each for each in patterns if not any(fnmatchcase(row.topic, each) for row in table)]
 
 
 _MOST_FILES = 100

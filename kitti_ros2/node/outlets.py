@@ -60,27 +60,27 @@ class Outlets:
     ) -> None:
         self._node = node
         self._tell_time = tell_time
-        self.outlets: Sequence[Outlet] = program.outlets
+        self.channels: Sequence[Outlet] = program.channels
         self.complaints: dict[int, str] = {}
         self._publishers: dict[int, Publisher] = {}
-        for index, outlet in enumerate(self.outlets):
+        for index, outlet in enumerate(self.channels):
             try:
                 kind = message_class(outlet.msgtype, program.typestore)
             except MissingDataError as error:
-                self.complaints[index] = f'{outlet.name} cannot be published: {error}'
+                self.complaints[index] = f'{outlet.topic} cannot be published: {error}'
                 continue
             self._publishers[index] = node.create_publisher(
                 kind,
-                outlet.name,
-                make_profile(outlet.latched, outlet.depth, overrides.get(outlet.name)),
+                outlet.topic,
+                make_profile(outlet.latched, outlet.depth, overrides.get(outlet.topic)),
                 qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
             )
         # Sending a small message takes less time than acquiring the interpreter's lock again.
         self._publish = {
-            index: byte_publisher(each) if self.outlets[index].on_demand else each.publish
+            index: byte_publisher(each) if self.channels[index].on_demand else each.publish
             for index, each in self._publishers.items()
         }
-        self._large = [index for index in self._publishers if self.outlets[index].on_demand]
+        self._large = [index for index in self._publishers if self.channels[index].on_demand]
         self._flow = FlowControl(self._publishers, node.get_logger())
         self._wanted: frozenset[int] = frozenset()
         self._counted_ns = 0

@@ -176,7 +176,7 @@ def number_bag(
         if blueprint is None:
             return None
         streams = {
-            row.name: row.stream
+            row.topic: row.stream
             for row in own_topics().values()
             if row.stream in FRAME_STREAMS or row.stream in blueprint.folders
         }

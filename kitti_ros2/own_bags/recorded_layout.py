@@ -159,7 +159,7 @@ class Blueprint:
         losses = []
         for stream, folder in self.folders.items():
             rows = (row for row in own_topics().values() if row.restores and row.stream is stream)
-            found = max((counts.get(row.name, 0) for row in rows), default=0)
+            found = max((counts.get(row.topic, 0) for row in rows), default=0)
             absent = len(folder.carried) - found
             if absent > 0:
                 text = f'the bag holds {found} of {len(folder.carried)} {stream.value} messages'

@@ -29,7 +29,7 @@ def own_topics() -> dict[str, Topic]:
         for cameras in (CAMERA_NAMES, numbered):
             for image_topic in IMAGE_TOPICS:
                 for row in make_table(cameras, image_topic, options):
-                    found[row.name] = row
+                    found[row.topic] = row
     return found
 
 

@@ -74,12 +74,12 @@ class BagFrames:
         self.name = path.name
         guess = guess_plan(survey, Layout.OBJECT, path)
         plan = _to_look_at(guess.plan)
-        notes = list(guess.remarks)
-        cautions: list[str] = []
-        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, cautions)
-        self._velo_t_scan = _axes(self._plan, cautions)
-        cautions.append(BY_POSITION)
-        self.cautions: Sequence[str] = cautions
+        notes = list(guess.notes)
+        assumptions: list[str] = []
+        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, assumptions)
+        self._velo_t_scan = _axes(self._plan, assumptions)
+        assumptions.append(BY_POSITION)
+        self.assumptions: Sequence[str] = assumptions
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = ego_track(bag, survey, notes)
@@ -190,19 +190,19 @@ def _to_look_at(plan: Plan) -> Plan:
 
 
 def _rigged(
-    plan: Plan, survey: Survey, cautions: list[str]
+    plan: Plan, survey: Survey, assumptions: list[str]
 ) -> tuple[Plan, Rigging, dict[str, str]]:
     """Return plan and rigging, without calibration and labels if it is missing, and the reason."""
     try:
         return plan, Rigging(plan, survey), {}
     except KittiRos2Error as error:
-        cautions.append(f'no calibration: {error}')
+        assumptions.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
     return plan, Rigging(plan, survey), missing
 
 
-def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
+def _axes(plan: Plan, assumptions: list[str]) -> Transform | None:
     """Return the rotation from z forward (REP 103's optical frames) to KITTI's axes, or None.
 
     A cloud of a depth camera is in such a frame; with a calibration, points are already in the
@@ -212,7 +212,7 @@ def _axes(plan: Plan, cautions: list[str]) -> Transform | None:
         return None
     if plan.calibration != NO_CALIBRATION:
         return None
-    cautions.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
+    assumptions.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
     return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
 

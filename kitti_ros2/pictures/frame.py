@@ -59,7 +59,7 @@ class FrameSource(Protocol):
         stamps_ns: (N,) int64, of the frames.
         cameras: KITTI camera index to name, of cameras with images.
         losses: Data missing or damaged from the start, by stream or topic.
-        cautions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
+        assumptions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
         notes: Other non-fatal remarks; one line each.
     """
 
@@ -68,7 +68,7 @@ class FrameSource(Protocol):
     stamps_ns: Int64Array
     cameras: Mapping[int, str]
     losses: Sequence[Loss]
-    cautions: Sequence[str]
+    assumptions: Sequence[str]
     notes: Sequence[str]
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:

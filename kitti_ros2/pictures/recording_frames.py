@@ -79,7 +79,7 @@ class RecordingFrames:
     def __init__(self, recording: Readable, name: str | None = None) -> None:
         self.name = name or f'{recording.layout.value} {recording.name}'
         self.losses: Sequence[Loss] = recording.losses
-        self.cautions: Sequence[str] = ()
+        self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self._recording = recording
         mount = base_t_imu(MessageOptions())

@@ -16,7 +16,7 @@ from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..model.losses import Loss
 from ..own_bags.numbering import BY_POSITION, number_bag
 from .bag_topics import AsItIs, choose_topics, define_images
-from .program import Due
+from .program import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -82,10 +82,10 @@ class BagProgram:
             if not self._topics:
                 raise BadBagError(path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
-            self.losses = tuple(dict.fromkeys((*bag_index.warnings, *messages.warnings)))
-            self.outlets: Sequence[Outlet] = played.outlets(messages, self._topics)
-        self._index = {outlet.name: index for index, outlet in enumerate(self.outlets)}
-        self._made = played.made(self.outlets)
+            self.losses = tuple(dict.fromkeys((*bag_index.findings, *messages.findings)))
+            self.channels: Sequence[Outlet] = played.channels(messages, self._topics)
+        self._index = {outlet.topic: index for index, outlet in enumerate(self.channels)}
+        self._made = played.made(self.channels)
         if self._made:
             define_images(self.typestore)
         self._numbered = number_bag(path, stamps)
@@ -134,7 +134,7 @@ class BagProgram:
         """See Program."""
         return self._notes if self._numbered is not None else (*self._notes, BY_POSITION)
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """See Program."""
         try:
             message = self._read(index)
@@ -147,7 +147,7 @@ class BagProgram:
         due = []
         outlet = self._index.get(message.topic)
         if outlet is not None:
-            skipped = self.outlets[outlet].on_demand and outlet not in wanted
+            skipped = self.channels[outlet].on_demand and outlet not in wanted
             due.append(_unmade(outlet, message) if skipped else _due(outlet, message))
         made = self._made.get(message.topic, ())
         due += [_unmade(each, message) for each in made if each not in wanted]
@@ -157,25 +157,25 @@ class BagProgram:
         images, losses = self._make(message, asked)
         return due + images, losses
 
-    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Due], list[Loss]]:
+    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Message], list[Loss]]:
         """Make the images of some outlets from a message."""
-        names = [self.outlets[outlet].name for outlet in made]
+        names = [self.channels[outlet].topic for outlet in made]
         images = self._images.make(message, names, self.typestore)
         due, losses = [], []
         for outlet, name, image in zip(made, names, images, strict=True):
             if isinstance(image, bytes):
-                due.append(Due(outlet, message.stamp_ns, image))
+                due.append(Message(outlet, message.stamp_ns, image))
             else:
                 losses.append(Loss(name, 1, f'{self._path}: {name} cannot be made: {image}'))
         return due, losses
 
-    def latched_before(self, index: int) -> list[Due]:
+    def latched_before(self, index: int) -> list[Message]:
         """See Program."""
-        last: dict[int, list[Due]] = {}
+        last: dict[int, list[Message]] = {}
         for message in self._latched:
             if message.stamp_ns >= self.stamps_ns[index]:
                 break
-            have = last.setdefault(message.outlet, [])
+            have = last.setdefault(message.channel, [])
             if have and have[0].stamp_ns != message.stamp_ns:
                 have.clear()
             have.append(message)
@@ -199,12 +199,12 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        warnings = self._messages.warnings if self._messages is not None else ()
+        warnings = self._messages.findings if self._messages is not None else ()
         new = [warning for warning in warnings if warning not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
-    def _read_latched(self, last_ns: int) -> list[Due]:
-        topics = [outlet.name for outlet in self.outlets if outlet.latched]
+    def _read_latched(self, last_ns: int) -> list[Message]:
+        topics = [outlet.topic for outlet in self.channels if outlet.latched]
         if not topics:
             return []
         with open_messages(self._path, topics) as messages:
@@ -215,14 +215,14 @@ class BagProgram:
             ]
 
 
-def _unmade(outlet: int, message: BagMessage) -> Due:
+def _unmade(outlet: int, message: BagMessage) -> Message:
     """Return a message without data, for an outlet without subscribers."""
-    return Due(outlet, message.stamp_ns, b'')
+    return Message(outlet, message.stamp_ns, b'')
 
 
-def _due(outlet: int, message: BagMessage) -> Due:
+def _due(outlet: int, message: BagMessage) -> Message:
     data = bytes(message.data)
-    return Due(outlet, message.stamp_ns, data + filling(len(data)))
+    return Message(outlet, message.stamp_ns, data + filling(len(data)))
 
 
 def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:

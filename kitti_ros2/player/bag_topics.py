@@ -111,8 +111,8 @@ class PlayedTopics:
         """Map topics of the bag to the indices of the outlets made from them."""
         found: dict[str, list[int]] = {}
         for index, outlet in enumerate(outlets):
-            if outlet.name in self.sources:
-                found.setdefault(self.sources[outlet.name], []).append(index)
+            if outlet.topic in self.sources:
+                found.setdefault(self.sources[outlet.topic], []).append(index)
         return found
 
 

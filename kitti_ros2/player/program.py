@@ -50,11 +50,11 @@ class Outlet(NamedTuple):
         return self.msgtype in LARGE_TYPES
 
 
-class Due(NamedTuple):
+class Message(NamedTuple):
     """A message ready for publishing.
 
     Attributes:
-        outlet: Index of its topic in Program.outlets.
+        outlet: Index of its topic in Program.channels.
         stamp_ns: Nanoseconds since 1970.
         data: CDR with its encapsulation header; empty if it was not made because its topic is on
             demand and has no subscriber.
@@ -94,7 +94,7 @@ class Program(Protocol):
     def notes(self) -> tuple[str, ...]:
         """Return non-fatal remarks so far."""
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """Return the messages at a position, and the losses: messages that could not be made.
 
         Args:
@@ -103,7 +103,7 @@ class Program(Protocol):
                 and have no data.
         """
 
-    def latched_before(self, index: int) -> list[Due]:
+    def latched_before(self, index: int) -> list[Message]:
         """Return the last messages before a position of each latched topic."""
 
     def close(self) -> None:
@@ -130,8 +130,8 @@ class RecordingProgram:
         self._latched = _latched_entries(schedule, self._encoder)
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
-        self.outlets: Sequence[Outlet] = [
-            Outlet(row.name, row.msgtype, row.latched, row.depth) for row in self._encoder.table
+        self.channels: Sequence[Outlet] = [
+            Outlet(row.topic, row.msgtype, row.latched, row.depth) for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
@@ -155,23 +155,23 @@ class RecordingProgram:
         """See Program."""
         return (*self._recording.notes, *self._encoder.notes())
 
-    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Loss]]:
+    def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """See Program."""
         due, failures = self._encode(index, wanted)
         self._named.update(describe_error(each.error) for each in failures)
         return due, list(map(_loss, failures))
 
-    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
+    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Failure]]:
         entry = self._entries[index]
         messages, failures = self._encoder.encode(entry, wanted)
         # Small messages first: each waits for those before it.
-        due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
+        due = sorted(map(_due, messages), key=lambda each: self.channels[each.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
-        return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
+        return [*due, *(Message(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
 
-    def latched_before(self, index: int) -> list[Due]:
+    def latched_before(self, index: int) -> list[Message]:
         """See Program."""
-        last: dict[int, list[Due]] = {}
+        last: dict[int, list[Message]] = {}
         for positions in self._latched:
             past = int(np.searchsorted(positions, index)) - 1
             if past < 0:
@@ -180,16 +180,16 @@ class RecordingProgram:
             for each in failures:
                 self._unsent[describe_error(each.error)] = _loss(each).message
             for message in messages:
-                if self.outlets[message.outlet].latched:
-                    last.setdefault(message.outlet, []).append(message)
+                if self.channels[message.channel].latched:
+                    last.setdefault(message.channel, []).append(message)
         return [message for messages in last.values() for message in messages]
 
     def close(self) -> None:
         """Do nothing: no file stays open between two samples."""
 
 
-def _due(message: Message) -> Due:
-    return Due(message.topic, message.stamp_ns, join(message.parts), message.key)
+def _due(message: Message) -> Message:
+    return Message(message.topic, message.stamp_ns, join(message.parts), message.key)
 
 
 def _loss(failure: Failure) -> Loss:

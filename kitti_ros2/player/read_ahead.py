@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..model.losses import Loss
-    from .program import Due, Program
+    from .program import Message, Program
 
-    Fetched = tuple[list[Due], list[Loss]]
+    Fetched = tuple[list[Message], list[Loss]]
 
 
 _NICENESS = 10

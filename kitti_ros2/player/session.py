@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..options.table import PlaySettings
     from .playback_events import Event
-    from .program import Due, Program
+    from .program import Message, Program
     from .transport import Transport
 
 _MARKERS = 'visualization_msgs/msg/MarkerArray'
@@ -107,7 +107,7 @@ class Session:
         self._complaints: set[str] = set()
         self._keys: dict[int, Hashable] = {}
         self._markers = [
-            index for index, each in enumerate(program.outlets) if each.msgtype == _MARKERS
+            index for index, each in enumerate(program.channels) if each.msgtype == _MARKERS
         ]
         self._stale: set[int] = set()
         self._frame: int | None = None
@@ -202,8 +202,8 @@ class Session:
         for message in messages:
             if self.playback.stopped:
                 break
-            if self.program.outlets[message.outlet].on_demand and message.outlet not in wanted:
-                self.reception.note(message.outlet, received=False)
+            if self.program.channels[message.channel].on_demand and message.channel not in wanted:
+                self.reception.note(message.channel, received=False)
                 continue
             sent += self._publish(message, message.stamp_ns, event.due_ns)
         self.playback.sent(sent)
@@ -211,9 +211,9 @@ class Session:
             ahead.refill()
         self._changed()
 
-    def _publish(self, message: Due, stamp_ns: int, due_ns: int) -> int:
+    def _publish(self, message: Message, stamp_ns: int, due_ns: int) -> int:
         """Publish a message unless it is unchanged; return the number published."""
-        outlet = message.outlet
+        outlet = message.channel
         if message.key is not None:
             if self._keys.get(outlet) == message.key:
                 return 0
@@ -225,14 +225,14 @@ class Session:
         data = message.data
         if self._settings.stamps is Stamps.NOW:
             data = restamp_message(
-                data, self.program.outlets[outlet].msgtype, self._wall_time(due_ns)
+                data, self.program.channels[outlet].msgtype, self._wall_time(due_ns)
             )
         if self.playback.options.lossless and not self._wait_for_room(outlet):
             return 0
         now = time.monotonic_ns()
         if self.on_publish is not None:
             self.on_publish(outlet, due_ns, now)
-        if not self.program.outlets[outlet].latched:
+        if not self.program.channels[outlet].latched:
             self.reception.note(outlet, received=self._transport.has_subscriber(outlet))
         self._transport.publish(outlet, data, stamp_ns)
         self.counts.messages += 1

@@ -96,5 +96,5 @@ def describe(program: Program) -> str:
     frames, stamps = program.frames, program.stamps_ns
     return (
         f'{program.name}: frames {frames[0]} to {frames[-1]},'
-        f' {(stamps[-1] - stamps[0]) / 1e9:.1f} s, {len(program.outlets)} topics'
+        f' {(stamps[-1] - stamps[0]) / 1e9:.1f} s, {len(program.channels)} topics'
     )

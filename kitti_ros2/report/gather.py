@@ -139,7 +139,9 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
         seen = _FrameContents(route=_route_alone(bag, survey))
     else:
-        findings += [Finding(Severity.NOTE, '', note) for note in (*source.cautions, *source.notes)]
+        findings += [
+            Finding(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)
+        ]
         with closing(source):
             pictured = source.numbers.tolist() if own is None else _pictured(own, source)
             seen = _look_through(source, pictured, findings, steps)

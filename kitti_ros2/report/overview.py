@@ -169,7 +169,7 @@ def inspect_bag(source: BagSource) -> Overview:
         cameras=cameras,
         links=links,
         losses=(),
-        notes=(*cut, *summary.warnings, *notes),
+        notes=(*cut, *summary.findings, *notes),
         complete=summary.complete,
     )
 

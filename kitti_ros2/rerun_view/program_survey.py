@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ..model.geometry import Transform
-    from ..player.program import Due, Program
+    from ..player.program import Message, Program
     from ..rig.camera_info import CameraModel
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -114,19 +114,19 @@ def make_survey(program: Program) -> ProgramSurvey:
 
     Messages that cannot be decoded are ignored here.
     """
-    survey = ProgramSurvey({outlet.name: outlet.msgtype for outlet in program.outlets})
-    unseen = set(range(len(program.outlets)))
+    survey = ProgramSurvey({outlet.topic: outlet.msgtype for outlet in program.channels})
+    unseen = set(range(len(program.channels)))
     for due in _first_moments(program):
-        _note(survey, program, due, first=due.outlet in unseen)
-        unseen.discard(due.outlet)
+        _note(survey, program, due, first=due.channel in unseen)
+        unseen.discard(due.channel)
         if not unseen:
             break
     return survey
 
 
-def _first_moments(program: Program) -> Iterator[Due]:
+def _first_moments(program: Program) -> Iterator[Message]:
     yield from program.latched_before(0)
-    every = range(len(program.outlets))
+    every = range(len(program.channels))
     last_ns = int(program.stamps_ns[0]) + _LONGEST_NS
     for index, stamp_ns in enumerate(program.stamps_ns[:_MOST].tolist()):
         if stamp_ns > last_ns:
@@ -134,17 +134,17 @@ def _first_moments(program: Program) -> Iterator[Due]:
         yield from program.fetch(index, every)[0]
 
 
-def _note(survey: ProgramSurvey, program: Program, due: Due, *, first: bool) -> None:
-    outlet = program.outlets[due.outlet]
+def _note(survey: ProgramSurvey, program: Program, due: Message, *, first: bool) -> None:
+    outlet = program.channels[due.channel]
     try:
         if outlet.msgtype in _STAMPED and first:
-            survey.frames[outlet.name] = frame_name(peek_header(due.data)[1])
+            survey.frames[outlet.topic] = frame_name(peek_header(due.data)[1])
         if outlet.msgtype == CAMERA_INFO and first:
             info: Any = program.typestore.deserialize_cdr(due.data, CAMERA_INFO)
-            survey.cameras[outlet.name] = camera_model(info)
+            survey.cameras[outlet.topic] = camera_model(info)
         if outlet.msgtype == TRANSFORMS:
             message: Any = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
-            static = outlet.latched or outlet.name.endswith('tf_static')
+            static = outlet.latched or outlet.topic.endswith('tf_static')
             for parent, child, link in decode_static(message):
                 survey.parents[frame_name(child)] = frame_name(parent)
                 if static:

@@ -22,7 +22,7 @@ from .program_survey import make_survey
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
-    from ..player.program import Due, Program
+    from ..player.program import Message, Program
     from .entities import Shown
 
 APPLICATION = 'kitti_ros2'
@@ -79,7 +79,7 @@ def show(
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
     shown = _StreamLogger(program, stream, Context(survey, CameraRig(survey), notes.setdefault))
-    every = frozenset(range(len(program.outlets)))
+    every = frozenset(range(len(program.channels)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
         for due in program.latched_before(0):
@@ -106,8 +106,8 @@ def show(
 def _unshown(program: Program) -> list[str]:
     """List the topics with types missing from the table."""
     return [
-        f'{outlet.name}: {outlet.msgtype} is not shown'
-        for outlet in program.outlets
+        f'{outlet.topic}: {outlet.msgtype} is not shown'
+        for outlet in program.channels
         if outlet.msgtype not in TABLE
     ]
 
@@ -119,8 +119,8 @@ class _StreamLogger:
         self._program = program
         self._stream = stream
         self._converters = {
-            index: TABLE[outlet.msgtype](outlet.name, context)
-            for index, outlet in enumerate(program.outlets)
+            index: TABLE[outlet.msgtype](outlet.topic, context)
+            for index, outlet in enumerate(program.channels)
             if outlet.msgtype in TABLE
         }
         self._frames: dict[str, str] = {}
@@ -131,18 +131,18 @@ class _StreamLogger:
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()
 
-    def take(self, due: Due, time: TimePoint) -> None:
+    def take(self, due: Message, time: TimePoint) -> None:
         """Show a message unless it is unchanged; count it as a loss if it cannot be decoded."""
-        converter = self._converters.get(due.outlet)
-        if converter is None or (due.key is not None and self._keys.get(due.outlet) == due.key):
+        converter = self._converters.get(due.channel)
+        if converter is None or (due.key is not None and self._keys.get(due.channel) == due.key):
             return
-        self._keys[due.outlet] = due.key
-        outlet = self._program.outlets[due.outlet]
+        self._keys[due.channel] = due.key
+        outlet = self._program.channels[due.channel]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
             updates = list(converter.convert(message, time))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-            self.losses[f'{outlet.name}: {error}'] += 1
+            self.losses[f'{outlet.topic}: {error}'] += 1
             return
         self.messages += 1
         self.size_bytes += len(due.data)

@@ -12,7 +12,8 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 
 if TYPE_CHECKING:
     from pathlib import Path

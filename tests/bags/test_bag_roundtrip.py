@@ -19,7 +19,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
 from kitti_ros2.bags.reader import open_messages, summarize_bag
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.options.bag import BagOptions
 
 SECOND = 1_000_000_000
@@ -262,7 +263,7 @@ def test_summary_counts_every_topic(written, samples):
     path, options = written
     summary = summarize_bag(path)
     assert summary.complete
-    assert summary.warnings == ()
+    assert summary.findings == ()
     assert summary.start_ns == START_NS
     assert summary.end_ns == samples[-1].stamp_ns
     assert summary.compression == options.compression

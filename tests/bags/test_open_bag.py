@@ -8,7 +8,8 @@ import pytest
 
 from kitti_ros2.bags import bag_files
 from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
@@ -80,11 +81,11 @@ def test_damage_is_reported_to_the_reader_that_meets_it(tmp_path):
     path.write_bytes(data)
     with OpenBag(path) as bag, open_messages(bag) as first, open_messages(bag) as second:
         list(first)
-        assert len(first.warnings) == 1
-        assert second.warnings == ()
-        assert bag.index.warnings == []
+        assert len(first.findings) == 1
+        assert second.findings == ()
+        assert bag.index.findings == []
         list(second)
-        assert second.warnings == first.warnings
+        assert second.findings == first.findings
 
 
 @pytest.mark.parametrize('command', list(COMMANDS))

@@ -294,7 +294,7 @@ def test_large_messages_are_made_for_subscribers_only(raw):
     program, wanted = server.session.program, []
     fetch = program.fetch
     program.fetch = lambda index, outlets: wanted.append(outlets) or fetch(index, outlets)
-    scan = next(i for i, outlet in enumerate(program.outlets) if outlet.name == SCAN)
+    scan = next(i for i, outlet in enumerate(program.channels) if outlet.topic == SCAN)
     with Viewer(server.url) as viewer:
         viewer.subscribe(OXTS)
         viewer.until(lambda: len(viewer.of(OXTS)) == FRAMES)

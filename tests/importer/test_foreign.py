@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import Incomplete
@@ -313,9 +314,9 @@ def test_without_boxes_fix_or_odometry_the_rest_is_made(tmp_path):
     report = convert(path, tmp_path / 'out', Layout.TRACKING)
     assert set(report.counts) == {'scan', 'image_2', 'image_3', 'calibration'}
     options = ImportOptions(layout=Layout.TRACKING)
-    remarks = guess([path], look([path]), options).remarks
-    assert any('labels' in remark for remark in remarks)
-    assert any('fix' in remark for remark in remarks)
+    notes = guess([path], look([path]), options).notes
+    assert any('labels' in note for note in notes)
+    assert any('fix' in note for note in notes)
 
 
 def test_a_bag_without_scan_camera_and_pose_says_what_it_has(tmp_path):

@@ -89,7 +89,7 @@ def test_beyond_four_cameras_the_rest_is_named():
     infos = [info(f'/cam{number}/camera_info') for number in range(6)]
     found = guess(*topics, *infos)
     assert len(found.plan.cameras) == 4
-    assert sum('KITTI has four cameras' in remark for remark in found.remarks) == 2
+    assert sum('KITTI has four cameras' in note for note in found.notes) == 2
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_camera_info_is_found_by_its_frame_where_names_do_not_tell():
 def test_without_camera_info_there_is_no_calibration_and_that_is_said():
     found = guess(image('/c/image_raw'))
     assert found.plan.calibration == NONE
-    assert any('calibration (no camera_info)' in remark for remark in found.remarks)
+    assert any('calibration (no camera_info)' in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -150,18 +150,18 @@ def test_a_lidar_goes_before_a_depth_cameras_cloud():
     depth = cloud('/realsense/points', width=300_000, frame='camera_depth')
     found = guess(depth, cloud('/velodyne_points', 'intensity'))
     assert found.plan.scan.topic == '/velodyne_points'
-    assert 'passed over for scans: /realsense/points' in found.remarks
+    assert 'passed over for scans: /realsense/points' in found.notes
 
 
 def test_scans_alone_have_no_calibration_and_that_is_said():
     found = guess(cloud('/velodyne_points'))
     assert found.plan.calibration == NONE
-    assert 'missing: calibration (no camera); --calib FILE gives it' in found.remarks
+    assert 'missing: calibration (no camera); --calib FILE gives it' in found.notes
 
 
 def test_points_of_an_optical_frame_are_pointed_out():
     found = guess(cloud('/points', frame='camera_depth_optical_frame'))
-    assert any('z forward' in remark for remark in found.remarks)
+    assert any('z forward' in note for note in found.notes)
 
 
 def test_ground_truth_goes_before_other_odometry():
@@ -187,7 +187,7 @@ def test_an_imu_that_is_joined_gives_the_imu_frame_and_one_that_is_not_a_remark(
     assert guess(*topics, static=[('lidar', 'imu', Transform.identity())]).plan.imu_frame == 'imu'
     apart = guess(*topics)
     assert apart.plan.imu_frame == ''
-    assert any('static transform from imu to lidar' in remark for remark in apart.remarks)
+    assert any('static transform from imu to lidar' in note for note in apart.notes)
 
 
 def test_a_command_is_no_velocity():

@@ -52,7 +52,7 @@ plans = st.builds(
 
 @given(plans)
 def test_a_plan_is_read_as_it_was_printed(plan):
-    assert parse_plan(format_plan(plan, ('a remark', 'another: one')), PATH) == plan
+    assert parse_plan(format_plan(plan, ('a note', 'another: one')), PATH) == plan
 
 
 def test_remarks_are_comments():

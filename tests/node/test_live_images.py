@@ -40,14 +40,14 @@ def to_bag(path, out):
 def digests_of(folder):
     """By topic the digests of a folder's images, in order."""
     program = open_program(folder, make_play_settings({'annotated': True}))
-    index = {each.name: n for n, each in enumerate(program.outlets)}
+    index = {each.topic: n for n, each in enumerate(program.channels)}
     names = {index[topic]: topic for topic in TOPICS}
     found = {topic: [] for topic in TOPICS}
     for place in range(len(program.stamps_ns)):
         for message in program.fetch(place, set(names))[0]:
-            if message.outlet in names:
+            if message.channel in names:
                 digest = hashlib.sha1(message.data).hexdigest()
-                found[names[message.outlet]].append(digest)
+                found[names[message.channel]].append(digest)
     return found
 
 

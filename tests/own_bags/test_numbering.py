@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.exporter.schedule import UNKNOWN, frames_of, make_schedule, never_falling
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
@@ -72,10 +73,10 @@ def play(program):
     """All messages, with their frames."""
     found = Counter()
     for index, frame in enumerate(program.frames.tolist()):
-        due, missing = program.fetch(index, range(len(program.outlets)))
+        due, missing = program.fetch(index, range(len(program.channels)))
         assert not missing
         for each in due:
-            found[frame, program.outlets[each.outlet].name, each.stamp_ns, each.data] += 1
+            found[frame, program.channels[each.channel].topic, each.stamp_ns, each.data] += 1
     return found
 
 

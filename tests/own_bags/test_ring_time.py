@@ -226,12 +226,12 @@ def test_a_frame_to_play_is_a_scan_and_its_own_images(recordings, tmp_path, kind
         recording = open_recording(source, read)
         recording.common_numbers = kind == 'folder'
         program = RecordingProgram(recording, MessageOptions(), all_of_it, workers=1)
-    names = [outlet.name for outlet in program.outlets]
+    names = [outlet.topic for outlet in program.channels]
     wanted = range(len(names))
     frames: dict[str, list[int]] = {}
     for index, frame in enumerate(program.frames.tolist()):
         for due in program.fetch(index, wanted)[0]:
-            frames.setdefault(names[due.outlet], []).append(frame)
+            frames.setdefault(names[due.channel], []).append(frame)
     program.close()
     for topic in (POINTS, '/kitti/camera_color_left/image_rect/compressed', '/kitti/oxts/imu'):
         assert frames[topic] == [0, 1, 2, 3, 4], topic

@@ -30,7 +30,7 @@ def program(path, options=ANNOTATED):
 
 
 def names(played):
-    return {outlet.name: index for index, outlet in enumerate(played.outlets)}
+    return {outlet.topic: index for index, outlet in enumerate(played.channels)}
 
 
 def images(played, wanted):
@@ -41,7 +41,7 @@ def images(played, wanted):
         due, missing = played.fetch(place, {index[name] for name in wanted})
         assert not missing
         for message in due:
-            name = played.outlets[message.outlet].name
+            name = played.channels[message.channel].topic
             if name in wanted:
                 decoded = TYPESTORE.deserialize_cdr(message.data, 'sensor_msgs/msg/Image')
                 found.setdefault(name, []).append(decoded)
@@ -82,7 +82,7 @@ def test_an_image_is_decoded_once(recordings, monkeypatch):
 def test_nothing_is_drawn_for_nobody(recordings, monkeypatch):
     played = program(recordings[Layout.RAW])
     monkeypatch.setattr(encode, 'decode_png', pytest.fail)
-    assert played.outlets[names(played)[f'{CAMERA}/annotated']].on_demand
+    assert played.channels[names(played)[f'{CAMERA}/annotated']].on_demand
     assert not images(played, set())
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
@@ -41,20 +42,20 @@ def played(source, **values):
 
 
 def names(program, msgtype=IMAGE):
-    return {outlet.name for outlet in program.outlets if outlet.msgtype == msgtype}
+    return {outlet.topic for outlet in program.channels if outlet.msgtype == msgtype}
 
 
 def images(program, order=None):
     """By Image topic the serialised images in order, and what is missing; all are subscribed."""
-    wanted = {n for n, each in enumerate(program.outlets) if each.msgtype == IMAGE}
+    wanted = {n for n, each in enumerate(program.channels) if each.msgtype == IMAGE}
     found, lost = {}, []
     places = range(len(program.stamps_ns)) if order is None else order
     for place in places:
         due, missing = program.fetch(place, wanted)
         lost += missing
         for message in due:
-            if message.outlet in wanted:
-                name = program.outlets[message.outlet].name
+            if message.channel in wanted:
+                name = program.channels[message.channel].topic
                 found.setdefault(name, []).append((message.stamp_ns, message.data))
     return {name: [data for _, data in sorted(each)] for name, each in found.items()}, lost
 
@@ -215,7 +216,7 @@ def test_what_is_missing_for_labels_is_one_line(truth, tmp_path, left_out, said)
     assert str(error.value).startswith(f'{bag}: no annotated images can be made: ')
     assert said in str(error.value)
     assert '\n' not in str(error.value)
-    assert played(bag).outlets
+    assert played(bag).channels
 
 
 def test_a_folder_without_labels_is_refused_alike(recordings):
@@ -273,7 +274,7 @@ def test_topics_may_name_what_is_made(recordings, tmp_path):
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap')
     name = '/kitti/camera_color_left/image_rect'
     program = played(bag, topics=(name,))
-    assert [outlet.name for outlet in program.outlets] == [name]
+    assert [outlet.topic for outlet in program.channels] == [name]
     assert len(images(program)[0][name]) == len(program.stamps_ns) == 5
     with pytest.raises(UsageError, match='no topic is called /kitti/camera_x'):
         played(bag, topics=('/kitti/camera_x',))
@@ -283,12 +284,12 @@ def test_nothing_is_decoded_for_nobody(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.RAW], tmp_path / 'o.mcap')
     program = played(bag, annotated=True)
     monkeypatch.setattr(bag_images, 'decode_compressed_pixels', pytest.fail)
-    compressed = {n for n, each in enumerate(program.outlets) if each.msgtype == COMPRESSED}
+    compressed = {n for n, each in enumerate(program.channels) if each.msgtype == COMPRESSED}
     for wanted in ((), compressed):
         for place in range(len(program.stamps_ns)):
             due, missing = program.fetch(place, wanted)
             assert not missing
-            made = [each for each in due if program.outlets[each.outlet].msgtype == IMAGE]
+            made = [each for each in due if program.channels[each.channel].msgtype == IMAGE]
             assert not any(each.data for each in made)
 
 
@@ -336,7 +337,7 @@ def test_what_is_not_played_is_as_it_was(recordings, tmp_path):
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap', Images.BOTH)
     program = open_program(bag, make_settings({}))
     with open_messages(bag) as messages:
-        assert [(each.name, each.msgtype) for each in program.outlets] == list(messages.channels)
+        assert [(each.topic, each.msgtype) for each in program.channels] == list(messages.channels)
 
 
 def test_wrong_images_are_wrong_usage(recordings, capsys):

@@ -91,13 +91,13 @@ def messages_of(path):
 
 
 def fetch(program, index):
-    due, missing = program.fetch(index, range(len(program.outlets)))
+    due, missing = program.fetch(index, range(len(program.channels)))
     assert missing == []
     return named(program, due)
 
 
 def named(program, due):
-    return [(each.stamp_ns, program.outlets[each.outlet].name, each.data) for each in due]
+    return [(each.stamp_ns, program.channels[each.channel].topic, each.data) for each in due]
 
 
 def play(program, indices=None):
@@ -121,22 +121,22 @@ def test_a_pass_gives_the_messages_of_the_bag(bag):
 def test_the_outlets_tell_what_the_topics_are(bag):
     program = BagProgram(bag, ALL)
     with open_messages(bag) as messages:
-        assert [(each.name, each.msgtype) for each in program.outlets] == list(messages.channels)
-        latched = {each.name: each.depth for each in program.outlets if each.latched}
+        assert [(each.topic, each.msgtype) for each in program.channels] == list(messages.channels)
+        latched = {each.topic: each.depth for each in program.channels if each.latched}
         assert latched == messages.latched
     assert '/tf_static' in latched
-    for outlet in program.outlets:
+    for outlet in program.channels:
         assert outlet.msgtype in program.typestore.fielddefs
 
 
 def test_large_messages_are_left_out_where_they_are_not_wanted(bag):
     program = BagProgram(bag, ALL)
-    large = {index for index, outlet in enumerate(program.outlets) if outlet.on_demand}
+    large = {index for index, outlet in enumerate(program.channels) if outlet.on_demand}
     assert len(large) >= 3
     whole = play(program)
     one = min(large)
     for wanted in (frozenset(), {one}):
-        left_out = {program.outlets[index].name for index in large - wanted}
+        left_out = {program.channels[index].topic for index in large - wanted}
         found = [program.fetch(index, wanted) for index in range(len(program.stamps_ns))]
         assert all(missing == [] for _, missing in found)
         assert [named(program, due) for due, _ in found] == [
@@ -192,7 +192,7 @@ def test_what_was_closed_is_opened_again(bag):
 
 def test_latched_messages_before_a_position_are_the_last_ones(bag):
     program = BagProgram(bag, ALL)
-    latched = {outlet.name for outlet in program.outlets if outlet.latched}
+    latched = {outlet.topic for outlet in program.channels if outlet.latched}
     every = [each for each in messages_of(bag) if each[1] in latched]
     for index, stamp in enumerate(program.stamps_ns.tolist()):
         before = [each for each in every if each[0] < stamp]
@@ -216,9 +216,9 @@ def test_frames_never_fall_and_are_the_recordings(bag, layout, recordings):
     assert sorted(set(program.frames.tolist())) == list(range(SMALL.frames))
     recording = RecordingProgram(open_recording(recordings[layout]), BOTH, ALL, 1)
     expected = {
-        (each.stamp_ns, recording.outlets[each.outlet].name): int(recording.frames[index])
+        (each.stamp_ns, recording.channels[each.channel].topic): int(recording.frames[index])
         for index in range(len(recording.stamps_ns))
-        for each in recording.fetch(index, range(len(recording.outlets)))[0]
+        for each in recording.fetch(index, range(len(recording.channels)))[0]
     }
     for index, frame in enumerate(program.frames.tolist()):
         ((stamp_ns, topic, _),) = fetch(program, index)
@@ -271,7 +271,7 @@ def test_an_end_beyond_the_last_message_takes_all(raw_bag):
 
 def test_topics_may_be_wildcards(bag):
     program = take(bag, topics=('/kitti/velo/*', '/tf_sta?ic'))
-    assert [outlet.name for outlet in program.outlets] == [SCAN, '/tf_static']
+    assert [outlet.topic for outlet in program.channels] == [SCAN, '/tf_static']
     expected = [each for each in messages_of(bag) if each[1] in {SCAN, '/tf_static'}]
     assert Counter(play(program)) == Counter(expected)
     assert play(program, [3, 1, 4, 2])
@@ -319,7 +319,7 @@ def fetch_all(program):
     """The messages that come, and what is said of those that do not; each position gives one."""
     found, missing = [], []
     for index in range(len(program.stamps_ns)):
-        due, lost = program.fetch(index, range(len(program.outlets)))
+        due, lost = program.fetch(index, range(len(program.channels)))
         assert len(due) + sum(each.count for each in lost) == 1
         assert all(message.stamp_ns == program.stamps_ns[index] for message in due)
         found += named(program, due)

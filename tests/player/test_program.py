@@ -34,18 +34,18 @@ def make(recording, messages=BOTH, **selection):
 
 
 def every(program):
-    return range(len(program.outlets))
+    return range(len(program.channels))
 
 
 def flat(due):
-    return sorted((each.outlet, each.stamp_ns, each.data) for each in due)
+    return sorted((each.channel, each.stamp_ns, each.data) for each in due)
 
 
 def test_each_position_gives_what_the_encoder_gives(recording):
     program = make(recording)
     schedule = make_schedule(recording, SelectionOptions())
     encoder = Encoder(recording, schedule, BOTH, SelectionOptions())
-    assert [outlet.name for outlet in program.outlets] == [row.name for row in encoder.table]
+    assert [outlet.topic for outlet in program.channels] == [row.topic for row in encoder.table]
     assert len(program.stamps_ns) == len(program.frames) == len(schedule)
     found = set()
     for index, entry in enumerate(schedule):
@@ -55,20 +55,20 @@ def test_each_position_gives_what_the_encoder_gives(recording):
         assert missing == []
         assert flat(due) == sorted((m.topic, m.stamp_ns, join(m.parts)) for m in messages)
         assert {each.stamp_ns for each in due} <= {int(program.stamps_ns[index])}
-        large = [program.outlets[each.outlet].on_demand for each in due]
+        large = [program.channels[each.channel].on_demand for each in due]
         assert large == sorted(large)
         assert all(len(each.data) % 4 == 0 for each in due)
-        found |= {each.outlet for each in due}
+        found |= {each.channel for each in due}
     assert found <= set(every(program))
-    assert {program.outlets[outlet].name for outlet in found} >= {
+    assert {program.channels[outlet].topic for outlet in found} >= {
         '/tf_static', '/kitti/velo/points', '/kitti/source/recording'
     }  # fmt: skip
 
 
 def test_large_messages_are_made_only_where_they_are_wanted(recording):
     program = make(recording)
-    large = {index for index in every(program) if program.outlets[index].on_demand}
-    assert {program.outlets[index].msgtype.rsplit('/')[-1] for index in large} == {
+    large = {index for index in every(program) if program.channels[index].on_demand}
+    assert {program.channels[index].msgtype.rsplit('/')[-1] for index in large} == {
         'Image', 'CompressedImage', 'PointCloud2'
     }  # fmt: skip
     one = min(large)
@@ -80,7 +80,7 @@ def test_large_messages_are_made_only_where_they_are_wanted(recording):
             assert missing == []
             made = [each for each in due if each.data]
             assert flat(made) == [each for each in whole if each[0] not in left_out]
-            unmade = [each.outlet for each in due if not each.data]
+            unmade = [each.channel for each in due if not each.data]
             assert sorted(unmade) == sorted(each[0] for each in whole if each[0] in left_out)
 
 
@@ -92,11 +92,11 @@ def test_latched_messages_before_a_position_are_the_last_ones(recording):
         assert found == sorted(message for messages in last.values() for message in messages)
         here = {}
         for message in flat(program.fetch(index, ())[0]):
-            if program.outlets[message[0]].latched:
+            if program.channels[message[0]].latched:
                 here.setdefault(message[0], []).append(message)
         last |= here
     assert program.latched_before(0) == []
-    assert {program.outlets[outlet].name for outlet in last} >= {
+    assert {program.channels[outlet].topic for outlet in last} >= {
         '/tf_static', '/kitti/source/calibration', '/kitti/source/recording'
     }  # fmt: skip
 
@@ -122,7 +122,7 @@ def test_a_file_that_fails_is_missing_with_its_topics(drive):
 
 def test_the_outlets_are_those_of_the_topics_chosen(recordings):
     program = make(open_recording(recordings[Layout.RAW]), topics=('/kitti/oxts/*',))
-    assert {outlet.name for outlet in program.outlets} == {
+    assert {outlet.topic for outlet in program.channels} == {
         '/kitti/oxts/imu', '/kitti/oxts/fix', '/kitti/oxts/vel'
     }  # fmt: skip
     sent = [program.fetch(index, ())[0] for index in range(len(program.stamps_ns))]

@@ -44,7 +44,7 @@ def played(path, name='/kitti_player', **values):
 
 
 def names(program):
-    return {outlet.name for outlet in program.outlets}
+    return {outlet.topic for outlet in program.channels}
 
 
 def test_without_a_player_everything_is_there(recorded):
@@ -66,12 +66,12 @@ def test_clock_and_state_are_the_players_own(recorded):
 
 def test_without_a_clock_of_its_own_the_bags_is_played(recorded):
     program = played(recorded, clock=0)
-    (index,) = (n for n, outlet in enumerate(program.outlets) if outlet.name == CLOCK)
+    (index,) = (n for n, outlet in enumerate(program.channels) if outlet.topic == CLOCK)
     found = [
         message.data
         for place in range(len(program.stamps_ns))
         for message in program.fetch(place, ())[0]
-        if message.outlet == index
+        if message.channel == index
     ]
     first = int(played(recorded, topics=('/kitti/source/files',)).stamps_ns[0])
     assert len(found) == CLOCKS

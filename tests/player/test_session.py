@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.program import Due, Outlet
+from kitti_ros2.player.program import Message, Outlet
 from kitti_ros2.player.session import LAST_WAIT_S, Session
 from kitti_ros2.player.transport import Audience
 
@@ -35,7 +35,7 @@ class SmallProgram:
     def fetch(self, index, wanted):
         stamp_ns = int(self.stamps_ns[index])
         return [
-            Due(outlet, stamp_ns, b'data' if outlet in wanted or outlet != SCAN else b'')
+            Message(outlet, stamp_ns, b'data' if outlet in wanted or outlet != SCAN else b'')
             for outlet in (IMU, STATIC, SCAN)
         ], []
 
