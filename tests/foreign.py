@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.header import make_header, make_pose, make_quaternion, make_vector3
@@ -38,6 +37,7 @@ from kitti_ros2.messages.ros_types import (
 )
 from kitti_ros2.messages.transforms import encode_static
 from kitti_ros2.model.boxes import Cuboid
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
 

@@ -13,34 +13,13 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
+    from ..model.channels import Channel
     from ..options.bag import BagOptions
-    from .pieces import StoredChannel
 
 Parts: TypeAlias = Sequence[bytes | memoryview]
 """One CDR message (encapsulation header included) as buffers to be concatenated, so that a bulk
 payload is never copied. A memoryview is flat bytes (format 'B'); no buffer may change afterwards.
 """
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A topic of a bag.
-
-    Attributes:
-        topic: Full topic name.
-        msgtype: ROS 2 type name, such as sensor_msgs/msg/Imu.
-        latched: Whether late subscribers receive the last messages: QoS transient local.
-        depth: History depth of the offered QoS (keep last).
-        reliable: Whether the offered QoS is reliable.
-        source: The channel of another bag whose messages are copied in their stored form.
-    """
-
-    topic: str
-    msgtype: str
-    latched: bool = False
-    depth: int = 10
-    reliable: bool = True
-    source: StoredChannel | None = None
 
 
 @dataclass

@@ -27,7 +27,7 @@ from .mcap_records import (
 )
 from .mcap_scan import RECORD_ERRORS, McapContents, McapScan, enter_description, piece_records
 from .mcap_summary import MAGIC
-from .offered_qos import latched_depth
+from .offered_qos import offered_qos
 from .pieces import FileBytes, Piece, StoredChannel
 
 if TYPE_CHECKING:
@@ -167,5 +167,5 @@ def _source_channel(contents: McapContents, channel_id: int) -> StoredChannel:
         channel.message_encoding,
         schema.data.decode(errors='replace') if schema else '',
         schema.encoding if schema else '',
-        latched_depth(channel.metadata.get('offered_qos_profiles', '')),
+        **offered_qos(channel.metadata.get('offered_qos_profiles', '')),
     )

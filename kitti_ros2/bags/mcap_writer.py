@@ -17,7 +17,8 @@ from .metadata import qos_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .contract import Channel, Parts, SegmentContext
+    from ..model.channels import Channel
+    from .contract import Parts, SegmentContext
 
 
 class McapSegment:

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..model.errors import BadBagError
+from ..model.losses import Loss
 from .bag_files import opened, path_of
 from .decompressors import ZSTD_MAGIC, decompress_message
 from .definitions import Definitions
@@ -46,22 +47,6 @@ class BagMessage(NamedTuple):
     data: bytes | memoryview
 
 
-class LeftOut(NamedTuple):
-    """A skipped topic.
-
-    Attributes:
-        topic: Its name.
-        msgtype: Its type, as spelled in the bag.
-        messages: Their number.
-        reason: Why it is skipped, one line with the file.
-    """
-
-    topic: str
-    msgtype: str
-    messages: int
-    reason: str
-
-
 class _Reading(NamedTuple):
     """A channel that is read, with its bag and file."""
 
@@ -73,7 +58,7 @@ class _Reading(NamedTuple):
 class BagMessages:
     """The messages of bags: a context manager, and inside it an iterable in time order.
 
-    Damaged messages are skipped and entered into the warnings when they are found, which may be
+    Damaged messages are skipped and entered into the findings when they are found, which may be
     while messages are read.
 
     Args:
@@ -85,7 +70,8 @@ class BagMessages:
     Attributes:
         channels: Topic and type of each channel that is read, sorted by topic.
         sources: The channels as stored in their files, by topic; of several the first.
-        left_out: Unreadable topics: of an unsupported encoding, or of an undefined type.
+        left_out: Unreadable channels, of an unsupported encoding or an undefined type, with the
+            number of their messages and the reason.
         latched: The depth of each topic that offers its last messages to late subscribers.
         compressions: Names of the compressions known before messages are read.
 
@@ -105,7 +91,7 @@ class BagMessages:
         self._findings = Findings()
         self._topics = topics
         self._as_stored = as_stored
-        self.left_out: list[LeftOut] = []
+        self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[_Reading, str], int] = {}
         with ExitStack() as stack:
             entered = [stack.enter_context(opened(bag)) for bag in bags]
@@ -134,9 +120,7 @@ class BagMessages:
         self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
         self.latched = {
-            each.channel.topic: each.channel.latched_depth
-            for each in readings
-            if each.channel.latched_depth
+            each.channel.topic: each.channel.depth for each in readings if each.channel.latched
         }
 
     @cached_property
@@ -169,7 +153,7 @@ class BagMessages:
 
     @property
     def losses(self) -> dict[str, int | None]:
-        """The warnings about damage, with the number of messages lost; None if unknown."""
+        """The damage, one line each, with the number of messages lost; None if unknown."""
         return dict(self._findings.losses)
 
     def __enter__(self) -> Self:
@@ -246,7 +230,7 @@ class BagMessages:
         """Enter a topic that is undamaged but skipped: a loss only if the bag is copied."""
         reason = f'{reading.file}: {text}'
         channel = reading.channel
-        self.left_out.append(LeftOut(channel.topic, channel.msgtype, count, reason))
+        self.left_out.append((channel, Loss(channel.topic, count, reason)))
         if self._as_stored:
             self._findings.lose(reason, count)
         else:

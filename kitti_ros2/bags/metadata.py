@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
+    from ..model.channels import Channel
     from ..options.bag import BagOptions
-    from .contract import Channel, Tally
+    from .contract import Tally
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
@@ -38,7 +39,7 @@ def qos_profile(channel: Channel) -> dict[str, Any]:
     return {
         'history': 'keep_last',
         'depth': channel.depth,
-        'reliability': 'reliable' if channel.reliable else 'best_effort',
+        'reliability': 'reliable',
         'durability': 'transient_local' if channel.latched else 'volatile',
         'deadline': _INFINITE,
         'lifespan': _INFINITE,

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
+from ..model.channels import Channel
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
@@ -33,24 +35,18 @@ StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 
 
 @dataclass(frozen=True)
-class StoredChannel:
+class StoredChannel(Channel):
     """A topic as stored in a file.
 
     Attributes:
-        topic: Topic name.
-        msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
         encoding: Of the messages: cdr, ros1, or an unsupported one.
         definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
-        latched_depth: Number of messages that late subscribers get.
     """
 
-    topic: str
-    msgtype: str
     encoding: str
     definition: str = ''
     definition_encoding: str = ''
-    latched_depth: int = 0
 
 
 class Piece(NamedTuple):

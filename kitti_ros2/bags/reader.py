@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ..model.errors import UsageError
 from .bag_files import BagSource, OpenBag, opened, path_of
-from .message_source import BagMessage, BagMessages, LeftOut
+from .message_source import BagMessage, BagMessages
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ __all__ = [
     'BagMessages',
     'BagSource',
     'BagSummary',
-    'LeftOut',
     'OpenBag',
     'TopicSummary',
     'bag_stamps',
@@ -57,7 +56,7 @@ def summarize_bag(bags: Bags) -> BagSummary:
 
 
 def index_bag(bags: Bags) -> BagIndex:
-    """Return the stamps of the messages of bags, and warnings about damage.
+    """Return the stamps of the messages of bags, and findings about damage.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.

@@ -14,17 +14,14 @@ from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..options.bag import BagOptions
 from .locate import locate_bag
 from .message_source import BagMessages
-from .writer import Channel, guess_storage, open_bag
+from .writer import guess_storage, open_bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from .message_source import BagMessage
-    from .pieces import StoredChannel
     from .writer import BagWriter
-
-_DEPTH = 10  # of an offered QoS that is not latched
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,7 @@ class _Copy:
         self.losses: Counter[str] = Counter()
         for topic, channel in sorted(messages.sources.items()):
             try:
-                self._ids[topic] = writer.add_channel(_copied(channel))
+                self._ids[topic] = writer.add_channel(channel)
             except KittiRos2Error:
                 raise
             except Exception as error:  # noqa: BLE001 - types of any kind
@@ -153,13 +150,6 @@ class _Copy:
             return
         self.counts[topic] += 1
         self.size_bytes += len(message.data)
-
-
-def _copied(source: StoredChannel) -> Channel:
-    depth = source.latched_depth
-    return Channel(
-        source.topic, source.msgtype, latched=depth > 0, depth=depth or _DEPTH, source=source
-    )
 
 
 def _check_stamp(stamp_ns: int, storage: str) -> None:

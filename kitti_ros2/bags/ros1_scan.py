@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys.msg import normalize_msgtype
 
-from .offered_qos import UNKNOWN_DEPTH
+from .offered_qos import latched_qos
 from .pieces import HeldBytes, Run, StoredChannel
 from .record_walk import walk
 from .ros1_records import (
@@ -180,9 +180,9 @@ def parse_connection(fields: dict[bytes, bytes], body: Buffer) -> tuple[int, Ros
         'ros1',
         definition,
         'ros1msg',
-        UNKNOWN_DEPTH if latched else 0,
         md5sum,
         None if caller is None else caller.decode(errors='replace'),
+        **(latched_qos() if latched else {}),
     )
 
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection
 
-    from .contract import Channel, Parts, SegmentContext
+    from ..model.channels import Channel
+    from .contract import Parts, SegmentContext
 
     _Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
 
@@ -94,9 +95,9 @@ class Ros1Segment:
         del channel_id  # connections are numbered in order as well
         caller: str | None = _CALLER
         convert: _Convert
-        if isinstance(channel.source, Ros1Channel):
-            definition, md5sum = channel.source.definition, channel.source.md5sum
-            caller, convert = channel.source.callerid, _unchanged
+        if isinstance(channel, Ros1Channel):
+            definition, md5sum = channel.definition, channel.md5sum
+            caller, convert = channel.callerid, _unchanged
         else:
             definition, md5sum = self._types.definition(channel.msgtype)
             convert = self._types.converter(channel.msgtype)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from .contract import Channel, Parts, SegmentWriter
+    from ..model.channels import Channel
+    from .contract import Parts, SegmentWriter
 
 # Suffix of incomplete files, even inside the hidden directory they are written in.
 _UNFINISHED = '.unfinished'
@@ -95,7 +96,7 @@ class BagWriter:
         Args:
             channel_id: From add_channel.
             stamp_ns: Log and publish time, nanoseconds since 1970, not negative.
-            parts: The message as CDR, little endian, unless the channel has a source.
+            parts: The message as CDR, little endian, unless the channel is a stored one.
 
         Raises:
             OutputError: The disk refuses; the bag is given up, and later calls raise this again.

@@ -20,7 +20,7 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from ..model.errors import BadBagError
 from ..model.text import one_line
-from .offered_qos import latched_depth
+from .offered_qos import offered_qos
 from .pieces import FileBytes, Piece, StoredChannel
 from .sqlite_scan import Pages
 from .summary import BagIndex
@@ -272,5 +272,5 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
         normalize_msgtype(msgtype) if '/' in msgtype else msgtype,
         encoding,
         *definitions.get(msgtype, ('', '')),
-        latched_depth(rest[0] if rest else ''),
+        **offered_qos(rest[0] if rest else ''),
     )

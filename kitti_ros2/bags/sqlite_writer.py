@@ -20,7 +20,8 @@ from .metadata import ROS_DISTRO, VERSION, qos_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .contract import Channel, Parts, SegmentContext
+    from ..model.channels import Channel
+    from .contract import Parts, SegmentContext
 
 _SCHEMA_VERSION = 4
 

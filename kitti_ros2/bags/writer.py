@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from ..model.containers import CONTAINERS, container_of
 from ..model.errors import UsageError
-from .contract import Channel, Parts, SegmentContext
+from .contract import Parts, SegmentContext
 from .segments import BagWriter
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ..options.bag import BagOptions
 
-__all__ = ['BagWriter', 'Channel', 'Parts', 'guess_storage', 'open_bag', 'output_path']
+__all__ = ['BagWriter', 'Parts', 'guess_storage', 'open_bag', 'output_path']
 
 
 def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -> str:

@@ -12,11 +12,11 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING
 
-from foxglove import Channel, Schema
+import foxglove
 
 from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
-from ..player.program import Outlet
+from ..model.channels import Channel
 from ..player.source import STATE
 from ..player.transport import Audience
 
@@ -59,10 +59,10 @@ class ViewerChannels:
         self._outlets = list(program.channels)
         self._channels = [_open(each, program.typestore, context) for each in self._outlets]
         self._state = len(self._outlets)
-        state = Outlet(STATE, DIAGNOSTICS, latched=True, depth=1)
+        state = Channel(STATE, DIAGNOSTICS, latched=True, depth=1)
         self._outlets.append(state)
         self._channels.append(_open(state, TYPESTORE, context))
-        self._index = {each.name: index for index, each in enumerate(self._outlets)}
+        self._index = {each.topic: index for index, each in enumerate(self._outlets)}
         self._large = [index for index, each in enumerate(self._outlets) if each.on_demand]
         self._lock = threading.Lock()
         self._kept: dict[int, deque[tuple[bytes, int]]] = {
@@ -167,8 +167,8 @@ class ViewerChannels:
             channel.close()
 
 
-def _open(outlet: Outlet, typestore: Typestore, context: Context) -> Channel:
-    """Open a channel with the same schema that a bag has for the topic."""
-    text, _ = typestore.generate_msgdef(outlet.msgtype, ros_version=2)
-    schema = Schema(name=outlet.msgtype, encoding='ros2msg', data=text.encode())
-    return Channel(outlet.topic, message_encoding='cdr', schema=schema, context=context)
+def _open(channel: Channel, typestore: Typestore, context: Context) -> foxglove.Channel:
+    """Open a viewer's channel with the same schema that a bag has for the topic."""
+    text, _ = typestore.generate_msgdef(channel.msgtype, ros_version=2)
+    schema = foxglove.Schema(name=channel.msgtype, encoding='ros2msg', data=text.encode())
+    return foxglove.Channel(channel.topic, message_encoding='cdr', schema=schema, context=context)

@@ -5,29 +5,28 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ..files.png.decode import decode_png
+from ..messages.cdr import Message
 from ..messages.map_frame import has_no_gravity
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
 from ..messages.source import promise
 from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
-from ..model.errors import KittiRos2Error, MissingDataError
-from ..model.losses import format_numbers
+from ..model.errors import KittiRos2Error, describe_error
+from ..model.losses import Loss, format_numbers
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.stamps import NS_PER_S
 from ..model.streams import CAMERA_NAMES, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
-    from ..messages.cdr import Parts
     from ..messages.pixels import Pixels
     from ..messages.topics import Topic
-    from ..model.losses import Loss
     from ..model.recording import Recording
     from ..model.samples import Image, Sample
     from ..options.messages import MessageOptions
@@ -48,31 +47,6 @@ _AFFECTED = {
 """The streams affected by a loss, if not only its own; trails need poses too."""
 
 _CAMERA_PART = re.compile(r'P\d')
-
-
-@dataclass(frozen=True)
-class Message:
-    """One serialised message.
-
-    Attributes:
-        topic: Index of its row in Encoder.table.
-        stamp_ns: Header stamp and log time.
-        parts: CDR, in consecutive buffers.
-        key: A change key; a message with the key of the topic's last one is not sent again.
-    """
-
-    topic: int
-    stamp_ns: int
-    parts: Parts
-    key: Hashable = None
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A sample that cannot be encoded: the topics that lose a message, and the reason."""
-
-    topics: tuple[str, ...]
-    error: KittiRos2Error | OSError
 
 
 class Encoder:
@@ -107,8 +81,8 @@ class Encoder:
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
-    ) -> tuple[list[Message], list[Failure]]:
-        """Encode the messages of one sample; also return the failures.
+    ) -> tuple[list[Message], list[Loss]]:
+        """Encode the messages of one sample; also return the losses, one for each topic.
 
         Args:
             entry: The sample.
@@ -124,7 +98,7 @@ class Encoder:
         try:
             sample = self._read(entry)
         except (KittiRos2Error, OSError) as error:
-            return [], [Failure(tuple(row.topic for _, row in rows), error)]
+            return [], [Loss(row.topic, 1, describe_error(error)) for _, row in rows]
         if isinstance(sample, Calibration):
             self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
         moment = Moment(
@@ -163,8 +137,8 @@ class Encoder:
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
-        remarks = (self._map_note(), self._compensation_note(), self._turn_note())
-        notes += [remark for remark in remarks if remark]
+        found = (self._map_note(), self._compensation_note(), self._turn_note())
+        notes += [note for note in found if note]
         return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
     def _map_note(self) -> str:
@@ -228,18 +202,18 @@ class Encoder:
     @staticmethod
     def _serialize(
         rows: Sequence[tuple[int, Topic]], sample: Sample, moment: Moment
-    ) -> tuple[list[Message], list[Failure]]:
+    ) -> tuple[list[Message], list[Loss]]:
         messages: list[Message] = []
-        failures: list[Failure] = []
+        losses: list[Loss] = []
         for index, row in rows:
             try:
                 serialized = row.serialize(sample, moment)
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
-                failures.append(Failure((row.topic,), error))
+                losses.append(Loss(row.topic, 1, describe_error(error)))
                 continue
             key = row.change_key(sample) if row.change_key else None
             messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
-        return messages, failures + _lacking(sample)
+        return messages, losses + _missing_parts(sample)
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
@@ -288,15 +262,15 @@ def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
     return decoded
 
 
-def _lacking(sample: Sample) -> list[Failure]:
-    """Return the missing parts of a calibration or description as failures.
+def _missing_parts(sample: Sample) -> list[Loss]:
+    """Return the missing parts of a calibration or description as losses.
 
     A camera's own part is counted with its camera_info.
     """
     if not isinstance(sample, (Calibration, Description, FrameLabels, Scan)):
         return []
     return [
-        Failure((_KINDS[type(sample)].value,), MissingDataError(reason))
+        Loss(_KINDS[type(sample)].value, 1, reason)
         for part, reason in sample.missing.items()
         if not _CAMERA_PART.fullmatch(part)
     ]

@@ -8,10 +8,10 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..bags.writer import Channel, open_bag
+from ..bags.writer import open_bag
 from ..files.workers import ordered_map, worker_count
 from ..messages.ros_types import TYPESTORE
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import KittiRos2Error
 from ..model.losses import Loss
 from ..options.messages import Images
 from .encode import Encoder
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.writer import BagWriter
+    from ..messages.cdr import Message
     from ..messages.topics import Topic
     from ..model.recording import Recording
     from ..options.bag import BagOptions
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
-    from .encode import Failure, Message
 
 _BATCH = 8  # samples, about a frame
 
@@ -122,11 +122,9 @@ class _Channels:
 
     def write(self, message: Message) -> None:
         """Write a message to its topic."""
-        index = message.topic
+        index = message.channel
         if index not in self._ids:
-            row = self._table[index]
-            channel = Channel(row.topic, row.msgtype, latched=row.latched, depth=row.depth)
-            self._ids[index] = self._writer.add_channel(channel)
+            self._ids[index] = self._writer.add_channel(self._table[index])
         self._writer.write(self._ids[index], message.stamp_ns, message.parts)
 
 
@@ -140,18 +138,17 @@ class _ExportTally:
         self._losses: Counter[tuple[str, str]] = Counter()
         self._last_keys: dict[int, Hashable] = {}
 
-    def take(self, messages: list[Message], failures: list[Failure], channels: _Channels) -> None:
-        """Write messages, except repeated ones; count failures."""
-        for failure in failures:
-            for topic in failure.topics:
-                self.lose(Loss(topic, 1, describe_error(failure.error)))
+    def take(self, messages: list[Message], losses: list[Loss], channels: _Channels) -> None:
+        """Write messages, except repeated ones; count losses."""
+        for loss in losses:
+            self.lose(loss)
         for message in messages:
             if message.key is not None:
-                if self._last_keys.get(message.topic) == message.key:
+                if self._last_keys.get(message.channel) == message.key:
                     continue
-                self._last_keys[message.topic] = message.key
+                self._last_keys[message.channel] = message.key
             channels.write(message)
-            self.counts[message.topic] += 1
+            self.counts[message.channel] += 1
             self.size_bytes += sum(map(len, message.parts))
 
     def lose(self, loss: Loss) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..messages.clouds import guess_intensity_scale
 from ..model.errors import MissingDataError, UsageError
-from ..model.losses import Loss
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import CAMERA_NAMES, Stream
 from ..rig.rectify import needs_rectifying
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.layouts import Layout
+    from ..model.losses import Loss
     from .survey import Survey, TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
@@ -275,10 +275,12 @@ def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
         wanted |= {types.DETECTIONS, types.MARKERS}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
-    left_out = (each for each in survey.left_out if each.msgtype in wanted and each.messages)
+    left_out = (
+        loss for channel, loss in survey.left_out if channel.msgtype in wanted and loss.count
+    )
     return (
         *(undecoded(topic) for topic in survey.unreadable(*wanted)),
-        *(Loss(each.topic, each.messages, each.reason) for each in left_out),
+        *left_out,
     )
 
 

@@ -19,16 +19,18 @@ from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
-from ..messages.topics import LARGE_TYPES
 from ..messages.transforms import decode_static
+from ..model.channels import LARGE_TYPES
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
-    from ..bags.reader import BagMessage, BagMessages, BagSource, LeftOut
+    from ..bags.pieces import StoredChannel
+    from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..model.geometry import Transform
+    from ..model.losses import Loss
     from ..model.samples import Int64Array, TextFile
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
@@ -149,7 +151,7 @@ class Survey:
     calibrations: Sequence[tuple[int, TextFile]] = ()
     notes: Sequence[str] = ()
     losses: Mapping[str, int | None] = field(default_factory=dict)
-    left_out: Sequence[LeftOut] = ()
+    left_out: Sequence[tuple[StoredChannel, Loss]] = ()
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
         """Return the topics of some types with messages that can be decoded, by name."""

@@ -12,7 +12,7 @@ import struct
 from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -20,7 +20,7 @@ from rosbags.interfaces import Nodetype
 from .ros_types import TYPESTORE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Sequence
 
 Parts: TypeAlias = 'tuple[bytes | memoryview, ...]'
 """A serialised message, in consecutive buffers."""
@@ -36,6 +36,28 @@ BULK_TAIL = {
     'sensor_msgs/msg/Image': 0,
     'sensor_msgs/msg/PointCloud2': 1,
 }
+
+
+class Message(NamedTuple):
+    """One serialised message.
+
+    Attributes:
+        channel: Index of its channel in Encoder.table, or in the channels of a program.
+        stamp_ns: Header stamp and log time, nanoseconds since 1970.
+        parts: CDR with its encapsulation header, in consecutive buffers; none if it was not made
+            because its channel is on demand and has no subscriber.
+        key: A change key; a message with the key of the channel's last one is not sent again.
+    """
+
+    channel: int
+    stamp_ns: int
+    parts: Parts
+    key: Hashable = None
+
+    @property
+    def data(self) -> bytes:
+        """The parts as one buffer, not copied if there is only one."""
+        return join(self.parts)
 
 
 def serialize(message: Any) -> Parts:  # noqa: ANN401 - one of many generated classes

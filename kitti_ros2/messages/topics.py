@@ -19,6 +19,7 @@ import numpy as np
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.decode import decode_png
+from ..model.channels import Channel
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.labels import cuboids_of, identified
 from ..model.samples import (
@@ -35,7 +36,7 @@ from ..model.samples import (
 from ..model.streams import IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions
 from .camera_info import encode_camera_info, image_frame_camera
-from .cdr import BULK_TAIL, Parts, restamp, serialize
+from .cdr import Parts, restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
 from .image import encode_compressed, encode_pixels
 from .map_frame import map_from_world, place_pose, place_trajectory
@@ -57,9 +58,6 @@ if TYPE_CHECKING:
     from ..model.recording import Recording
     from .pixels import Pixels
 
-
-LARGE_TYPES = frozenset(BULK_TAIL)
-"""Types of messages of a megabyte and more."""
 
 LABELLED_CAMERA = 2
 """The camera of KITTI's labels: the left colour camera."""
@@ -111,35 +109,22 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Topic:
+class Topic(Channel):
     """One row of the table.
 
     Attributes:
-        name: Topic name.
-        msgtype: Message type, such as sensor_msgs/msg/Imu.
         stream: The stream of its samples.
         encode: Sample to a message of a rosbags class, or to a serialised one; None if the sample
             has no data for it, a list for several messages.
-        latched: Whether it is transient local, for late subscribers.
-        depth: The history depth of its publisher.
         change_key: Returns a key of a sample; a message with the key of the previous one is
             not sent again.
         restores: Whether the file of a sample can be restored from its messages.
     """
 
-    name: str
-    msgtype: str
     stream: Stream
     encode: Callable[[Any, Moment], object | None]
-    latched: bool = False
-    depth: int = 10
     change_key: Callable[[Any], Hashable] | None = None
     restores: bool = False
-
-    @property
-    def on_demand(self) -> bool:
-        """Whether its messages are large, so that a player encodes them for subscribers only."""
-        return self.msgtype in LARGE_TYPES
 
     def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
         """Serialise the sample's messages as CDR.
@@ -153,7 +138,7 @@ class Topic:
             found = made if isinstance(made, list) else [] if made is None else [made]
             messages = [item if isinstance(item, tuple) else serialize(item) for item in found]
         except ValueError as error:
-            raise BadFileError(moment.path, str(error), f'data for {self.name}') from None
+            raise BadFileError(moment.path, str(error), f'data for {self.topic}') from None
         except (struct.error, OverflowError) as error:
             what = f'a number that {self.msgtype} cannot hold ({error})'
             raise BadFileError(moment.path, what, 'stamps before 2038 and 32-bit ids') from None
@@ -208,7 +193,7 @@ def make_table(
         rows.append(Topic('/tf', _TF, Stream.POSE, _tf))
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
-    return [replace(row, name=rename_topic(row.topic, options.preset)) for row in rows]
+    return [replace(row, topic=rename_topic(row.topic, options.preset)) for row in rows]
 
 
 def _camera_rows(

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from ..player.program import Outlet, Program
+    from ..model.channels import Channel
+    from ..player.program import Program
     from .qos import QosOverride
 
 _OVERRIDABLE = (
@@ -60,7 +61,7 @@ class Outlets:
     ) -> None:
         self._node = node
         self._tell_time = tell_time
-        self.channels: Sequence[Outlet] = program.channels
+        self.channels: Sequence[Channel] = program.channels
         self.complaints: dict[int, str] = {}
         self._publishers: dict[int, Publisher] = {}
         for index, outlet in enumerate(self.channels):

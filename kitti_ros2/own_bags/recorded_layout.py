@@ -177,7 +177,7 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
     with opened(source) as bag:
         with open_messages(bag) as messages:
             topics = frozenset(topic for topic, _ in messages.channels)
-            left_out = [each for each in messages.left_out if each.topic in own_topics()]
+            unread = tuple(loss for _, loss in messages.left_out if loss.stream in own_topics())
             damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
             is_own = (RECORDING, _STRING) in messages.channels
         if not is_own:
@@ -186,7 +186,6 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
             texts = _Source(messages, bag.path)
             damaged |= messages.losses
     found = texts.blueprint(topics, damaged)
-    unread = tuple(Loss(each.topic, each.messages, each.reason) for each in left_out)
     return replace(found, losses=(*unread, *found.losses))
 
 

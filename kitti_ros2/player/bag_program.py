@@ -11,12 +11,11 @@ import numpy as np
 from ..bags.forward_stamps import read_lead_ns
 from ..bags.reader import index_bag, open_messages
 from ..exporter.schedule import nearest_frames, never_falling
-from ..messages.cdr import filling
+from ..messages.cdr import Message, filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..model.losses import Loss
 from ..own_bags.numbering import BY_POSITION, number_bag
 from .bag_topics import AsItIs, choose_topics, define_images
-from .program import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -24,10 +23,10 @@ if TYPE_CHECKING:
 
     from ..bags.message_source import BagMessage, BagMessages
     from ..messages.ros_types import Typestore
+    from ..model.channels import Channel
     from ..model.samples import Int64Array
     from ..options.selection import Bound, SelectionOptions
     from .bag_topics import ImageMaker
-    from .program import Outlet
 
 _SCAN = 'sensor_msgs/msg/PointCloud2'
 _OF_CAMERA = frozenset(
@@ -83,7 +82,7 @@ class BagProgram:
                 raise BadBagError(path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(dict.fromkeys((*bag_index.findings, *messages.findings)))
-            self.channels: Sequence[Outlet] = played.channels(messages, self._topics)
+            self.channels: Sequence[Channel] = played.channels(messages, self._topics)
         self._index = {outlet.topic: index for index, outlet in enumerate(self.channels)}
         self._made = played.made(self.channels)
         if self._made:
@@ -164,7 +163,7 @@ class BagProgram:
         due, losses = [], []
         for outlet, name, image in zip(made, names, images, strict=True):
             if isinstance(image, bytes):
-                due.append(Message(outlet, message.stamp_ns, image))
+                due.append(Message(outlet, message.stamp_ns, (image,)))
             else:
                 losses.append(Loss(name, 1, f'{self._path}: {name} cannot be made: {image}'))
         return due, losses
@@ -199,8 +198,8 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        warnings = self._messages.findings if self._messages is not None else ()
-        new = [warning for warning in warnings if warning not in self.losses]
+        findings = self._messages.findings if self._messages is not None else ()
+        new = [finding for finding in findings if finding not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
     def _read_latched(self, last_ns: int) -> list[Message]:
@@ -217,12 +216,12 @@ class BagProgram:
 
 def _unmade(outlet: int, message: BagMessage) -> Message:
     """Return a message without data, for an outlet without subscribers."""
-    return Message(outlet, message.stamp_ns, b'')
+    return Message(outlet, message.stamp_ns, ())
 
 
 def _due(outlet: int, message: BagMessage) -> Message:
     data = bytes(message.data)
-    return Message(outlet, message.stamp_ns, data + filling(len(data)))
+    return Message(outlet, message.stamp_ns, (data + filling(len(data)),))
 
 
 def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:

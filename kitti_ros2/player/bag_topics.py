@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from ..messages.ros_types import TYPESTORE
 from ..messages.topics import match_names
+from ..model.channels import Channel
 from ..model.errors import UsageError
-from .program import Outlet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -84,35 +84,35 @@ class PlayedTopics:
         """The topics to read from the bag."""
         return frozenset(self.sources.get(name, name) for name in self.names)
 
-    def outlets(self, messages: BagMessages, topics: Collection[str]) -> list[Outlet]:
-        """Return the topics as outlets.
+    def channels(self, messages: BagMessages, topics: Collection[str]) -> list[Channel]:
+        """Return the channels of the topics.
 
         Args:
             messages: The bag.
             topics: The readable topics of the bag.
         """
         own = [
-            Outlet(
+            Channel(
                 topic,
                 msgtype,
-                topic in messages.latched,
-                messages.latched.get(topic, _DEPTH),
+                latched=topic in messages.latched,
+                depth=messages.latched.get(topic, _DEPTH),
             )
             for topic, msgtype in messages.channels
             if topic in topics and topic in self.names
         ]
         return own + [
-            Outlet(name, IMAGE, latched=False, depth=_DEPTH)
+            Channel(name, IMAGE, depth=_DEPTH)
             for name in self.names
             if self.sources.get(name) in topics
         ]
 
-    def made(self, outlets: Sequence[Outlet]) -> dict[str, list[int]]:
-        """Map topics of the bag to the indices of the outlets made from them."""
+    def made(self, channels: Sequence[Channel]) -> dict[str, list[int]]:
+        """Map topics of the bag to the indices of the channels made from them."""
         found: dict[str, list[int]] = {}
-        for index, outlet in enumerate(outlets):
-            if outlet.topic in self.sources:
-                found.setdefault(self.sources[outlet.topic], []).append(index)
+        for index, channel in enumerate(channels):
+            if channel.topic in self.sources:
+                found.setdefault(self.sources[channel.topic], []).append(index)
         return found
 
 

@@ -4,67 +4,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..exporter.encode import Encoder
 from ..exporter.schedule import make_schedule
-from ..messages.cdr import join
+from ..messages.cdr import Message
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import LARGE_TYPES
-from ..model.errors import describe_error
 from ..model.losses import Loss
 from ..model.streams import Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Hashable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
-    from ..exporter.encode import Failure, Message
     from ..exporter.schedule import Schedule
     from ..messages.ros_types import Typestore
+    from ..model.channels import Channel
     from ..model.recording import Recording
     from ..model.samples import Int64Array
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
-
-
-class Outlet(NamedTuple):
-    """A topic that is played.
-
-    Attributes:
-        name: Topic name.
-        msgtype: Message type, such as sensor_msgs/msg/Imu.
-        latched: Whether it is transient local, for late subscribers.
-        depth: History depth of its publisher.
-    """
-
-    name: str
-    msgtype: str
-    latched: bool
-    depth: int
-
-    @property
-    def on_demand(self) -> bool:
-        """Whether its messages are large, and made only while a subscriber exists."""
-        return self.msgtype in LARGE_TYPES
-
-
-class Message(NamedTuple):
-    """A message ready for publishing.
-
-    Attributes:
-        outlet: Index of its topic in Program.channels.
-        stamp_ns: Nanoseconds since 1970.
-        data: CDR with its encapsulation header; empty if it was not made because its topic is on
-            demand and has no subscriber.
-        key: Identifies the content; a message with the key of the topic's last one is skipped.
-    """
-
-    outlet: int
-    stamp_ns: int
-    data: bytes
-    key: Hashable = None
 
 
 class Program(Protocol):
@@ -72,16 +32,16 @@ class Program(Protocol):
 
     Attributes:
         name: Display name.
-        outlets: The topics.
+        channels: The topics that are played.
         stamps_ns: (N,) int64 nanoseconds, ascending.
         frames: (N,) int64 frame numbers, never decreasing.
         workers: Number of threads that may fetch at once.
-        typestore: Contains the types of the outlets.
+        typestore: Contains the types of the channels.
         losses: Data missing from the start or found missing since, one line each.
     """
 
     name: str
-    outlets: Sequence[Outlet]
+    channels: Sequence[Channel]
     stamps_ns: Int64Array
     frames: Int64Array
     workers: int
@@ -99,7 +59,7 @@ class Program(Protocol):
 
         Args:
             index: 0 .. N-1.
-            wanted: The outlets with a subscriber; on-demand messages of other outlets are not made
+            wanted: The channels with a subscriber; on-demand messages of others are not made
                 and have no data.
         """
 
@@ -130,9 +90,7 @@ class RecordingProgram:
         self._latched = _latched_entries(schedule, self._encoder)
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
-        self.channels: Sequence[Outlet] = [
-            Outlet(row.topic, row.msgtype, row.latched, row.depth) for row in self._encoder.table
-        ]
+        self.channels: Sequence[Channel] = self._encoder.table
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
         self.workers = workers
@@ -157,17 +115,18 @@ class RecordingProgram:
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """See Program."""
-        due, failures = self._encode(index, wanted)
-        self._named.update(describe_error(each.error) for each in failures)
-        return due, list(map(_loss, failures))
+        messages, losses = self._encode(index, wanted)
+        self._named.update(loss.message for loss in losses)
+        return messages, list(_by_reason(losses).values())
 
-    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Failure]]:
+    def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         entry = self._entries[index]
-        messages, failures = self._encoder.encode(entry, wanted)
+        encoded, losses = self._encoder.encode(entry, wanted)
+        messages = [each._replace(parts=(each.data,)) for each in encoded]
         # Small messages first: each waits for those before it.
-        due = sorted(map(_due, messages), key=lambda each: self.channels[each.channel].on_demand)
+        messages.sort(key=lambda each: self.channels[each.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
-        return [*due, *(Message(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
+        return messages + [Message(index, entry.stamp_ns, ()) for index in unmade], losses
 
     def latched_before(self, index: int) -> list[Message]:
         """See Program."""
@@ -176,9 +135,9 @@ class RecordingProgram:
             past = int(np.searchsorted(positions, index)) - 1
             if past < 0:
                 continue
-            messages, failures = self._encode(int(positions[past]), ())
-            for each in failures:
-                self._unsent[describe_error(each.error)] = _loss(each).message
+            messages, losses = self._encode(int(positions[past]), ())
+            for reason, loss in _by_reason(losses).items():
+                self._unsent[reason] = loss.message
             for message in messages:
                 if self.channels[message.channel].latched:
                     last.setdefault(message.channel, []).append(message)
@@ -188,13 +147,15 @@ class RecordingProgram:
         """Do nothing: no file stays open between two samples."""
 
 
-def _due(message: Message) -> Message:
-    return Message(message.topic, message.stamp_ns, join(message.parts), message.key)
-
-
-def _loss(failure: Failure) -> Loss:
-    topics = ', '.join(failure.topics)
-    return Loss(topics, len(failure.topics), f'{topics}: {describe_error(failure.error)}')
+def _by_reason(losses: Iterable[Loss]) -> dict[str, Loss]:
+    """Return one loss for each reason, whose message begins with the topics concerned."""
+    topics: dict[str, list[str]] = {}
+    for loss in losses:
+        topics.setdefault(loss.message, []).append(loss.stream)
+    return {
+        reason: Loss(', '.join(names), len(names), f'{", ".join(names)}: {reason}')
+        for reason, names in topics.items()
+    }
 
 
 def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:

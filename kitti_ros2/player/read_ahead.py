@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from ..messages.cdr import Message
     from ..model.losses import Loss
-    from .program import Message, Program
+    from .program import Program
 
     Fetched = tuple[list[Message], list[Loss]]
 

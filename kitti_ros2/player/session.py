@@ -22,9 +22,10 @@ from .transport import Reception, SubscriberWait
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
+    from ..messages.cdr import Message
     from ..options.table import PlaySettings
     from .playback_events import Event
-    from .program import Message, Program
+    from .program import Program
     from .transport import Transport
 
 _MARKERS = 'visualization_msgs/msg/MarkerArray'

@@ -21,8 +21,9 @@ from ..rig.tf_tree import FrameTree
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..messages.cdr import Message
     from ..model.geometry import Transform
-    from ..player.program import Message, Program
+    from ..player.program import Program
     from ..rig.camera_info import CameraModel
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'

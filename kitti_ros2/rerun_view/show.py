@@ -22,7 +22,8 @@ from .program_survey import make_survey
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
-    from ..player.program import Message, Program
+    from ..messages.cdr import Message
+    from ..player.program import Program
     from .entities import Shown
 
 APPLICATION = 'kitti_ros2'

@@ -43,7 +43,7 @@ CHANNELS = (
     Channel('/kitti/camera_color_left/camera_info', 'sensor_msgs/msg/CameraInfo'),
     Channel('/kitti/oxts/imu', 'sensor_msgs/msg/Imu'),
     Channel('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix'),
-    Channel('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', depth=5, reliable=False),
+    Channel('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', depth=5),
     Channel('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry'),
     Channel('/kitti/ground_truth/path', 'nav_msgs/msg/Path', latched=True),
     Channel('/tf', 'tf2_msgs/msg/TFMessage'),

@@ -167,7 +167,7 @@ def test_quality_of_service_and_type_hashes(written):
     for channel in CHANNELS:
         (qos,) = connections[channel.topic].ext.offered_qos_profiles
         assert (qos.durability is QosDurability.TRANSIENT_LOCAL) == channel.latched
-        assert (qos.reliability is QosReliability.RELIABLE) == channel.reliable
+        assert qos.reliability is QosReliability.RELIABLE
         assert qos.depth == channel.depth
         if path.is_dir():
             assert connections[channel.topic].digest == jazzy().hash_rihs01(channel.msgtype)

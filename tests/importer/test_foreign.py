@@ -14,7 +14,6 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import Incomplete
@@ -22,6 +21,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.model.boxes import box_corners, box_of, project_corners
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import BadFileError, MissingDataError, UsageError
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.layouts import Layout

@@ -14,7 +14,6 @@ from mcap.writer import Writer
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import parse_plan
@@ -23,6 +22,7 @@ from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
 from kitti_ros2.messages.transforms import make_transform
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import KittiRos2Error, MissingDataError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream

@@ -55,7 +55,7 @@ def test_a_plan_is_read_as_it_was_printed(plan):
     assert parse_plan(format_plan(plan, ('a note', 'another: one')), PATH) == plan
 
 
-def test_remarks_are_comments():
+def test_notes_are_comments():
     text = format_plan(parse_plan(LEAST, PATH), ('missing: images',))
     assert text.startswith('# missing: images\nlayout: object\n')
 

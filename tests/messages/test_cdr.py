@@ -40,7 +40,7 @@ def messages(recording):
     made = {}
     for entry in schedule:
         for message in encoder.encode(entry)[0]:
-            made[encoder.table[message.topic].msgtype] = join(message.parts)
+            made[encoder.table[message.channel].msgtype] = join(message.parts)
     return made
 
 

@@ -15,13 +15,13 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.importer.cuboids import cuboids_of_detections
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import decode_boxes_2d, encode_boxes_2d, encode_detections
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.boxes import Box, Cuboid
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
 

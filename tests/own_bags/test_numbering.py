@@ -17,11 +17,11 @@ from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.exporter.schedule import UNKNOWN, frames_of, make_schedule, never_falling
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import FRAME_STREAMS, Stream
@@ -156,7 +156,7 @@ def test_a_hostile_description_leaves_the_bag_numbered_by_position(text, tmp_pat
     kinds = {'/kitti/source/recording': String(text), '/kitti/velo/points': String('x')}
     with open_bag(path, BagOptions(), TYPESTORE) as writer:
         for topic, message in kinds.items():
-            channel = writer.add_channel(Channel(topic, 'std_msgs/msg/String', False, 1))
+            channel = writer.add_channel(Channel(topic, 'std_msgs/msg/String', depth=1))
             writer.write(channel, 5, serialize(message))
     assert number_bag(path, bag_stamps(path)) is None
     assert BagProgram(path, ALL).frames.tolist() == [0, 0]
@@ -195,7 +195,9 @@ def rerecord(path, out, late_ns):
     """The bag as a recorder logs it from a player: later, every message with its own header."""
     with open_messages(path) as messages, open_bag(out, BagOptions(), TYPESTORE) as writer:
         ids = {
-            topic: writer.add_channel(Channel(topic, msgtype, topic in messages.latched, 1))
+            topic: writer.add_channel(
+                Channel(topic, msgtype, latched=topic in messages.latched, depth=1)
+            )
             for topic, msgtype in messages.channels
         }
         for message in messages:
@@ -215,7 +217,7 @@ def test_a_bag_of_stamps_that_are_not_the_recordings_is_numbered_by_position(tmp
     without = tmp_path / 'without.mcap'
     with open_messages(holed_bag) as messages, open_bag(without, BagOptions(), TYPESTORE) as writer:
         ids = {
-            topic: writer.add_channel(Channel(topic, msgtype, False, 1))
+            topic: writer.add_channel(Channel(topic, msgtype, depth=1))
             for topic, msgtype in messages.channels
             if topic != '/kitti/source/recording'
         }

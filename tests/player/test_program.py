@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from kitti_ros2.exporter.encode import Encoder
 from kitti_ros2.exporter.schedule import make_schedule, nearest_frames
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.cdr import join
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -53,7 +52,7 @@ def test_each_position_gives_what_the_encoder_gives(recording):
         assert failures == []
         due, missing = program.fetch(index, every(program))
         assert missing == []
-        assert flat(due) == sorted((m.topic, m.stamp_ns, join(m.parts)) for m in messages)
+        assert flat(due) == sorted((m.channel, m.stamp_ns, m.data) for m in messages)
         assert {each.stamp_ns for each in due} <= {int(program.stamps_ns[index])}
         large = [program.channels[each.channel].on_demand for each in due]
         assert large == sorted(large)

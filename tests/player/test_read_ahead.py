@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from kitti_ros2.player.program import Message
+from kitti_ros2.messages.cdr import Message
 from kitti_ros2.player.read_ahead import ReadAhead
 
 TOTAL = 20
@@ -33,7 +33,7 @@ class Counting:
         self.gate.wait(10)
         if index in self.failing:
             raise ZeroDivisionError(f'at {index}')
-        return [Message(0, index, repr(sorted(wanted)).encode())], []
+        return [Message(0, index, (repr(sorted(wanted)).encode(),))], []
 
     @property
     def positions(self):
@@ -124,7 +124,7 @@ def test_a_new_outlet_wanted_is_fetched_again(program):
         assert ahead.take(0)[0][0].data == b'[0]'
         ahead.want(ALL)
         for position in range(1, 6):
-            assert ahead.take(position) == ([Message(0, position, b'[0, 1]')], [])
+            assert ahead.take(position) == ([Message(0, position, (b'[0, 1]',))], [])
 
 
 def test_an_outlet_less_fetches_nothing_again(program):

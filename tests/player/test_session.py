@@ -7,8 +7,9 @@ import threading
 import numpy as np
 import pytest
 
+from kitti_ros2.messages.cdr import Message
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.program import Message, Outlet
 from kitti_ros2.player.session import LAST_WAIT_S, Session
 from kitti_ros2.player.transport import Audience
 
@@ -22,10 +23,10 @@ class SmallProgram:
     name = 'small'
     workers = 1
     losses = ()
-    outlets = (
-        Outlet('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10),
-        Outlet('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10),
-        Outlet('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1),
+    channels = (
+        Channel('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10),
+        Channel('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10),
+        Channel('/static', 'tf2_msgs/msg/TFMessage', latched=True, depth=1),
     )
 
     def __init__(self):
@@ -35,7 +36,7 @@ class SmallProgram:
     def fetch(self, index, wanted):
         stamp_ns = int(self.stamps_ns[index])
         return [
-            Message(outlet, stamp_ns, b'data' if outlet in wanted or outlet != SCAN else b'')
+            Message(outlet, stamp_ns, (b'data',) if outlet in wanted or outlet != SCAN else ())
             for outlet in (IMU, STATIC, SCAN)
         ], []
 

@@ -17,12 +17,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.header import make_header, make_vector3
 from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Clock
 from kitti_ros2.options.bag import BagOptions
