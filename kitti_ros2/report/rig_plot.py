@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..model.geometry import Float64Array
-    from .overview import LinkGlance
+    from .glances import LinkGlance
 
 MOST_FRAMES = 16
 """Maximum number of frames that can be distinguished in a drawing."""

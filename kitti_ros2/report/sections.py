@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.streams import Clock
+from .contents import NUMBER, TEXT, Table
 from .plots import histogram_plot, shares_bar
 from .rig_plot import MOST_FRAMES, mounts_of, rig_plot
 from .route_plot import route_plot
 from .statistics import OCCLUSIONS, histogram
-from .tables import NUMBER, TEXT, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from .contents import Report
-    from .overview import CameraGlance
+    from .glances import CameraGlance
     from .rig_plot import Mount
     from .statistics import ClassFacts, ClassStatistics
 

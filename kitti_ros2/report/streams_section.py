@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..model.streams import Clock
 from ..model.text import format_bytes
+from .contents import LONG, NAME, NUMBER, TEXT, Table
 from .plots import format_period, interval_plot, strip
-from .tables import LONG, NAME, NUMBER, TEXT, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,7 +64,9 @@ def _table(report: Report) -> Table:
     if not of_bag:
         columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
     columns.append((('Size', NUMBER), _size))
-    columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
+    # Of a message type, without its package, as in info.
+    detail = ('Type' if of_bag else 'Frames', TEXT)
+    columns.append((detail, lambda each: each.detail.rsplit('/', 1)[-1]))
     columns.append((('Content', LONG), _facts))
     # Columns that are empty for all streams are removed.
     columns = [
@@ -105,11 +107,6 @@ def _longest_gap_ns(stream: StreamFacts) -> int | None:
 
 def _size(stream: StreamFacts) -> str:
     return '' if stream.size_bytes is None else format_bytes(stream.size_bytes)
-
-
-def _detail(stream: StreamFacts) -> str:
-    """Return its frames, or the message type without its package, as in info."""
-    return stream.detail.rsplit('/', 1)[-1]
 
 
 def _delay(stream: StreamFacts) -> str:

@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import Channel, open_bag
+from kitti_ros2.cli.info import overlook
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
@@ -29,6 +30,7 @@ from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.report.contents import Finding, Report, Severity
 from kitti_ros2.report.gather import gather
 from kitti_ros2.report.overview import Overview
@@ -81,6 +83,22 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
     timings = {each.name: each.timing for each in there.streams}
     scans = next(each for each in here.streams if each.name == 'scan')
     assert timings['/kitti/velo/points'].stamps_ns.tolist() == scans.timing.stamps_ns.tolist()
+
+
+def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch):
+    path = tmp_path / 'bag.mcap'
+    source = open_recording(recordings[Layout.RAW])
+    convert(source, path, MessageOptions(), SelectionOptions(), BagOptions())
+    parse, read = recorded_layout.parse_description, []
+    monkeypatch.setattr(
+        recorded_layout,
+        'parse_description',
+        lambda text, bag: read.append(bag) or parse(text, bag),
+    )
+    assert overlook(path).losses == ()
+    assert len(read) == 1
+    assert gather(path, ANY).frames == SMALL.frames
+    assert len(read) == 2
 
 
 def test_a_bag_of_others(tmp_path):
@@ -225,7 +243,7 @@ def page_with(name, where, text) -> str:
         notes=(),
     )
     findings = [Finding(Severity.LOSS, where, text)]
-    return make_page(Report(overview, None, (), findings, None, None, (), ()))
+    return make_page(Report(overview, (), findings))
 
 
 PRINTABLE = st.text().filter(str.isprintable)
