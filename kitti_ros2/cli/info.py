@@ -166,10 +166,8 @@ def _camera_table(overview: Overview) -> Table:
         table.add_column(heading, justify='right', no_wrap=True)
     for camera in overview.cameras:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
-        values = (camera.fx, camera.fy, camera.cx, camera.cy)
-        numbers = ('' if value is None else f'{value:.2f}' for value in values)
-        baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m or 0) > 1e-6 else ''
-        table.add_row(_cell(camera.name.removesuffix('/camera_info')), size, *numbers, baseline)
+        name, *numbers = camera.cells()
+        table.add_row(_cell(name), size, *numbers)
     return table
 
 

@@ -52,6 +52,15 @@ class CameraGlance:
     cy: float | None
     baseline_m: float | None
 
+    def cells(self) -> tuple[str, ...]:
+        """Format name, fx, fy, cx, cy and baseline for a table; what is unknown is empty."""
+        pixels = (self.fx, self.fy, self.cx, self.cy)
+        return (
+            self.name.removesuffix('/camera_info'),
+            *('' if value is None else f'{value:.2f}' for value in pixels),
+            f'{self.baseline_m:.4f}' if abs(self.baseline_m or 0) > 1e-6 else '',
+        )
+
 
 @dataclass(frozen=True)
 class LinkGlance:

@@ -160,21 +160,12 @@ def _mount_table(mounts: Sequence[Mount]) -> Table:
 def _camera_table(cameras: Sequence[CameraGlance]) -> Table:
     columns = [('Camera', TEXT), ('Size', NUMBER)]
     columns += [(name, NUMBER) for name in ('fx', 'fy', 'cx', 'cy', 'Field of view', 'Baseline m')]
-    rows = [
-        [
-            each.name.removesuffix('/camera_info'),
-            f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image',
-            *(_pixels(value) for value in (each.fx, each.fy, each.cx, each.cy)),
-            _field_of_view(each),
-            f'{each.baseline_m:.4f}' if abs(each.baseline_m or 0) > 1e-6 else '',
-        ]
-        for each in cameras
-    ]
+    rows = []
+    for each in cameras:
+        name, *pixels, baseline = each.cells()
+        size = f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image'
+        rows.append([name, size, *pixels, _field_of_view(each), baseline])
     return Table('Intrinsics of the rectified cameras, in pixels', columns, rows)
-
-
-def _pixels(value: float | None) -> str:
-    return '' if value is None else f'{value:.2f}'
 
 
 def _field_of_view(camera: CameraGlance) -> str:
