@@ -17,6 +17,7 @@ MAINTAINER = FACTS.find('maintainer')
 REQUIREMENTS = [
     'defusedxml>=0.7.1,<0.8',
     'isal>=1.7,<2',
+    'jinja2>=3.1.2,<4',
     'lz4>=4.3,<5',
     'mcap>=1.3,<2',
     'numpy>=1.26,<3',
@@ -72,7 +73,7 @@ setup(
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'node/fastdds.xml']},
+    package_data={NAME: ['py.typed', 'node/fastdds.xml', 'report/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -48,6 +48,7 @@ GUESTS = {
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
+    'jinja2': {'report'},
     'rerun': {'rerun_view'},
     'typer': {'cli'},
     'rich': {'cli'},

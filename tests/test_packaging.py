@@ -34,6 +34,7 @@ ROSDEP_KEYS = {
     'rcl_interfaces',
     'python3-defusedxml',
     'python3-hypothesis',
+    'python3-jinja2',
     'python3-numpy',
     'python3-opencv',
     'python3-pytest',
@@ -56,6 +57,7 @@ ROSDEP_KEYS = {
 # The rosdep key that brings a requirement of setup.py to a workspace.
 KEY_OF = {
     'defusedxml': 'python3-defusedxml',
+    'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',
     'pyyaml': 'python3-yaml',
@@ -190,9 +192,13 @@ def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     scripts = setup_arguments['entry_points']['console_scripts']
     assert scripts == ['kitti-ros2 = kitti_ros2.cli:main', 'player = kitti_ros2.cli:player']
     assert setup_arguments['python_requires'] == '>=3.10'
-    assert setup_arguments['package_data'] == {'kitti_ros2': ['py.typed', 'node/fastdds.xml']}
-    for name in setup_arguments['package_data']['kitti_ros2']:
-        assert (REPO / 'kitti_ros2' / name).is_file()
+    data = ['py.typed', 'node/fastdds.xml', 'report/templates/*']
+    assert setup_arguments['package_data'] == {'kitti_ros2': data}
+    package = REPO / 'kitti_ros2'
+    installed = {path for pattern in data for path in package.glob(pattern)}
+    assert installed == {
+        path for path in package.rglob('*') if path.is_file() and path.suffix not in {'.py', '.pyc'}
+    }
 
 
 def test_every_folder_with_modules_is_a_package(setup_arguments: dict[str, Any]) -> None:
@@ -305,4 +311,10 @@ def test_every_code_file_has_its_licence_header() -> None:
     for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config'):
         files += [*(REPO / folder).rglob('*.py'), *(REPO / folder).rglob('*.yaml')]
     bare = [str(path) for path in files if header not in path.read_text(encoding='utf-8')[:200]]
+    for path in (REPO / 'kitti_ros2/report/templates').iterdir():
+        lines = zip(
+            header.splitlines(), path.read_text(encoding='utf-8').splitlines(), strict=False
+        )
+        if not all(written.startswith(f'{{{line}') for line, written in lines):
+            bare.append(str(path))
     assert bare == []

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from ..bags.locate import is_bag
 from ..bags.reader import OpenBag
 from ..kitti.layouts import open_recording
-from ..messages.source import RECORDING
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
@@ -32,7 +31,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
-    from ..report.overview import LinkGlance, Overview
+    from ..report.glances import LinkGlance
+    from ..report.overview import Overview
 
 _MOST_FRAMES = 24
 
@@ -62,13 +62,8 @@ def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> 
     """Return the overview of a bag, or of a KITTI folder."""
     read = make_settings(given).read
     if is_bag(path, read.layout):
-        from ..own_bags.recorded_layout import missing_from
-
         with OpenBag(path) as bag:
-            overview = inspect_bag(bag)
-            counts = {series.name: series.count for series in overview.series}
-            losses = missing_from(bag, counts) if RECORDING in counts else ()
-        return replace(overview, losses=(*overview.losses, *losses))
+            return inspect_bag(bag)[0]
     return inspect_recording(open_recording(path, read), path)
 
 
@@ -171,10 +166,8 @@ def _camera_table(overview: Overview) -> Table:
         table.add_column(heading, justify='right', no_wrap=True)
     for camera in overview.cameras:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
-        values = (camera.fx, camera.fy, camera.cx, camera.cy)
-        numbers = ('' if value is None else f'{value:.2f}' for value in values)
-        baseline = f'{camera.baseline_m:.4f}' if abs(camera.baseline_m or 0) > 1e-6 else ''
-        table.add_row(_cell(camera.name.removesuffix('/camera_info')), size, *numbers, baseline)
+        name, *numbers = camera.cells()
+        table.add_row(_cell(name), size, *numbers)
     return table
 
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from ..files.staging import Staging, keep_all, keep_all_but_files, staged_file
 from ..model.errors import UsageError
 from ..options.table import make_settings
 from ..report.gather import gather
 from ..report.page import make_page
-from ..report.publish import check_output, write_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
 from .progress import part_progress
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _ENDINGS = ('.html', '.htm')
+_KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
 
 def run_report(
@@ -45,10 +46,12 @@ def run_report(
     options = make_settings(given).read
     if out.suffix.lower() not in _ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
-    check_output(out, overwrite=overwrite)
+    refusal = _KEEP_ALL_BUT_PAGES if overwrite else keep_all
+    Staging(out, refusal).discard()  # raises now for what could not be written later
     with part_progress('reading', show=not quiet) as progress:
         report = gather(src, options, progress)
-    size = write_page(out, make_page(report), overwrite=overwrite)
+    with staged_file(out, refusal) as path:
+        size = path.write_bytes(make_page(report).encode())
     for finding in report.findings:
         if finding.is_loss:
             complain(f'{finding.where + ": " if finding.where else ""}{finding.text}')

@@ -17,7 +17,7 @@ from ..pictures.modes import MODES
 from ..pictures.movie import Movie
 from ..pictures.output import PICTURES, keep_all_but_pictures, staged_folder, write_picture
 from ..pictures.predictions import Predictions
-from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, stamps_of
+from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .losses import show_losses
@@ -140,7 +140,7 @@ def _draw(
     started = time.monotonic()
     with count_progress('drawing', len(numbers), show=not quiet and not single) as progress:
         pictures = tally.pictures(series, progress)
-        rate_hz = settings.rate_hz or rate_of(stamps_of(source, numbers))
+        rate_hz = settings.rate_hz or rate_of(source, numbers)
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
         for note in (*source.assumptions, *_absent(settings, source, tally.kinds)):

@@ -44,7 +44,7 @@ __all__ = [
     'EarlierVersionError',
     'UndescribedError',
     'find_blueprint',
-    'missing_from',
+    'read_own',
 ]
 
 _STRING = 'std_msgs/msg/String'
@@ -189,22 +189,25 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
     return replace(found, losses=(*unread, *found.losses))
 
 
-def missing_from(bag: BagSource, counts: Mapping[str, int]) -> tuple[Loss, ...]:
-    """Return the missing data of a bag written by to-bag; nothing for other bags.
+def read_own(
+    bag: BagSource, counts: Mapping[str, int]
+) -> tuple[Blueprint | None, tuple[Loss, ...]]:
+    """Return the layout of the recording in a bag written by to-bag, and the bag's missing data.
 
     Args:
-        bag: A bag that can be read.
+        bag: A bag that can be read; without a readable description, it has no layout.
         counts: Its messages by topic.
     """
     try:
         found = find_blueprint(bag)
     except EarlierVersionError:
-        return ()
+        return None, ()
     except BadBagError as error:
-        return (Loss(RECORDING, 1, str(error)),)
+        return None, (Loss(RECORDING, 1, str(error)),)
     if found is None:
-        return ()
-    return (*damage(found.damage, path_of(bag).name), *found.losses, *found.shortfall(counts))
+        return None, ()
+    damaged = damage(found.damage, path_of(bag).name)
+    return found, (*damaged, *found.losses, *found.shortfall(counts))
 
 
 class _Source:

@@ -102,9 +102,7 @@ class BagFrames:
         """Return all poses of the bag, also those between its frames."""
         if self._track is None:
             return Trajectory(np.zeros(0, np.int64), [])
-        stamps_ns = self._track.track.stamps_ns
-        poses = [pose for pose in self._track.track.at(stamps_ns) if pose is not None]
-        return Trajectory(stamps_ns, [pose @ self._body_t_imu for pose in poses])
+        return self._track.trajectory(self._body_t_imu)
 
     def close(self) -> None:
         """See FrameSource."""
@@ -181,6 +179,12 @@ class EgoTrack(NamedTuple):
 
     track: PoseTrack
     body: str
+
+    def trajectory(self, body_T_imu: Transform) -> Trajectory:
+        """Return all poses, of the unit instead of the body."""
+        stamps_ns = self.track.stamps_ns
+        poses = [pose @ body_T_imu for pose in self.track.at(stamps_ns) if pose is not None]
+        return Trajectory(stamps_ns, poses)
 
 
 def _to_look_at(plan: Plan) -> Plan:

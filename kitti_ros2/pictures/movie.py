@@ -9,7 +9,7 @@ encodes MPEG-4 Part 2, which players support and browsers do not.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,12 +37,6 @@ class MovieError(KittiRos2Error):
         )
 
 
-class _MovieEncoder(Protocol):
-    def write(self, picture: Pixels) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class Movie:
     """A context manager that writes a film.
 
@@ -59,7 +53,7 @@ class Movie:
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._path = path
         self._rate_hz = rate_hz
-        self._encoder: _MovieEncoder | None = None
+        self._encoder: _H264 | _Mpeg4 | None = None
         self._size = (0, 0)
         self.codec = 'H.264' if has_h264() else 'MPEG-4 Part 2'
 

@@ -55,7 +55,7 @@ def write_picture(path: Path, picture: Pixels) -> None:
     path.write_bytes(encode_picture(picture, path.suffix))
 
 
-def encode_picture(picture: Pixels, suffix: str) -> bytes:
+def encode_picture(picture: Pixels, suffix: str, jpeg_quality: int = _JPEG_QUALITY) -> bytes:
     """Encode a picture in the format of a suffix, such as .png.
 
     Raises:
@@ -70,7 +70,7 @@ def encode_picture(picture: Pixels, suffix: str) -> bytes:
         raise UsageError(f'a picture ends in {", ".join(PICTURES)}, not in {suffix or "nothing"}')
     if ending == '.png':
         return encode_png(picture)
-    settings = [] if ending == '.webp' else [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+    settings = [] if ending == '.webp' else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
     done, data = cv2.imencode(ending, picture, settings)
     if not done:
         raise UsageError(f'this OpenCV writes no {suffix}; choose .png')

@@ -14,32 +14,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from ..drawing.annotate import is_labelled
-from ..drawing.birds_eye import BACKGROUND, birds_eye
-from ..drawing.boxes_2d import draw_boxes_2d
-from ..drawing.objects import resized
-from ..drawing.points import draw_points
+from ..drawing.birds_eye import BACKGROUND
 from ..drawing.range_maps import ROWS, range_maps
 from ..drawing.scales import SCALES, colored, draw_bar, draw_ramp
 from ..drawing.strokes import new_picture
 from ..drawing.text import extent_of, fitted, put_text
-from ..drawing.wireframes import draw_wireframes
 from ..model.errors import MissingDataError
 from ..options.pictures import ColorBy
 from .facts import draw_classes, draw_facts, moment_of
-from .frame_parts import (
-    bird_points,
-    camera_image,
-    frame_points,
-    frame_projection,
-    name_of,
-    needed_projection,
-    of_classes,
-)
+from .frame_parts import camera_image, frame_points, name_of, of_classes
+from .painters import Shown, draw_bird, paint_boxes_2d, paint_boxes_3d, paint_scan
 
 if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
-    from ..drawing.projection import Projection
     from ..drawing.strokes import Color
     from ..options.pictures import BirdOptions, PictureOptions
     from .frame import Frame
@@ -144,19 +131,6 @@ def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
     put_text(window, text, (left, window.shape[0] / 2), _TITLE_SCALE, _MISSING)
 
 
-class _Shown(NamedTuple):
-    """A camera's image scaled to the page."""
-
-    camera: int
-    picture: Pixels
-    scale_x: float
-    scale_y: float
-
-    def projection(self, frame: Frame) -> Projection:
-        """Return the projection from velo_link into the picture."""
-        return frame_projection(frame, self.camera).resized(self.scale_x, self.scale_y)
-
-
 def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     """Draw the camera image three times: with 2D boxes, 3D boxes, and the scan."""
     try:
@@ -166,21 +140,21 @@ def _draw_images(page: Pixels, frame: Frame, options: PictureOptions) -> None:
             _say(area.of(page), frame, error)
         return
     height, width = shown.picture.shape[:2]
-    for area, draw in (
-        (BOXES_2D, _draw_boxes_2d),
-        (BOXES_3D, _draw_boxes_3d),
-        (LIDAR, _draw_lidar),
+    for area, paint in (
+        (BOXES_2D, paint_boxes_2d),
+        (BOXES_3D, paint_boxes_3d),
+        (LIDAR, paint_scan),
     ):
         left, top = (area.width - width) // 2, (area.height - height) // 2
         window = area.of(page)[top : top + height, left : left + width]
         window[:] = shown.picture
         try:
-            draw(window, shown, frame, options)
+            paint(window, shown, frame, options)
         except MissingDataError as error:
             _say(area.of(page), frame, error)
 
 
-def _fit(camera: int, image: Pixels, area: Area) -> _Shown:
+def _fit(camera: int, image: Pixels, area: Area) -> Shown:
     """Scale the image to fit an area."""
     scale = min(area.width / image.shape[1], area.height / image.shape[0])
     width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
@@ -188,44 +162,17 @@ def _fit(camera: int, image: Pixels, area: Area) -> _Shown:
     # area averaging.
     interpolation = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
     picture = np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.uint8)
-    return _Shown(camera, picture, width / image.shape[1], height / image.shape[0])
-
-
-def _draw_boxes_2d(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
-    scales = shown.scale_x, shown.scale_y
-    projection = needed_projection(frame, shown.camera)
-    draw_boxes_2d(
-        window,
-        resized(frame.objects, *scales),
-        projection.resized(*scales) if projection else None,
-        predictions=resized(frame.predictions, *scales),
-        labelled=is_labelled(frame.calibration, shown.camera),
-        named=options.named,
-    )
-
-
-def _draw_boxes_3d(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
-    projection = shown.projection(frame)
-    draw_wireframes(window, frame.objects, projection, frame.predictions, named=options.named)
-
-
-def _draw_lidar(window: Pixels, shown: _Shown, frame: Frame, options: PictureOptions) -> None:
-    points, projection = frame_points(frame), shown.projection(frame)
-    draw_points(window, points, projection, options.color_by, options.color_map, options.point_size)
+    return Shown(camera, picture, width / image.shape[1], height / image.shape[0])
 
 
 def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     """Draw the scan and the boxes from above, and the colour bar."""
     window = BIRD.of(page)
     try:
-        points = bird_points(frame)
+        window[:] = draw_bird(frame, replace(options, bird=_filling(options.bird, BIRD)))
     except MissingDataError as error:
         _say(window, frame, error)
         return
-    bird = _filling(options.bird, BIRD)
-    window[:] = birds_eye(
-        points, frame.objects, frame.predictions, bird, options.color_map, named=options.named
-    )
     draw_bar(window, SCALES[ColorBy.HEIGHT], options.color_map, (0, BIRD.height - 45), (120, 7))
 
 

@@ -42,13 +42,14 @@ class Predictions:
             raise UsageError(f'{path}: no such file or folder; expected label files of predictions')
         self.path = path
         self._folder = path / _DATA if STORE.is_dir(path / _DATA) else path
-        if STORE.is_dir(path) and not any(map(_is_of_frame, STORE.names(self._folder))):
-            tracks = [name for name in STORE.names(self._folder) if _is_of_sequence(name)]
+        names = STORE.names(self._folder)
+        if STORE.is_dir(path) and not any(_is_number(name, FRAME_DIGITS) for name in names):
+            tracks = [name for name in names if _is_number(name, SEQUENCE_DIGITS)]
             hint = f'; give one of its files, such as {tracks[0]}' if tracks else ''
             raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
 
     def add_to(self, frame: Frame) -> Frame:
-        """Return the frame with its predictions; bad lines are reported in its lacks."""
+        """Return the frame with its predictions; bad lines are in its missing."""
         missing: dict[str, str] = {}
         try:
             boxes = self._boxes(frame.number, missing)
@@ -90,9 +91,6 @@ class Predictions:
         return frames
 
 
-def _is_of_frame(name: str) -> bool:
-    return name.endswith(TXT) and len(name) == FRAME_DIGITS + len(TXT) and name[:-4].isdecimal()
-
-
-def _is_of_sequence(name: str) -> bool:
-    return name.endswith(TXT) and len(name) == SEQUENCE_DIGITS + len(TXT) and name[:-4].isdecimal()
+def _is_number(name: str, digits: int) -> bool:
+    stem = name.removesuffix(TXT)
+    return name.endswith(TXT) and len(stem) == digits and stem.isdecimal()

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -24,46 +24,15 @@ from .frame import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from ..drawing.pixels import Pixels
-    from ..model.layouts import Layout
     from ..model.losses import Loss
-    from ..model.recording import Start, StreamIndex
+    from ..model.recording import Recording
     from ..model.samples import Int64Array, Sample
 
+    Readable: TypeAlias = Recording | BagRecording
+
 S = TypeVar('S')
-
-
-class Readable(Protocol):
-    """The part of model.recording.Recording that frames are made from."""
-
-    layout: Layout
-    name: str
-    root: Path
-    common_numbers: bool
-    clock: Clock
-
-    @property
-    def start(self) -> Start | None: ...  # noqa: D102
-
-    @property
-    def streams(self) -> Mapping[Stream, StreamIndex]: ...  # noqa: D102 - see samples.Recording
-
-    @property
-    def cameras(self) -> Mapping[int, str]: ...  # noqa: D102
-
-    @property
-    def losses(self) -> Sequence[Loss]: ...  # noqa: D102
-
-    @property
-    def notes(self) -> Sequence[str]: ...  # noqa: D102
-
-    def read(self, stream: Stream, number: int) -> Sample: ...  # noqa: D102
-
-    def path(self, stream: Stream, number: int) -> Path: ...  # noqa: D102
-
-    def calibration(self, number: int) -> Calibration: ...  # noqa: D102
 
 
 class RecordingFrames:

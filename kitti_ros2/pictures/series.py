@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..drawing.pixels import Pixels
-    from ..model.samples import Int64Array
     from ..options.pictures import PictureOptions
     from .frame import Frame, FrameSource
     from .modes import Mode
@@ -102,13 +101,8 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
     return found
 
 
-def stamps_of(source: FrameSource, numbers: Sequence[int]) -> Int64Array:
-    """Return the (N,) int64 stamps of those frames that exist, nanoseconds."""
-    return source.stamps_ns[np.isin(source.numbers, numbers)]
-
-
-def rate_of(stamps_ns: Int64Array) -> float:
-    """Return the frame rate, from the median interval, in Hz."""
-    periods = np.diff(stamps_ns)
+def rate_of(source: FrameSource, numbers: Sequence[int]) -> float:
+    """Return the rate of some frames, from the median interval, in Hz."""
+    periods = np.diff(source.stamps_ns[np.isin(source.numbers, numbers)])
     period = float(np.median(periods)) if len(periods) else 0.0
     return min(max(NS_PER_S / period, _LEAST_HZ), _MOST_HZ) if period > 0 else _NOMINAL_HZ

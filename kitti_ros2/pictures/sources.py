@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bags.locate import is_bag
-from ..bags.reader import OpenBag, path_of
+from ..bags.reader import OpenBag
 from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
 from ..own_bags.numbering import number_bag
@@ -20,9 +20,9 @@ from .recording_frames import RecordingFrames
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..bags.reader import BagSource
     from ..importer.survey import Survey
     from ..options.read import ReadOptions
+    from ..own_bags.recorded_layout import Blueprint
     from .frame import FrameSource
 
 
@@ -35,29 +35,37 @@ def open_frames(path: Path, options: ReadOptions) -> FrameSource:
     """
     if is_bag(path, options.layout):
         with OpenBag(path) as bag:  # the frames keep its files open until they are closed
-            return open_bag_frames(bag, look([bag]))
+            survey = look([bag])
+            return open_bag_frames(bag, survey, open_own_recording(bag, survey))
     return RecordingFrames(open_recording(path, options))
 
 
-def open_bag_frames(bag: BagSource, survey: Survey) -> FrameSource:
+def open_bag_frames(
+    bag: OpenBag, survey: Survey, own: BagRecording | None
+) -> RecordingFrames | BagFrames:
     """Open the frames of a bag: with KITTI's numbers if written by to-bag, else by position.
 
     Args:
         bag: The bag.
         survey: The survey of the bag.
+        own: Its recording, if to-bag wrote it.
 
     Raises:
         BadBagError: The bag cannot be read.
         MissingDataError: The bag contains nothing to draw.
     """
-    recording = open_own_recording(bag, survey)
-    if recording is None:
-        return BagFrames(bag, survey)
-    return RecordingFrames(recording, path_of(bag).name)
+    return BagFrames(bag, survey) if own is None else RecordingFrames(own, bag.path.name)
 
 
-def open_own_recording(bag: BagSource, survey: Survey) -> BagRecording | None:
+def open_own_recording(
+    bag: OpenBag, survey: Survey, blueprint: Blueprint | None = None
+) -> BagRecording | None:
     """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
+
+    Args:
+        bag: The bag.
+        survey: The survey of the bag.
+        blueprint: The layout of the recording, if already read.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -65,7 +73,7 @@ def open_own_recording(bag: BagSource, survey: Survey) -> BagRecording | None:
     log_ns = {
         name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
     }
-    numbered = number_bag(bag, log_ns)
+    numbered = number_bag(bag, log_ns, blueprint=blueprint)
     if numbered is None:
         return None
     recording = BagRecording(bag, numbered, survey)

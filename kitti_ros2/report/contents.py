@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..model.text import format_count
 
@@ -120,15 +120,37 @@ class Scene:
     above: Picture | None
 
 
+NUMBER = 'num'
+TEXT = ''
+LONG = 'wide'
+NAME = 'name'
+
+
+class Table(NamedTuple):
+    """A table of the page; the first cell of a row names it.
+
+    Attributes:
+        caption: Its caption.
+        columns: Heading and kind (NUMBER, TEXT, LONG or NAME) of each.
+        rows: The cells; the section's template writes those that are more than text.
+        total: A last row with totals.
+    """
+
+    caption: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Sequence[object]]
+    total: Sequence[str] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Report:
     """The contents of a report.
 
     Attributes:
         overview: Kind, name, extent, calibration; shown by info, too.
-        frames: Number of frames; None if there is no reference to count them.
         streams: Streams or topics.
         findings: Worst first.
+        frames: Number of frames; None if there is no reference to count them.
         route: None without poses.
         classes: None without labels.
         projections: Points of the scanner over images.
@@ -136,13 +158,13 @@ class Report:
     """
 
     overview: Overview
-    frames: int | None
     streams: Sequence[StreamFacts]
-    findings: Sequence[Finding]
-    route: Route | None
-    classes: ClassStatistics | None
-    projections: Sequence[Picture]
-    scenes: Sequence[Scene]
+    findings: Sequence[Finding] = ()
+    frames: int | None = None
+    route: Route | None = None
+    classes: ClassStatistics | None = None
+    projections: Sequence[Picture] = ()
+    scenes: Sequence[Scene] = ()
 
     @property
     def clock(self) -> Clock:
@@ -152,10 +174,7 @@ class Report:
     @property
     def verdict(self) -> str:
         """The number of losses and warnings in words."""
-        losses, warnings = (
-            sum(finding.severity is severity for finding in self.findings)
-            for severity in (Severity.LOSS, Severity.WARNING)
-        )
+        losses, warnings = self._count(Severity.LOSS), self._count(Severity.WARNING)
         counts = [f'{losses} loss{"" if losses == 1 else "es"}'] if losses else []
         counts += [format_count(warnings, 'warning')] if warnings else []
         return ' and '.join(counts) or 'nothing is missing, damaged or out of order'
@@ -163,9 +182,12 @@ class Report:
     @property
     def notes(self) -> int:
         """The number of findings that are notes."""
-        return sum(finding.severity is Severity.NOTE for finding in self.findings)
+        return self._count(Severity.NOTE)
 
     @property
     def sound(self) -> bool:
         """Whether no data is lost or damaged."""
-        return not any(finding.is_loss for finding in self.findings)
+        return not self._count(Severity.LOSS)
+
+    def _count(self, severity: Severity) -> int:
+        return sum(finding.severity is severity for finding in self.findings)

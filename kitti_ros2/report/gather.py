@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from contextlib import closing
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from ..bags.reader import OpenBag, bag_stamps
 from ..importer.apply_plan import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
+from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.streams import Stream
-from ..own_bags.recorded_layout import missing_from
 from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
-from ..pictures.sources import open_own_recording
-from .contents import Finding, Report, Severity, StreamFacts
+from ..pictures.sources import open_bag_frames, open_own_recording
+from .contents import Finding, Report, Severity
 from .overview import inspect_bag, inspect_recording
 from .rig_plot import is_finite
 from .scenes import draw_projections, draw_scenes
@@ -35,29 +36,18 @@ if TYPE_CHECKING:
     from ..importer.survey import Survey
     from ..kitti.recording import KittiRecording
     from ..model.geometry import Float64Array
+    from ..model.samples import Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from ..pictures.frame import Frame, FrameSource
-    from ..pictures.recording_frames import Readable
-    from .contents import Picture, Scene
     from .overview import Overview
-    from .statistics import ClassStatistics, Route
+    from .statistics import Route
 
 SCENES = 5
 """Number of frames shown, spread over the recording."""
 
 _TEXT = frozenset({Stream.LABELS.value, Stream.POSE.value})
 _PICTURED = (Stream.SCAN, *(stream for stream in Stream if stream.camera is not None))
-
-
-class _FrameContents(NamedTuple):
-    """The parts of a report that are gathered from frames."""
-
-    frames: int | None = None
-    route: Route | None = None
-    classes: ClassStatistics | None = None
-    projections: Sequence[Picture] = ()
-    scenes: Sequence[Scene] = ()
 
 
 def gather(
@@ -102,52 +92,51 @@ class _Steps:
 
 def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
     overview = inspect_recording(recording, path)
-    findings: list[Finding] = []
+    findings = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
     steps.expect(len(recording.streams))
-    streams = recording_streams(recording, findings, steps.step)
+    report = Report(overview, recording_streams(recording, findings, steps.step))
     try:
         source = RecordingFrames(recording)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', str(error)))
-        seen = _FrameContents()
     else:
-        seen = _look_through(source, _pictured(recording, source), findings, steps)
-    return _report(overview, streams, findings, seen)
+        pictured = _pictured(recording, source)
+        report = _look_through(report, source, pictured, findings, steps)
+    return _finished(report, findings)
 
 
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
-    overview = inspect_bag(bag)
+    overview, blueprint = inspect_bag(bag)
     findings: list[Finding] = []
     if not any(series.count for series in overview.series):
         findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
-        return _report(overview, [], findings, _FrameContents())
+        return _finished(Report(overview, ()), findings)
     steps.expect(2)
     survey = look([bag])
     steps.step()
-    own = open_own_recording(bag, survey)
+    own = None if blueprint is None else open_own_recording(bag, survey, blueprint)
     streams = bag_streams(overview.series, bag_stamps(bag), survey, overview.clock, findings)
+    report = Report(overview, streams)
     steps.step()
-    counts = {series.name: series.count for series in overview.series}
-    absent = (loss for loss in missing_from(bag, counts) if loss.text() not in survey.losses)
+    absent = (loss for loss in overview.losses if loss.text() not in survey.losses)
     findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
     findings += _of_transforms(overview, survey, own)
     try:
-        source = BagFrames(bag, survey) if own is None else RecordingFrames(own, bag.path.name)
+        source = open_bag_frames(bag, survey, own)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
-        seen = _FrameContents(route=_route_alone(bag, survey))
-    else:
-        findings += [
-            Finding(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)
-        ]
-        with closing(source):
-            pictured = source.numbers.tolist() if own is None else _pictured(own, source)
-            seen = _look_through(source, pictured, findings, steps)
-        if isinstance(source, BagFrames):
-            seen = seen._replace(route=_route_along(source))
-    return _report(overview, streams, findings, seen)
+        track = ego_track(bag, survey, [])
+        route = None if track is None else _route(track.trajectory(Transform.identity()))
+        return _finished(replace(report, route=route), findings)
+    findings += [Finding(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)]
+    with closing(source):
+        pictured = source.numbers.tolist() if own is None else _pictured(own, source)
+        report = _look_through(report, source, pictured, findings, steps)
+    if isinstance(source, BagFrames):
+        report = replace(report, route=_route(source.trajectory()))
+    return _finished(report, findings)
 
 
 def _of_transforms(
@@ -164,25 +153,13 @@ def _of_transforms(
             yield Finding(Severity.WARNING, '/tf_static', text)
 
 
-def _route_along(source: BagFrames) -> Route | None:
+def _route(trajectory: Trajectory) -> Route | None:
     """Return the route through all poses of a bag, also those between its frames."""
-    found = source.trajectory()
-    places = [pose.translation for pose in found.world_T_imu]
-    return route_of(found.stamps_ns.tolist(), places)
+    places = [pose.translation for pose in trajectory.world_T_imu]
+    return route_of(trajectory.stamps_ns.tolist(), places)
 
 
-def _route_alone(bag: OpenBag, survey: Survey) -> Route | None:
-    """Return the route of a bag that has no frames."""
-    found = ego_track(bag, survey, [])
-    if found is None:
-        return None
-    stamps_ns = found.track.stamps_ns
-    poses = found.track.at(stamps_ns)
-    places = [pose.translation for pose in poses if pose is not None]
-    return route_of(stamps_ns.tolist(), places) if len(places) == len(stamps_ns) else None
-
-
-def _pictured(recording: Readable, source: FrameSource) -> list[int]:
+def _pictured(recording: KittiRecording | BagRecording, source: FrameSource) -> list[int]:
     """Return the numbers of the frames with images or scans."""
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
@@ -194,9 +171,13 @@ def _pictured(recording: Readable, source: FrameSource) -> list[int]:
 
 
 def _look_through(
-    source: FrameSource, pictured: Sequence[int], findings: list[Finding], steps: _Steps
-) -> _FrameContents:
-    """Gather labels and poses of every frame, and pictures of a few."""
+    report: Report,
+    source: FrameSource,
+    pictured: Sequence[int],
+    findings: list[Finding],
+    steps: _Steps,
+) -> Report:
+    """Return the report with labels and poses of every frame, and pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
     missing = _Lacks()
     tally = ClassTally()
@@ -215,12 +196,13 @@ def _look_through(
     steps.step()
     findings += missing.findings()
     classes = tally.statistics()
-    return _FrameContents(
-        len(source.numbers),
-        route_of(stamps, positions),
-        classes if classes.classes or classes.dont_care else None,
-        projections,
-        scenes,
+    return replace(
+        report,
+        frames=len(source.numbers),
+        route=route_of(stamps, positions),
+        classes=classes if classes.classes or classes.dont_care else None,
+        projections=projections,
+        scenes=scenes,
     )
 
 
@@ -242,39 +224,18 @@ class _Lacks:
         found = []
         for what, reasons in self._frames.items():
             severity = Severity.WARNING if what.startswith('calibration') else Severity.LOSS
-            if len(set(reasons.values())) == 1:
-                text = next(iter(reasons.values()))
-            else:
-                text = f'{next(iter(reasons.values()))}; and more, frames {_numbers(reasons)}'
+            text = next(iter(reasons.values()))
+            if len(set(reasons.values())) > 1:
+                text += f'; and more, frames {format_numbers(sorted(reasons))}'
             found.append(Finding(severity, what, text))
         return found
 
 
-def _numbers(frames: Iterable[int]) -> str:
-    return format_numbers(sorted(frames))
-
-
-def _report(
-    overview: Overview,
-    streams: Sequence[StreamFacts],
-    findings: list[Finding],
-    seen: _FrameContents,
-) -> Report:
-    lost = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
-    notes = [
-        Finding(Severity.NOTE if overview.complete else Severity.LOSS, '', note)
-        for note in overview.notes
-    ]
-    return Report(
-        overview=overview,
-        frames=seen.frames,
-        streams=streams,
-        findings=_in_order([*lost, *findings, *notes]),
-        route=seen.route,
-        classes=seen.classes,
-        projections=seen.projections,
-        scenes=seen.scenes,
-    )
+def _finished(report: Report, findings: Sequence[Finding]) -> Report:
+    """Return the report with its findings in order, and those of the overview."""
+    severity = Severity.NOTE if report.overview.complete else Severity.LOSS
+    notes = [Finding(severity, '', note) for note in report.overview.notes]
+    return replace(report, findings=_in_order([*findings, *notes]))
 
 
 def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -1,39 +1,40 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML page: head, summary, findings and sections, without external resources."""
+"""The HTML page: its templates, filled with what a report contains; no external resources."""
 
 from __future__ import annotations
 
+import re
+from base64 import b64encode
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2.ext import Extension
+from jinja2.lexer import Token
+
 from .. import __version__
+from ..drawing.palette import rgb_of
 from ..model.containers import CONTAINERS
 from ..model.layouts import Layout
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import format_bytes, format_count, format_duration
 from .contents import Severity
-from .markup import Markup, breakable, element, join
-from .sections import calibration_section, objects_section, route_section, scenes_section
+from .sections import calibration_section, frames_section, objects_section, route_section
 from .streams_section import streams_section
-from .style import STYLE
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Iterator
 
-    from .contents import Finding, Report
+    from jinja2.lexer import TokenStream
+
+    from .contents import Report
     from .overview import Overview
 
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""For browsers: load nothing, run nothing."""
-
-_ICONS = {
-    Severity.LOSS: 'M11 2 21 20H1zM11 8v5M11 15.6v1.4',
-    Severity.WARNING: 'M11 2 21 20H1zM11 8v5M11 15.6v1.4',
-    Severity.NOTE: 'M11 2a9 9 0 1 0 .01 0zM11 10v5.4M11 6.4v1.2',
-}
-_WELL = 'M11 2a9 9 0 1 0 .01 0zM6.8 11.4l3 3 5.4-6'
+_BREAKS = re.compile(r'(?<=[/_.-])(?=\w)|(?<=[a-z])(?=[A-Z])')
+_LINES = re.compile(r'\s*\n\s*')
 _KINDS = {
     **{layout.value: layout.traits.title for layout in Layout},
     **{
@@ -44,72 +45,67 @@ _KINDS = {
 }
 
 
-def make_page(report: Report) -> Markup:
+def make_page(report: Report) -> str:
     """Make the HTML document of a report."""
     overview = report.overview
-    sections = [
-        ('findings', 'Findings', _findings(report)),
-        ('frames', 'Frames', scenes_section(report)),
+    sections = (
+        ('findings', 'Findings', _findings_section(report)),
+        ('frames', 'Frames', frames_section(report)),
         ('streams', 'Streams', streams_section(report)),
         ('route', 'Route', route_section(report)),
         ('objects', 'Objects', objects_section(report)),
         ('calibration', 'Calibration', calibration_section(report)),
-    ]
-    present = [(key, title, body) for key, title, body in sections if body]
-    head = element(
-        'head',
-        element('meta', charset='utf-8'),
-        element('meta', name='viewport', content='width=device-width, initial-scale=1'),
-        element('meta', http_equiv='Content-Security-Policy', content=_POLICY),
-        element('meta', name='generator', content=f'kitti_ros2 {__version__}'),
-        element('title', f'{_name(overview)}: report'),
-        element('link', rel='icon', href='data:,'),
-        element('style', Markup(STYLE)),
     )
-    contents = element(
-        'nav',
-        element(
-            'ul', [element('li', element('a', title, href=f'#{key}')) for key, title, _ in present]
-        ),
-        aria_label='Contents',
+    page = _environment().get_template('page.html')
+    return _printable(
+        page.render(
+            version=__version__,
+            path=overview.path,
+            name=_name(overview),
+            kind=_KINDS.get(overview.kind, f'Bag, {overview.kind}'),
+            sentence=_sentence(report),
+            figures=_figures(report),
+            sections=[section for section in sections if section[2] is not None],
+        )
     )
-    body = element(
-        'body',
-        element('a', 'Skip to the findings', class_='skip', href='#main'),
-        element(
-            'div',
-            element('header', _summary(report), contents),
-            element('main', [_section(*part) for part in present], id='main', tabindex='-1'),
-            element('footer', f'Made by kitti_ros2 {__version__} from {overview.path}.'),
-            class_='column',
-        ),
-    )
-    return Markup('<!DOCTYPE html>\n' + element('html', head, body, lang='en') + '\n')
 
 
-def _section(key: str, title: str, body: Markup) -> Markup:
-    heading = element('h2', title, id=f'{key}-heading')
-    return element('section', heading, body, id=key, aria_labelledby=f'{key}-heading')
+class _JoinedLines(Extension):
+    """Removes line breaks and indentation of HTML templates from the page."""
+
+    def filter_stream(self, stream: TokenStream) -> Iterator[Token]:
+        """Yield the tokens of a template, its text without line breaks."""
+        for token in stream:
+            if token.type == 'data' and (stream.name or '').endswith('.html'):
+                yield Token(token.lineno, token.type, _LINES.sub('', token.value))
+            else:
+                yield token
 
 
-def _summary(report: Report) -> Markup:
-    overview = report.overview
-    kind = _KINDS.get(overview.kind, f'Bag, {overview.kind}')
-    return join(
-        [
-            element('p', kind, class_='eyebrow'),
-            element('h1', breakable(_name(overview))),
-            element('p', _sentence(report), class_='summary'),
-            element(
-                'dl',
-                [
-                    element('div', element('dt', name), element('dd', value))
-                    for name, value in _figures(report)
-                ],
-                class_='figures',
-            ),
-        ]
+@cache
+def _environment() -> Environment:
+    """Return the templates, which escape every value that they do not mark as safe."""
+    environment = Environment(
+        loader=PackageLoader('kitti_ros2.report'),
+        extensions=[_JoinedLines],
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
     )
+    environment.filters |= {
+        'base64': lambda data: b64encode(data).decode('ascii'),
+        'colour': lambda kind: '#{:02x}{:02x}{:02x}'.format(*rgb_of(kind)),
+        'counted': format_count,
+        'pieces': _BREAKS.split,
+        'time_of_day': lambda stamp_ns: format_stamp(stamp_ns)[11:-6],
+    }
+    return environment
+
+
+def _printable(page: str) -> str:
+    """Replace characters that are invalid in HTML: control characters and lone surrogates."""
+    invalid = {character for character in set(page) - {'\n', '\t'} if not character.isprintable()}
+    return page.translate(dict.fromkeys(map(ord, invalid), '\N{REPLACEMENT CHARACTER}'))
 
 
 def _name(overview: Overview) -> str:
@@ -163,55 +159,12 @@ def metres(length: float) -> str:
     return f'{length:.1f} m' if length < 1000 else f'{length / 1000:.2f} km'
 
 
-def _findings(report: Report) -> Markup:
-    findings = [_shortened(each, report.overview.path) for each in report.findings]
-    serious = [each for each in findings if each.severity is not Severity.NOTE]
-    notes = [each for each in findings if each.severity is Severity.NOTE]
-    verdict = f'{report.verdict[:1].upper()}{report.verdict[1:]}.'
-    if serious:
-        top = join(
-            [
-                element('p', verdict, class_='lead'),
-                element('ul', [_finding(each) for each in serious], class_='findings'),
-            ]
-        )
-    else:
-        well = element(
-            'li',
-            _icon(_WELL),
-            element('span', verdict),
-            class_='well',
-        )
-        top = element('ul', well, class_='findings')
-    if not notes:
-        return top
-    listed = element('ul', [_finding(each) for each in notes], class_='findings')
-    if not serious and len(notes) <= 3:
-        return join([top, listed])
-    folded = element('summary', format_count(len(notes), 'note'))
-    return join([top, element('details', folded, listed)])
-
-
-def _shortened(finding: Finding, path: Path) -> Finding:
-    """Remove the path of the folder from a finding: the footer contains it."""
-    return replace(finding, text=finding.text.replace(f'{path.absolute()}/', ''))
-
-
-def _finding(finding: Finding) -> Markup:
-    where = (element('span', finding.where, class_='where'), ': ') if finding.where else None
-    severity = finding.severity
-    words = element('span', element('strong', f'{severity.value}.'), ' ', where, finding.text)
-    return element('li', _icon(_ICONS[severity]), words, class_=severity.name.lower())
-
-
-def _icon(path: str) -> Markup:
-    drawn = element(
-        'path',
-        d=path,
-        fill='none',
-        stroke='currentColor',
-        stroke_width='2',
-        stroke_linecap='round',
-        stroke_linejoin='round',
-    )
-    return element('svg', drawn, viewBox='0 0 22 22', class_='icon', aria_hidden='true')
+def _findings_section(report: Report) -> dict[str, object]:
+    """Return the verdict and the findings, without the path of the folder: the footer has it."""
+    folder = f'{report.overview.path.absolute()}/'
+    findings = [replace(each, text=each.text.replace(folder, '')) for each in report.findings]
+    return {
+        'verdict': f'{report.verdict[:1].upper()}{report.verdict[1:]}.',
+        'serious': [each for each in findings if each.severity is not Severity.NOTE],
+        'notes': [each for each in findings if each.severity is Severity.NOTE],
+    }

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .markup import Markup, element, join, number
-from .svg import WIDTH, box, figure, line, plain, text, ticks
+from .svg import WIDTH, bar, box, figure, line, number, path, plain, text, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,11 +32,8 @@ _DIGIT = 7.5
 _MOST_BANDS = 200
 
 
-def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
-    """Draw when a stream has samples between two times: a bar, with its gaps cut out and marked.
-
-    It has no text alternative, as its row has the text.
-    """
+def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
+    """Draw when a stream has samples between two times: a bar, with its gaps cut out and marked."""
     scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
     period = timing.period_ns or 0
     places: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
@@ -48,15 +44,7 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> Markup:
     for gap in timing.gaps[:_MOST_BANDS]:
         x0 = (gap.at_ns - start_ns) * scale
         drawn.append(box(x0, 0, max(gap.length_ns * scale, _STRIP_TICK), 12, 'gap'))
-    return element(
-        'svg',
-        *drawn,
-        viewBox='0 0 100 12',
-        preserveAspectRatio='none',
-        class_='strip',
-        aria_hidden='true',
-        focusable='false',
-    )
+    return bar(12, 'strip', drawn)
 
 
 def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[float, float]]:
@@ -70,7 +58,7 @@ def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[floa
     return [(float(place), float(place)) for place in bins]
 
 
-def interval_plot(key: str, name: str, timing: Timing) -> Markup:
+def interval_plot(key: str, name: str, timing: Timing) -> str:
     """Draw the distance to the next sample over time; gaps are marked.
 
     The axis is scaled to the usual distances; values outside are drawn at its edge.
@@ -116,15 +104,11 @@ def _unit(longest_ns: float) -> tuple[str, float]:
     return next((unit for unit in _UNITS[1:] if longest_ns >= unit[1]), _UNITS[-1])
 
 
-def _gap_mark(area: _PlotArea, at_s: float) -> Markup:
+def _gap_mark(area: _PlotArea, at_s: float) -> str:
     """Draw a triangle at the upper edge and a line down from it."""
     x = area.x(at_s)
-    return join(
-        [
-            line(x, _TOP - 2, x, _INTERVAL_HEIGHT - _BOTTOM, 'gap-line'),
-            element('path', d=f'M{number(x)} {_TOP}l-5-9h10z', class_='gap'),
-        ]
-    )
+    down = line(x, _TOP - 2, x, _INTERVAL_HEIGHT - _BOTTOM, 'gap-line')
+    return down + path(f'M{number(x)} {_TOP}l-5-9h10z', 'gap')
 
 
 class _PlotArea:
@@ -146,17 +130,9 @@ class _PlotArea:
         low, high = self.vertical
         return self._floor - (self._floor - _TOP) * (value - low) / (high - low)
 
-    def axes(self, across: str, up: str) -> Markup:
+    def axes(self, across: str, up: str) -> str:
         """Draw lines and numbers of both axes, with their units."""
-        drawn = [
-            join(
-                [
-                    line(_LEFT, self.y(value), WIDTH - _RIGHT, self.y(value), 'grid-line'),
-                    text(_LEFT - 6, self.y(value) + 4, plain(value), 'end'),
-                ]
-            )
-            for value in ticks(*self.vertical, 4)
-        ]
+        drawn = [self.level(value, plain(value)) for value in ticks(*self.vertical, 4)]
         drawn += [
             text(_inside(self.x(value), plain(value)), self._floor + 16, plain(value), 'middle')
             for value in ticks(*self._across, 6)
@@ -165,7 +141,12 @@ class _PlotArea:
             text(_LEFT + 4, 12, up, class_='unit'),
             text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
         ]
-        return join(drawn)
+        return ''.join(drawn)
+
+    def level(self, value: float, words: str) -> str:
+        """Draw a line across at a value, and its number beside the axis."""
+        y = self.y(value)
+        return line(_LEFT, y, WIDTH - _RIGHT, y, 'grid-line') + text(_LEFT - 6, y + 4, words, 'end')
 
 
 def _inside(x: float, words: str) -> float:
@@ -174,40 +155,33 @@ def _inside(x: float, words: str) -> float:
     return min(max(x, half), WIDTH - half)
 
 
-def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> Markup:
+def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> str:
     """Draw a dot for each value; for very many, the range of each column."""
     if len(values) <= 4 * _COLUMNS:
         marks = (
             f'M{number(area.x(float(x)))} {number(area.y(float(y)))}h0'
             for x, y in zip(times, values, strict=True)
         )
-        return element('path', d=''.join(marks), class_='dots')
+        return path(''.join(marks), 'dots')
     edges = np.searchsorted(times, np.linspace(0, float(times[-1]), _COLUMNS + 1)[1:-1])
     bars = []
     for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
         if len(ys):
             x, low, high = area.x(float(xs.mean())), area.y(ys.min()), area.y(ys.max())
             bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
-    return element('path', d=''.join(bars), class_='ranges')
+    return path(''.join(bars), 'ranges')
 
 
 def histogram_plot(
     key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
-) -> Markup:
+) -> str:
     """Draw bars over bins of equal width; the last bin contains all from its edge on."""
     width = edges[1] - edges[0]
     most = max(*counts, 1)
     height = _HISTOGRAM_HEIGHT
     area = _PlotArea((edges[0], edges[-1] + width), (0, most * 1.08), height)
     drawn = [
-        join(
-            [
-                line(_LEFT, area.y(value), WIDTH - _RIGHT, area.y(value), 'grid-line'),
-                text(_LEFT - 6, area.y(value) + 4, _short(int(value)), 'end'),
-            ]
-        )
-        for value in ticks(0, most, 3)
-        if value == int(value)
+        area.level(value, _short(int(value))) for value in ticks(0, most, 3) if value == int(value)
     ]
     across = area.x(edges[1]) - area.x(edges[0])
     drawn += [
@@ -239,7 +213,7 @@ def _short(count: int) -> str:
     return f'{count / power:.4g}{letter}'
 
 
-def shares_bar(shares: Sequence[int]) -> Markup:
+def shares_bar(shares: Sequence[int]) -> str:
     """Draw counts as parts of a bar; the cells beside it have the numbers."""
     total = max(sum(shares), 1)
     drawn, x = [], 0.0
@@ -248,12 +222,4 @@ def shares_bar(shares: Sequence[int]) -> Markup:
         if share:
             drawn.append(box(x, 0, width, 10, f'share{place}'))
         x += width
-    return element(
-        'svg',
-        *drawn,
-        viewBox='0 0 100 10',
-        preserveAspectRatio='none',
-        class_='shares',
-        aria_hidden='true',
-        focusable='false',
-    )
+    return bar(10, 'shares', drawn)

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.geometry import Transform, rotation_from_rpy
-from .markup import Markup, element, join, number
-from .svg import WIDTH, figure, line, scale_bar, text
+from .svg import WIDTH, circle, figure, line, number, path, scale_bar, text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..model.geometry import Float64Array
-    from .overview import LinkGlance
+    from .glances import LinkGlance
 
 MOST_FRAMES = 16
 """Maximum number of frames that can be distinguished in a drawing."""
@@ -86,7 +85,7 @@ def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
     return found
 
 
-def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
+def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
     """Draw the frames with their axes, numbered from 1, and distances on links with room.
 
     Args:
@@ -98,7 +97,7 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> Markup:
     view = _RigView(mounts, axes)
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
-    drawn: list[Markup] = []
+    drawn: list[str] = []
     lengths: list[Float64Array] = []
     for place, mount in enumerate(mounts):
         if mount.parent:
@@ -151,7 +150,7 @@ class _RigView:
 
 def _link(
     start: Float64Array, end: Float64Array, distance_m: float, lengths: list[Float64Array] | None
-) -> list[Markup]:
+) -> list[str]:
     """Draw a line, with its length if it is long enough and no other length is close.
 
     Args:
@@ -173,7 +172,7 @@ def _link(
     return drawn
 
 
-def _axes(spot: Float64Array, directions: Float64Array) -> Markup:
+def _axes(spot: Float64Array, directions: Float64Array) -> str:
     """Draw arrows along x, y and z, projected into the plane of the drawing.
 
     Args:
@@ -187,11 +186,11 @@ def _axes(spot: Float64Array, directions: Float64Array) -> Markup:
         if length < 0.35:
             continue
         tip = f'{number(x + dx * _AXIS)} {number(y - dy * _AXIS)}'
-        drawn.append(element('path', d=f'M{number(x)} {number(y)}L{tip}', class_=f'axis-{name}'))
+        drawn.append(path(f'M{number(x)} {number(y)}L{tip}', f'axis-{name}'))
         drawn.append(
             text(x + dx * (_AXIS + 7), y - dy * (_AXIS + 7) + 4, name, 'middle', f'axis-{name}')
         )
-    return join(drawn)
+    return ''.join(drawn)
 
 
 def _apart(spots: Float64Array) -> Float64Array:
@@ -210,10 +209,7 @@ def _apart(spots: Float64Array) -> Float64Array:
     return spread
 
 
-def _badge(spot: Float64Array, place: int) -> Markup:
+def _badge(spot: Float64Array, place: int) -> str:
     x, y = spot.tolist()
-    return element(
-        'g',
-        element('circle', cx=number(x), cy=number(y), r=7.5, class_='badge'),
-        text(x, y + 3.8, str(place), 'middle', 'badge'),
-    )
+    words = text(x, y + 3.8, str(place), 'middle', 'badge')
+    return f'<g>{circle(x, y, 7.5, "badge")}{words}</g>'

@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .markup import Markup, element, join, number
-from .svg import WIDTH, box, figure, line, path, plain, round_length, scale_bar, text
+from .svg import (
+    WIDTH,
+    box,
+    circle,
+    figure,
+    line,
+    number,
+    path,
+    plain,
+    round_length,
+    scale_bar,
+    text,
+)
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
@@ -20,7 +31,7 @@ _LEAST_M = 1.0
 _LOWEST = 70.0
 
 
-def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
+def route_plot(key: str, positions: Float64Array, description: str) -> str:
     """Draw a route with equal axes in metres, a scale, and marks at start and end.
 
     Args:
@@ -36,7 +47,7 @@ def route_plot(key: str, positions: Float64Array, description: str) -> Markup:
         description,
         (WIDTH, view.height + _FOOT),
         view.grid(),
-        element('path', d=path(pixels), class_='route'),
+        path('M' + 'L'.join(f'{number(x)} {number(y)}' for x, y in pixels.tolist()), 'route'),
         _marked(pixels[-1], 'end'),
         _marked(pixels[0], 'start'),
         scale_bar(view.scale, view.height + _FOOT),
@@ -64,7 +75,7 @@ class _RouteView:
         placed: Float64Array = self._centre + (positions - self._middle) * [self.scale, -self.scale]
         return placed
 
-    def grid(self) -> Markup:
+    def grid(self) -> str:
         """Draw lines at round metres, with their numbers along the left and the lower edge."""
         step = round_length(WIDTH / self.scale / 4)
         x0, y0 = self.place(np.zeros((1, 2)))[0].tolist()
@@ -83,7 +94,7 @@ class _RouteView:
             text(WIDTH - 6, self.height - 5, 'x m', 'end', 'unit'),
             text(4, 12, 'y m', 'start', 'unit'),
         ]
-        return join(drawn)
+        return ''.join(drawn)
 
 
 def _multiples(low: float, high: float, step: float) -> list[float]:
@@ -102,12 +113,10 @@ def _thinned(pixels: Float64Array) -> Float64Array:
     return thinned
 
 
-def _marked(at: Float64Array, name: str) -> Markup:
+def _marked(at: Float64Array, name: str) -> str:
     """Draw a start (round, label above) or an end (square, label below)."""
     x, y = at.tolist()
-    if name == 'start':
-        mark = element('circle', cx=number(x), cy=number(y), r=5, class_='start')
-    else:
-        mark = box(x - 4.5, y - 4.5, 9, 9, 'end')
-    below = -10 if name == 'start' else 19
-    return join([mark, text(min(max(x, 20), WIDTH - 20), y + below, name, 'middle', 'label')])
+    start = name == 'start'
+    mark = circle(x, y, 5, name) if start else box(x - 4.5, y - 4.5, 9, 9, name)
+    y += -10 if start else 19
+    return mark + text(min(max(x, 20), WIDTH - 20), y, name, 'middle', 'label')

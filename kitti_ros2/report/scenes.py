@@ -17,13 +17,13 @@ from ..model.text import format_count
 from ..options.pictures import PictureOptions
 from ..pictures.frame_parts import chosen_camera
 from ..pictures.modes import MODES
+from ..pictures.output import encode_picture
 from .contents import Picture, Scene
 from .statistics import spread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from ..drawing.pixels import Pixels
     from ..pictures.frame import Frame, FrameSource
 
 _QUALITY = 80
@@ -91,39 +91,24 @@ def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
 
 def _image(frame: Frame, camera: int, name: str) -> Picture | None:
     """Draw the image with 3D boxes, or with 2D boxes without a calibration."""
-    pixels = _drawn('boxes', frame, camera)
-    if pixels is None:
-        pixels = _drawn('camera', frame, camera)
-    if pixels is None:
-        return None
     alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
-    return encode_picture(pixels, _CAMERA_WIDTH, alt, f'Camera {name}')
+    drawn = (
+        _picture(mode, frame, camera, _CAMERA_WIDTH, alt, f'Camera {name}')
+        for mode in ('boxes', 'camera')
+    )
+    return next(filter(None, drawn), None)
 
 
 def _from_above(frame: Frame) -> Picture | None:
-    pixels = _drawn('bev', frame, None)
-    if pixels is None:
-        return None
     alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
-    return encode_picture(pixels, _ABOVE_WIDTH, alt, 'From above, by height')
+    return _picture('bev', frame, None, _ABOVE_WIDTH, alt, 'From above, by height')
 
 
 def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
-    """Draw points over an image; None if they cannot be projected."""
-    pixels = _drawn('lidar', frame, camera)
-    if pixels is None:
-        return None
+    """Draw points over an image."""
     alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
     caption = f'Points in camera {name}, by depth'
-    return encode_picture(pixels, _POINTS_WIDTH, alt, caption)
-
-
-def _drawn(mode: str, frame: Frame, camera: int | None) -> Pixels | None:
-    """Draw a picture in one of the modes; None if required data is missing."""
-    try:
-        return MODES[mode].draw(frame, PictureOptions(camera=camera))
-    except MissingDataError:
-        return None
+    return _picture('lidar', frame, camera, _POINTS_WIDTH, alt, caption)
 
 
 def _words(frame: Frame) -> Iterator[str]:
@@ -138,13 +123,17 @@ def _labels(frame: Frame) -> str:
     return f'{format_count(count, "labelled object")}' if count else 'no labels'
 
 
-def encode_picture(pixels: Pixels, width: int, alt: str, caption: str) -> Picture:
-    """Encode a JPEG with a maximum width in pixels."""
-    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
-    small: Pixels = pixels
+def _picture(
+    mode: str, frame: Frame, camera: int | None, width: int, alt: str, caption: str
+) -> Picture | None:
+    """Draw a JPEG in one of the modes, `width` pixels wide at most; None if data is missing."""
+    try:
+        pixels = MODES[mode].draw(frame, PictureOptions(camera=camera))
+    except MissingDataError:
+        return None
     if pixels.shape[1] > width:
-        small = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
-    done, data = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    if not done:
-        raise AssertionError('OpenCV encodes every image of bytes')
-    return Picture(data.tobytes(), small.shape[1], small.shape[0], alt, caption)
+        height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
+        size = (width, height)
+        pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+    data = encode_picture(pixels, '.jpg', _QUALITY)
+    return Picture(data, pixels.shape[1], pixels.shape[0], alt, caption)

@@ -17,7 +17,7 @@ from ..model.losses import format_numbers
 from ..model.streams import Clock, Stream
 from ..model.text import format_count
 from .contents import Finding, Severity, StreamFacts
-from .timing import pairing_of, timing_of
+from .timing import shifted_numbers, timing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -51,7 +51,12 @@ def recording_streams(
             findings += _shifted(stream, recording)
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
         sizes = {path: size for path in paths if (size := _size(path)) is not None}
-        facts = _Facts(stream, recording, findings)
+        facts: tuple[str, ...] = ()
+        if stream.camera is not None:
+            varying = recording.layout.traits.calibration_per_frame
+            facts = _image_facts(stream, list(sizes), findings, varying=varying)
+        elif stream is Stream.SCAN:
+            facts = _scan_facts(sizes, findings)
         found.append(
             StreamFacts(
                 stream.value,
@@ -59,7 +64,7 @@ def recording_streams(
                 timing,
                 len(sizes),
                 sum(sizes.values()),
-                facts.of(sizes),
+                facts,
             )
         )
         step()
@@ -93,7 +98,8 @@ def bag_streams(
             if reason is not None:
                 findings.append(Finding(Severity.WARNING, topic.name, reason))
             if seen.failure:
-                findings.append(Finding(Severity.LOSS, topic.name, _undecoded(seen)))
+                text = f'messages that do not decode as {seen.msgtype}: {seen.failure}'
+                findings.append(Finding(Severity.LOSS, topic.name, text))
         timing = timing_of(used)
         if clock is Clock.NOMINAL:
             pass  # nominal times have no gaps
@@ -106,10 +112,6 @@ def bag_streams(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
         )
     return found
-
-
-def _undecoded(topic: TopicSurvey) -> str:
-    return f'messages that do not decode as {topic.msgtype}: {topic.failure}'
 
 
 def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
@@ -152,13 +154,12 @@ def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
     reference = recording.streams.get(Stream.SCAN)
     if reference is None or stream is Stream.SCAN or not recording.common_numbers:
         return []
-    pairing = pairing_of(recording.streams[stream], reference)
-    if pairing is None or not pairing.numbers:
+    numbers, pairs = shifted_numbers(recording.streams[stream], reference)
+    if not numbers:
         return []
     text = (
-        f'{len(pairing.numbers)} of {pairing.pairs} are nearer to the scan of another frame than to'
-        f' that of their own number: frames {format_numbers(pairing.numbers)}; they may be'
-        f' shifted'
+        f'{len(numbers)} of {pairs} are nearer to the scan of another frame than to that of their'
+        f' own number: frames {format_numbers(numbers)}; they may be shifted'
     )
     return [Finding(Severity.WARNING, stream.value, text)]
 
@@ -170,65 +171,57 @@ def _size(path: Path) -> int | None:
         return None
 
 
-class _Facts:
-    """Facts of the files of a stream, from their sizes and ends."""
+def _image_facts(
+    stream: Stream, paths: Sequence[Path], findings: list[Finding], *, varying: bool
+) -> tuple[str, ...]:
+    """Return the sizes of images, most frequent first, from the ends of their files.
 
-    def __init__(self, stream: Stream, recording: KittiRecording, findings: list[Finding]) -> None:
-        self._stream = stream
-        self._varying = recording.layout.traits.calibration_per_frame
-        self._findings = findings
+    Args:
+        stream: Their stream.
+        paths: Their files.
+        findings: Damaged images are appended here, and those of another size unless sizes vary.
+        varying: Whether images of a recording may be of several sizes.
+    """
+    by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
+    bad = []
+    for path in paths:
+        try:
+            data, length = STORE.read_ends(path, TRAILING_BYTES)
+            image = parse_image(data, path, length)
+        except (KittiRos2Error, OSError) as error:
+            bad.append(str(error))
+            continue
+        by_size[image.width, image.height].append(path)
+    findings += _lost(stream, bad, 'image')
+    ordered = sorted(by_size, key=lambda size: -len(by_size[size]))
+    for width, height in [] if varying else ordered[1:]:
+        usual = '{}x{}'.format(*ordered[0])
+        text = f'the image is {width}x{height}; the others are {usual}'
+        others = [f'{path}: {text}' for path in by_size[width, height]]
+        findings += _lost(stream, others, 'image')
+    return tuple(
+        f'{width} \N{MULTIPLICATION SIGN} {height}'
+        + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
+        for width, height in ordered[:_DIAGNOSED_MOST]
+    )
 
-    def of(self, sizes: Mapping[Path, int]) -> tuple[str, ...]:
-        """Return image sizes, or points per scan."""
-        if self._stream.camera is not None:
-            return self._images(list(sizes))
-        if self._stream is Stream.SCAN:
-            return self._scans({p: size for p, size in sizes.items() if p.suffix == _BIN})
+
+def _scan_facts(sizes: Mapping[Path, int], findings: list[Finding]) -> tuple[str, ...]:
+    """Return the points per scan, from the sizes of files; truncated ones are findings."""
+    sizes = {path: size for path, size in sizes.items() if path.suffix == _BIN}
+    cut = {path: size for path, size in sizes.items() if not size or size % POINT_BYTES}
+    findings += _lost(Stream.SCAN, [_cut_scan(path, size) for path, size in cut.items()], 'scan')
+    points = [size // POINT_BYTES for path, size in sizes.items() if path not in cut]
+    if not points:
         return ()
-
-    def _images(self, paths: Sequence[Path]) -> tuple[str, ...]:
-        by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
-        bad = []
-        for path in paths:
-            try:
-                image = parse_image(*_ends(path))
-            except (KittiRos2Error, OSError) as error:
-                bad.append(str(error))
-                continue
-            by_size[image.width, image.height].append(path)
-        self._lose(bad, 'image')
-        ordered = sorted(by_size, key=lambda size: -len(by_size[size]))
-        if len(ordered) > 1 and not self._varying:
-            for size in ordered[1:]:
-                self._lose([_other_size(path, size, ordered[0]) for path in by_size[size]], 'image')
-        return tuple(
-            f'{width} \N{MULTIPLICATION SIGN} {height}'
-            + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
-            for width, height in ordered[:_DIAGNOSED_MOST]
-        )
-
-    def _scans(self, sizes: Mapping[Path, int]) -> tuple[str, ...]:
-        cut = {path: size for path, size in sizes.items() if not size or size % POINT_BYTES}
-        self._lose([_cut_scan(path, size) for path, size in cut.items()], 'scan')
-        points = [size // POINT_BYTES for path, size in sizes.items() if path not in cut]
-        if not points:
-            return ()
-        low, middle, high = min(points), int(np.median(points)), max(points)
-        return (f'{middle:,} points' + (f' ({low:,} to {high:,})' if low != high else ''),)
-
-    def _lose(self, reasons: Sequence[str], noun: str) -> None:
-        if reasons:
-            more = f'; and {format_count(len(reasons) - 1, f"more {noun}")}' * (len(reasons) > 1)
-            self._findings.append(Finding(Severity.LOSS, self._stream.value, reasons[0] + more))
+    low, middle, high = min(points), int(np.median(points)), max(points)
+    return (f'{middle:,} points' + (f' ({low:,} to {high:,})' if low != high else ''),)
 
 
-def _ends(path: Path) -> tuple[bytes, Path, int]:
-    data, size = STORE.read_ends(path, TRAILING_BYTES)
-    return data, path, size
-
-
-def _other_size(path: Path, size: tuple[int, int], usual: tuple[int, int]) -> str:
-    return f'{path}: the image is {size[0]}x{size[1]}; the others are {usual[0]}x{usual[1]}'
+def _lost(stream: Stream, reasons: Sequence[str], noun: str) -> list[Finding]:
+    """Return a finding with the first reason and the number of others; none without reasons."""
+    more = f'; and {format_count(len(reasons) - 1, f"more {noun}")}' * (len(reasons) > 1)
+    return [Finding(Severity.LOSS, stream.value, reasons[0] + more)] if reasons else []
 
 
 def _cut_scan(path: Path, size: int) -> str:

@@ -1,49 +1,55 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The section of streams: times, counts, rates, jitter, gaps and sizes."""
+"""The values of the section of streams: times, counts, rates, jitter, gaps and sizes."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from ..model.streams import Clock
-from ..model.text import format_bytes, format_count
-from .markup import Markup, breakable, element, join
+from ..model.text import format_bytes
+from .contents import LONG, NAME, NUMBER, TEXT, Table
 from .plots import format_period, interval_plot, strip
-from .tables import LONG, NAME, NUMBER, TEXT, captioned, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from .contents import Report, StreamFacts
-    from .markup import Child
-    from .timing import Timing
 
 _MOST_PLOTS = 9
 _FEWEST_SAMPLES = 3
 
 
-def streams_section(report: Report) -> Markup | None:
-    """Make the section; None without streams."""
+def streams_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section; None without streams."""
     if not report.streams:
         return None
-    nominal = report.clock is Clock.NOMINAL
-    parts: list[Child] = [_table(report)]
-    if any(len(each.timing) for each in report.streams):
-        parts.append(_coverage(report))
-    if nominal:
-        words = 'The layout has no time stamps: rates, jitter and gaps in time are not known.'
-        parts.insert(0, element('p', words, class_='lead'))
-    else:
-        parts.append(_intervals(report.streams))
-    return join(parts)
+    timed = report.clock is not Clock.NOMINAL
+    start_ns, end_ns = _extent(report)
+    coverage = [
+        (
+            each.name,
+            len(each.timing.gaps),
+            strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
+        )
+        for each in report.streams
+        if len(each.timing)
+    ]
+    return {
+        'timed': timed,
+        'table': _table(report),
+        'span': f', {(end_ns - start_ns) / 1e9:.1f} s' if timed else '',
+        'coverage': coverage,
+        'intervals': _intervals(report.streams) if timed else (),
+        'most': _MOST_PLOTS,
+    }
 
 
-def _table(report: Report) -> Markup:
+def _table(report: Report) -> Table:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
-    columns: list[tuple[tuple[str, str], Callable[[StreamFacts], Child]]] = [
-        (('Topic' if of_bag else 'Stream', NAME), lambda each: breakable(each.name)),
+    columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [
+        (('Topic' if of_bag else 'Stream', NAME), lambda each: each.name),
         (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
     ]
     if timed:
@@ -58,7 +64,9 @@ def _table(report: Report) -> Markup:
     if not of_bag:
         columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
     columns.append((('Size', NUMBER), _size))
-    columns.append((('Type' if of_bag else 'Frames', TEXT), _detail))
+    # Of a message type, without its package, as in info.
+    detail = ('Type' if of_bag else 'Frames', TEXT)
+    columns.append((detail, lambda each: each.detail.rsplit('/', 1)[-1]))
     columns.append((('Content', LONG), _facts))
     # Columns that are empty for all streams are removed.
     columns = [
@@ -73,7 +81,7 @@ def _table(report: Report) -> Markup:
     total = [totals.get(heading, '') for heading, _ in columns]
     delayed = any(heading == ('Delay ms', NUMBER) for heading, _ in columns)
     caption = _caption(of_bag=of_bag, timed=timed, delayed=delayed)
-    return table(caption, [each for each, _ in columns], rows, total)
+    return Table(caption, [each for each, _ in columns], rows, total)
 
 
 def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
@@ -101,94 +109,48 @@ def _size(stream: StreamFacts) -> str:
     return '' if stream.size_bytes is None else format_bytes(stream.size_bytes)
 
 
-def _detail(stream: StreamFacts) -> Markup:
-    """Return its frames, or the message type without its package, as in info."""
-    return element('span', breakable(stream.detail.rsplit('/', 1)[-1]), class_='faint')
-
-
 def _delay(stream: StreamFacts) -> str:
     return '' if stream.clock_offset_ns else _value(stream.delay_ns, 1e6)
 
 
-def _facts(stream: StreamFacts) -> Markup | None:
+def _facts(stream: StreamFacts) -> str:
     words = list(stream.facts)
     if stream.clock_offset_ns:
         words.append(
             f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log'
         )
-    return element('span', '; '.join(words), class_='faint') if words else None
+    return '; '.join(words)
 
 
 def _value(value: float | None, unit: float) -> str:
     return '' if value is None else f'{value / unit:.2f}'
 
 
-def _coverage(report: Report) -> Markup:
-    present = [each for each in report.streams if len(each.timing)]
-    spans = [each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns for each in present]
-    bounds = (report.overview.start_ns, report.overview.end_ns)
-    known = [bound for bound in bounds if bound is not None]
-    start_ns = min([*known, *(int(span[0]) for span in spans)])
-    end_ns = max([*known, *(int(span[1]) for span in spans)])
-    rows = [
-        element(
-            'li',
-            element('span', breakable(each.name), _gap_words(each.timing)),
-            strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
-        )
-        for each in present
+def _extent(report: Report) -> tuple[int, int]:
+    """Return the first and the last time of all samples, 0 without any."""
+    spans = [
+        each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns
+        for each in report.streams
+        if len(each.timing)
     ]
-    timed = report.clock is not Clock.NOMINAL
-    span = f', {(end_ns - start_ns) / 1e9:.1f} s' * timed
-    words = (
-        f'From the first sample of the recording to the last{span}; gaps are marked by higher bars.'
-    )
-    return join(
-        [
-            element('h3', 'When there are samples'),
-            element('p', words, class_='lead'),
-            element('ul', rows, class_='coverage'),
-        ]
-    )
+    bounds = (report.overview.start_ns, report.overview.end_ns)
+    times = [bound for bound in bounds if bound is not None]
+    times += [int(time) for span in spans for time in span]
+    return min(times, default=0), max(times, default=0)
 
 
-def _gap_words(timing: Timing) -> Markup | None:
-    if not timing.gaps:
-        return None
-    return element('span', f' {format_count(len(timing.gaps), "gap")}', class_='faint')
+def _intervals(streams: Sequence[StreamFacts]) -> list[tuple[str, str, str]]:
+    """Return names, median and plot of each series of stamps; streams with equal stamps share one.
 
-
-def _intervals(streams: Sequence[StreamFacts]) -> Markup | None:
-    """Draw a plot for each series of stamps; streams with equal stamps share one."""
+    Series with gaps come first.
+    """
     alike: dict[bytes, list[StreamFacts]] = {}
     for each in streams:
         if len(each.timing) > _FEWEST_SAMPLES and each.timing.period_ns:
             alike.setdefault(each.timing.stamps_ns.tobytes(), []).append(each)
-    if not alike:
-        return None
-    ordered = sorted(alike.values(), key=lambda group: not group[0].timing.gaps)
-    plots = [_interval_figure(place, group) for place, group in enumerate(ordered)]
-    shown = element('div', plots[:_MOST_PLOTS], class_='grid')
-    more = plots[_MOST_PLOTS:]
-    rest = (
-        element(
-            'details',
-            element('summary', f'{len(more)} more'),
-            element('div', more, class_='grid'),
-        )
-        if more
-        else None
-    )
-    words = (
-        'Distance of each sample to the next over the time of the stream. The dashed line is the'
-        ' median; triangles mark gaps, longer than 1.5 times the median.'
-    )
-    return join([element('h3', 'Intervals'), element('p', words, class_='lead'), shown, rest])
-
-
-def _interval_figure(place: int, group: Sequence[StreamFacts]) -> Markup:
-    names = ', '.join(each.name for each in group)
-    timing = group[0].timing
-    drawn = interval_plot(f'interval-{place}', names, timing)
-    median = f' median {format_period(timing.period_ns or 0)}'
-    return captioned(drawn, element('b', breakable(names)), median)
+    found = []
+    for place, group in enumerate(sorted(alike.values(), key=lambda some: not some[0].timing.gaps)):
+        names, timing = ', '.join(each.name for each in group), group[0].timing
+        plot = interval_plot(f'interval-{place}', names, timing)
+        found.append((names, format_period(timing.period_ns or 0), plot))
+    return found

@@ -9,18 +9,16 @@ legible on a phone.
 from __future__ import annotations
 
 import math
+from html import escape
 from typing import TYPE_CHECKING
 
-from .markup import element, number
-
 if TYPE_CHECKING:
-    from ..model.geometry import Float64Array
-    from .markup import Markup
+    from collections.abc import Sequence
 
 WIDTH = 400
 
 
-def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn: Markup) -> Markup:
+def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn: str) -> str:
     """Make an SVG with a text alternative for screen readers.
 
     Args:
@@ -30,42 +28,55 @@ def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn
         size: Width and height in its own units.
         drawn: Its elements.
     """
-    return element(
-        'svg',
-        element('title', title, id=f'{key}-title'),
-        element('desc', description, id=f'{key}-desc'),
-        *drawn,
-        viewBox=f'0 0 {size[0]} {size[1]}',
-        role='img',
-        aria_labelledby=f'{key}-title {key}-desc',
-        class_='plot',
+    return (
+        f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img"'
+        f' aria-labelledby="{key}-title {key}-desc" class="plot">'
+        f'<title id="{key}-title">{escape(title)}</title>'
+        f'<desc id="{key}-desc">{escape(description)}</desc>{"".join(drawn)}</svg>'
     )
 
 
-def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> Markup:
+def bar(height: int, class_: str, drawn: Sequence[str]) -> str:
+    """Make an SVG 100 units wide, stretched to its place; the text beside it is its alternative."""
+    return (
+        f'<svg viewBox="0 0 100 {height}" preserveAspectRatio="none" class="{class_}"'
+        f' aria-hidden="true" focusable="false">{"".join(drawn)}</svg>'
+    )
+
+
+def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> str:
     """Draw text; anchor is start, middle or end."""
-    return element(
-        'text', words, x=number(x), y=number(y), text_anchor=anchor, class_=class_ or None
-    )
+    look = class_ and f' class="{class_}"'
+    place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
+    return f'<text {place}{look}>{escape(words)}</text>'
 
 
-def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> Markup:
+def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> str:
     """Draw a straight line."""
-    return element(
-        'line', x1=number(x1), y1=number(y1), x2=number(x2), y2=number(y2), class_=class_
-    )
+    ends = f'x1="{number(x1)}" y1="{number(y1)}" x2="{number(x2)}" y2="{number(y2)}"'
+    return f'<line {ends} class="{class_}"></line>'
 
 
-def box(x: float, y: float, width: float, height: float, class_: str) -> Markup:
+def box(x: float, y: float, width: float, height: float, class_: str) -> str:
     """Draw a filled rectangle."""
-    return element(
-        'rect',
-        x=number(x),
-        y=number(y),
-        width=number(width),
-        height=number(height),
-        class_=class_,
-    )
+    size = f'width="{number(width)}" height="{number(height)}"'
+    return f'<rect x="{number(x)}" y="{number(y)}" {size} class="{class_}"></rect>'
+
+
+def path(d: str, class_: str) -> str:
+    """Draw a path."""
+    return f'<path d="{d}" class="{class_}"></path>'
+
+
+def circle(x: float, y: float, radius: float, class_: str) -> str:
+    """Draw a circle."""
+    return f'<circle cx="{number(x)}" cy="{number(y)}" r="{radius}" class="{class_}"></circle>'
+
+
+def number(value: float) -> str:
+    """Format a coordinate: two decimals at most, and no negative zero."""
+    written = f'{value:.2f}'.rstrip('0').rstrip('.')
+    return '0' if written == '-0' else written
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -95,7 +106,7 @@ def round_length(length: float) -> float:
     return max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001)
 
 
-def scale_bar(scale: float, height: float) -> Markup:
+def scale_bar(scale: float, height: float) -> str:
     """Draw a scale bar of a round length in the lower left corner.
 
     Args:
@@ -104,13 +115,6 @@ def scale_bar(scale: float, height: float) -> Markup:
     """
     length = round_length(110 / scale)
     y = height - 8
-    return element(
-        'g',
-        element('path', d=f'M10 {number(y - 5)}v5h{number(length * scale)}v-5', class_='scale'),
-        text(10 + length * scale + 6, y + 1, f'{plain(length)} m', class_='label'),
-    )
-
-
-def path(points: Float64Array) -> str:
-    """Return the d attribute of a line through (N, 2) points."""
-    return 'M' + 'L'.join(f'{number(x)} {number(y)}' for x, y in points.tolist())
+    bracket = path(f'M10 {number(y - 5)}v5h{number(length * scale)}v-5', 'scale')
+    words = text(10 + length * scale + 6, y + 1, f'{plain(length)} m', class_='label')
+    return f'<g>{bracket}{words}</g>'

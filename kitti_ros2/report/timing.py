@@ -104,31 +104,18 @@ def _jitter(distances: Int64Array, period: int) -> int | None:
     return int(np.percentile(np.abs(distances - period), 95))
 
 
-@dataclass(frozen=True)
-class Pairing:
-    """Samples of a stream compared with those of another with the same file number.
+def shifted_numbers(stream: StreamIndex, reference: StreamIndex) -> tuple[list[int], int]:
+    """Compare the samples of a stream with those of a reference with the same file number.
 
-    Attributes:
-        pairs: Number of common file numbers.
-        numbers: File numbers that are nearer to another sample of the other stream.
-    """
-
-    pairs: int
-    numbers: tuple[int, ...]
-
-
-def pairing_of(stream: StreamIndex, reference: StreamIndex) -> Pairing | None:
-    """Pair a stream with a reference by file number; None without common numbers.
-
-    A sample is nearer to another frame if it is more than half a period of the reference away from
-    its own: this detects files renumbered without their stamps.
+    Returns:
+        The file numbers that are nearer to another sample of the reference, and the number of all
+        common ones. A sample is nearer to another if it is more than half a period of the reference
+        away from its own: this detects files renumbered without their stamps.
     """
     common, mine, theirs = np.intersect1d(
         stream.numbers, reference.numbers, assume_unique=True, return_indices=True
     )
-    if not len(common):
-        return None
     offsets = stream.stamps_ns[mine] - reference.stamps_ns[theirs]
     period = timing_of(reference.stamps_ns).period_ns
-    shifted = np.abs(offsets) > period / 2 if period else np.zeros(len(common), np.bool_)
-    return Pairing(len(common), tuple(common[shifted].tolist()))
+    shifted = common[np.abs(offsets) > period / 2] if period else []
+    return [int(number) for number in shifted], len(common)

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
-from html.parser import HTMLParser
+from pathlib import Path
 
 import cv2
 import foreign
@@ -17,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.cli.info import overlook
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
@@ -29,9 +31,10 @@ from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import SelectionOptions
-from kitti_ros2.report.contents import Severity
+from kitti_ros2.own_bags import recorded_layout
+from kitti_ros2.report.contents import Finding, Report, Severity
 from kitti_ros2.report.gather import gather
-from kitti_ros2.report.markup import element, join
+from kitti_ros2.report.overview import Overview
 from kitti_ros2.report.page import make_page
 from kitti_ros2.report.rig_plot import mounts_of
 from kitti_ros2.report.route_plot import route_plot
@@ -81,6 +84,22 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
     timings = {each.name: each.timing for each in there.streams}
     scans = next(each for each in here.streams if each.name == 'scan')
     assert timings['/kitti/velo/points'].stamps_ns.tolist() == scans.timing.stamps_ns.tolist()
+
+
+def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch):
+    path = tmp_path / 'bag.mcap'
+    source = open_recording(recordings[Layout.RAW])
+    convert(source, path, MessageOptions(), SelectionOptions(), BagOptions())
+    parse, read = recorded_layout.parse_description, []
+    monkeypatch.setattr(
+        recorded_layout,
+        'parse_description',
+        lambda text, bag: read.append(bag) or parse(text, bag),
+    )
+    assert overlook(path).losses == ()
+    assert len(read) == 1
+    assert gather(path, ANY).frames == SMALL.frames
+    assert len(read) == 2
 
 
 def test_a_bag_of_others(tmp_path):
@@ -196,35 +215,64 @@ def test_hostile_folder_names_are_words(recordings, tmp_path):
     assert any('<b onload=x>&amp;"' in words for _, words in page.text)
 
 
-class Echo(HTMLParser):
-    def __init__(self, source):
-        super().__init__()
-        self.seen = []
-        self.feed(source)
-        self.close()
+def test_names_that_are_not_utf_8_are_replaced(recordings, tmp_path):
+    drive = tmp_path / os.fsdecode(b'bad \xff\nname') / recordings[Layout.RAW].name
+    shutil.copytree(recordings[Layout.RAW].parent, drive.parent)
+    source = make_page(gather(drive, ANY))
+    assert Page(source).faults == []
+    assert 'bad \N{REPLACEMENT CHARACTER}\nname' in source
+    source.encode()
 
-    def handle_starttag(self, tag, attrs):
-        self.seen.append((tag, dict(attrs)))
 
-    def handle_data(self, data):
-        self.seen.append(data)
+def page_with(name, where, text) -> str:
+    """A page of a bag without messages, with one finding."""
+    overview = Overview(
+        path=Path('/recordings') / 'bag',
+        kind=name,
+        name=name,
+        series=(),
+        frames=None,
+        clock=Clock.UTC,
+        start_ns=None,
+        end_ns=None,
+        duration_ns=None,
+        size_bytes=0,
+        compression=None,
+        cameras=(),
+        links=(),
+        losses=(),
+        notes=(),
+    )
+    findings = [Finding(Severity.LOSS, where, text)]
+    return make_page(Report(overview, (), findings))
 
 
 PRINTABLE = st.text().filter(str.isprintable)
 
 
-@given(PRINTABLE, PRINTABLE)
-def test_what_goes_in_as_text_comes_out_as_text(words, value):
-    seen = Echo(element('p', words, title=value)).seen
-    assert seen[0] == ('p', {'title': value})
-    assert ''.join(seen[1:]) == words
+@given(PRINTABLE, PRINTABLE, PRINTABLE)
+def test_what_goes_in_as_text_comes_out_as_text(name, where, text):
+    page = Page(page_with(name, where, f'it is {text}'))
+    assert page.faults == []
+    assert page.words('title') == [f'{name}: report']
+    assert page.words('h1') == ([name] if name.strip() else [])
+    assert f'Bag, {name}' in page.words('p')
+    assert page.words('span')[-1].endswith(f'it is {text}')
+    assert not where.strip() or where in page.words('span')
 
 
-def test_markup_is_kept_and_nothing_else():
-    assert join(['<', element('br'), None, 3]) == '&lt;<br>3'
-    assert element('a', x=None, y=False, z=True, aria_label='&') == '<a z aria-label="&amp;"></a>'
-    assert '\0' not in element('p', 'a\0b\ud800')
-    element('p', 'a\0b\ud800').encode()
+@given(st.text(), st.text())
+def test_text_that_html_forbids_is_replaced(name, text):
+    source = page_with(name, '/topic', f'a\0b\ud800\x1b{text}')
+    assert Page(source).faults == []
+    assert 'a\N{REPLACEMENT CHARACTER}b' in source
+    assert all(each.isprintable() or each in '\n\t' for each in source)
+    source.encode()
+
+
+def test_names_may_break_after_a_slash_and_before_a_capital():
+    source = page_with('/camera/leftImage', '', '')
+    assert '<h1>/<wbr>camera/<wbr>left<wbr>Image</h1>' in source
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(2, 8))

@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes and points drawn on a camera image of any size, and from above.
+
+Each raises MissingDataError if required data is missing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from ..drawing.annotate import is_labelled
+from ..drawing.birds_eye import birds_eye
+from ..drawing.boxes_2d import draw_boxes_2d
+from ..drawing.objects import resized
+from ..drawing.points import draw_points
+from ..drawing.wireframes import draw_wireframes
+from .frame_parts import bird_points, frame_points, frame_projection, needed_projection, of_classes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..drawing.pixels import Pixels
+    from ..drawing.projection import Projection
+    from ..options.pictures import PictureOptions
+    from .frame import Frame
+
+
+class Shown(NamedTuple):
+    """A camera's image, scaled."""
+
+    camera: int
+    picture: Pixels
+    scale_x: float = 1.0
+    scale_y: float = 1.0
+
+    def projection(self, frame: Frame) -> Projection:
+        """Return the projection from velo_link into the picture."""
+        return frame_projection(frame, self.camera).resized(self.scale_x, self.scale_y)
+
+
+Painter: TypeAlias = 'Callable[[Pixels, Shown, Frame, PictureOptions], None]'
+"""Draws on a picture that shows a camera's image."""
+
+
+def paint_boxes_2d(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+    """Draw 2D boxes."""
+    scales = shown.scale_x, shown.scale_y
+    projection = needed_projection(frame, shown.camera)
+    draw_boxes_2d(
+        window,
+        resized(frame.objects, *scales),
+        projection.resized(*scales) if projection else None,
+        predictions=resized(frame.predictions, *scales),
+        labelled=is_labelled(frame.calibration, shown.camera),
+        named=options.named,
+    )
+
+
+def paint_boxes_3d(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+    """Draw 3D wireframes."""
+    projection = shown.projection(frame)
+    draw_wireframes(window, frame.objects, projection, frame.predictions, named=options.named)
+
+
+def paint_scan(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+    """Draw the scan."""
+    points, projection = frame_points(frame), shown.projection(frame)
+    draw_points(window, points, projection, options.color_by, options.color_map, options.point_size)
+
+
+def draw_bird(frame: Frame, options: PictureOptions) -> Pixels:
+    """Draw the scan and the boxes from above."""
+    frame = of_classes(frame, options)
+    return birds_eye(
+        bird_points(frame),
+        frame.objects,
+        frame.predictions,
+        options.bird,
+        options.color_map,
+        named=options.named,
+    )
