@@ -100,9 +100,10 @@ def _convert(
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
     from ..importer.append import mend
-    from ..importer.apply_plan import adapt, convert_by_plan, guess, look
+    from ..importer.apply_plan import adapt, convert_by_plan, guess
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
+    from ..importer.survey import look
     from ..kitti.store import STORE
 
     survey = look(bags)
@@ -175,8 +176,9 @@ def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
 
 
 def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
-    from ..importer.apply_plan import guess, look
+    from ..importer.apply_plan import guess
     from ..importer.plan import format_plan
+    from ..importer.survey import look
 
     remarks: tuple[str, ...] = ()
     own, damaged = _own(bags, options)

@@ -20,7 +20,8 @@ from ..model.streams import Stream
 from .apply_calibration import Rigging
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
-from .poses import read_track, write_poses
+from .pose_track import camera_poses
+from .poses import read_track
 from .report import ImportReport, LossTally, damage, unread
 from .sync import NONE
 
@@ -83,7 +84,7 @@ def build(
         OSError: A file cannot be written.
     """
     losses = LossTally()
-    track = read_track(bags, plan, survey, losses)
+    track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = choose_frames(plan, survey, track)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
@@ -248,10 +249,13 @@ class _Builder:
             self._writer.leave_out(number)
 
     def write_poses(self, track: PoseTrack) -> None:
-        """Write the poses of the frames."""
-        body_t_rect = self._rigging.body_t_rect()
+        """Write the poses of the frames, each of which must have one."""
         stamps_ns = self._frames.stamps_ns
-        self.counts[Stream.POSE.value] = write_poses(self._writer, track, stamps_ns, body_t_rect)
+        poses = camera_poses(track, stamps_ns, self._rigging.body_t_rect())
+        known = [pose for pose in poses if pose is not None]
+        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
+            self._writer.write_pose(number, stamp_ns, pose)
+        self.counts[Stream.POSE.value] = len(known)
 
     def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
         """Return the report of the conversion."""

@@ -16,7 +16,7 @@ from ..drawing.pixels import colour_pixels
 from ..importer.apply_calibration import Rigging
 from ..importer.cuboids import ABSURD
 from ..importer.frames import choose_frames, frame_topics, topic_of
-from ..importer.guess import guess_plan
+from ..importer.guess import guess_plan, guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
@@ -223,17 +223,16 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """Read the poses that the odometry layout would be made from, if any."""
+    pose, losses = guess_pose(survey), LossTally()
+    if pose is None:
+        return None
     try:
-        plan = guess_plan(survey, Layout.ODOMETRY, path_of(bag)).plan
-        losses = LossTally()
-        track = read_track([bag], plan, survey, losses)
+        track = read_track([bag], pose, survey, losses)
     except KittiRos2Error as error:
         notes.append(str(error))
         return None
-    if track is None or plan.pose is None:
-        return None
     notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return EgoTrack(track, plan.pose.body)
+    return EgoTrack(track, pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:
