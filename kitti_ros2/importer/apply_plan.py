@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..bags.reader import path_of
+from ..files.staging import staged
 from ..kitti.names import SPLITS
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
 from .convert import build
 from .guess import Guess, guess_plan
-from .output import staged
 from .plan import NONE
 from .survey import LABEL_LINES
 

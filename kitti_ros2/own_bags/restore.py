@@ -20,8 +20,8 @@ from ..bags.decoding import Decoder
 from ..bags.reader import bag_stamps, open_messages, opened, path_of
 from ..exporter.schedule import frames_of
 from ..files.png.header import parse_image
+from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
-from ..importer.output import staged
 from ..importer.report import ImportReport, LossTally, damage, merged
 from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text

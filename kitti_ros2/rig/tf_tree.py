@@ -161,9 +161,9 @@ class FrameTree:
 
     def __str__(self) -> str:
         """Format all frames: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
-        writer = _TreeText(self._children)
+        shown: set[str] = set()
         roots = sorted(self._tops())
-        texts = [writer.text(root) for root in roots[:_MOST_CHILDREN]]
+        texts = [self._text(root, shown) for root in roots[:_MOST_CHILDREN]]
         if len(roots) > _MOST_CHILDREN:
             texts.append(f'{len(roots) - _MOST_CHILDREN} more trees')
         moving = [
@@ -177,6 +177,18 @@ class FrameTree:
             texts.append(f'{len(moving) - _MOST_CHILDREN} more that move')
         return '; '.join(texts) or 'no transforms'
 
+    def _text(self, frame: str, shown: set[str]) -> str:
+        """Format a frame and its descendants, up to a limit, without children already shown."""
+        children = () if frame in shown else self._children.get(frame, ())
+        shown.add(frame)
+        texts: list[str] = []
+        for child in children:
+            if len(texts) == _MOST_CHILDREN or len(shown) >= _MOST_FRAMES:
+                texts.append(f'{len(children) - len(texts)} more')
+                break
+            texts.append(self._text(child, shown))
+        return f'{frame} -> {{{", ".join(texts)}}}' if texts else frame
+
     def _tops(self) -> set[str]:
         """Return the frames that begin the texts of trees: roots, and the first of each cycle."""
         tops = set()
@@ -189,26 +201,6 @@ class FrameTree:
             if all(link is None for link in self._parents.get(frame, {}).values()):
                 tops.add(frame)
         return tops
-
-
-class _TreeText:
-    """Formats trees of static links, each frame's children once, up to a limit."""
-
-    def __init__(self, children: dict[str, list[str]]) -> None:
-        self._children = children
-        self.shown: set[str] = set()
-
-    def text(self, frame: str) -> str:
-        """Format a frame and its descendants."""
-        children = () if frame in self.shown else self._children.get(frame, ())
-        self.shown.add(frame)
-        texts: list[str] = []
-        for child in children:
-            if len(texts) == _MOST_CHILDREN or len(self.shown) >= _MOST_FRAMES:
-                texts.append(f'{len(children) - len(texts)} more')
-                break
-            texts.append(self.text(child))
-        return f'{frame} -> {{{", ".join(texts)}}}' if texts else frame
 
 
 class LinkTally:
