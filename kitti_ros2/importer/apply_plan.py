@@ -110,7 +110,6 @@ def convert_by_plan(
     if options.append:
         with appended(out, plan.name) as place:
             report = build(bags, plan, survey, place.stage, options, place.first, progress)
-        return replace(report, path=out, notes=(*place.notes, *report.notes))
+        return replace(report, notes=(*place.notes, *report.notes))
     with staged(out) as stage:
-        report = build(bags, plan, survey, stage, options, 0, progress)
-    return replace(report, path=out)
+        return build(bags, plan, survey, stage, options, 0, progress)

@@ -82,7 +82,7 @@ def build(
             damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
         if track is not None:
             builder.write_poses(track)
-    return builder.report(stage, survey, damaged)
+    return builder.report(survey, damaged)
 
 
 def _do(job: _Job) -> tuple[_Job, int | Exception]:
@@ -237,7 +237,7 @@ class _Builder:
             self._writer.write_pose(number, stamp_ns, pose)
         self.counts[Stream.POSE.value] = len(known)
 
-    def report(self, path: Path, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
+    def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
@@ -245,7 +245,6 @@ class _Builder:
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(
-            path=path,
             layout=self._plan.layout,
             name=self._plan.name,
             counts={name: count for name, count in self.counts.items() if count},
