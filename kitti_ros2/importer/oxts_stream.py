@@ -161,7 +161,7 @@ class PacketMaker:
     def _forbid_gaps(self) -> None:
         """Require packets of all frames in the tracking layout, where line n is frame n."""
         lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
-        if not lacking or not self._wanted:
+        if not lacking:
             return
         which = f'no imu, fix or velocity near frames {format_numbers(lacking)}'
         if self._gapless:

@@ -28,31 +28,22 @@ class PoseTrack:
     """Poses of one frame in another over time, interpolated.
 
     Between two poses the translation is linear and the rotation is spherical linear (slerp).
-    Nothing is extrapolated.
+    Nothing is extrapolated, and nothing is known between poses more than MAX_GAP_NS apart.
+
+    Args:
+        stamps_ns: (N,) nanoseconds, in any order; of equal ones the first is used.
+        transforms: N of them.
+
+    Raises:
+        ValueError: The numbers of stamps and transforms differ.
     """
 
-    def __init__(
-        self,
-        stamps_ns: npt.ArrayLike,
-        transforms: Sequence[Transform],
-        max_gap_ns: int = MAX_GAP_NS,
-    ) -> None:
-        """Take poses in any order; of several with one stamp the first is used.
-
-        Args:
-            stamps_ns: (N,) nanoseconds.
-            transforms: N of them.
-            max_gap_ns: Between two poses further apart no pose is known.
-
-        Raises:
-            ValueError: The numbers of stamps and transforms differ.
-        """
+    def __init__(self, stamps_ns: npt.ArrayLike, transforms: Sequence[Transform]) -> None:
         stamps = np.asarray(stamps_ns, dtype=np.int64)
         if stamps.shape != (len(transforms),):
             raise ValueError(f'{len(transforms)} poses with stamps of shape {stamps.shape}')
         self.stamps_ns, first = np.unique(stamps, return_index=True)
         self._transforms = [transforms[index] for index in first]
-        self._max_gap_ns = max_gap_ns
 
     def __len__(self) -> int:
         return len(self._transforms)
@@ -68,7 +59,7 @@ class PoseTrack:
         exact = known & (self.stamps_ns[after] == wanted)
         before = np.maximum(after - 1, 0)
         gaps = self.stamps_ns[after] - self.stamps_ns[before]
-        between = known & (after > 0) & (gaps <= self._max_gap_ns) & ~exact
+        between = known & (after > 0) & (gaps <= MAX_GAP_NS) & ~exact
         share = (wanted - self.stamps_ns[before]) / np.maximum(gaps, 1)
         poses: list[Transform | None] = [None] * len(wanted)
         for index in np.flatnonzero(exact).tolist():

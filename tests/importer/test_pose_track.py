@@ -119,8 +119,9 @@ def test_poses_are_sorted_and_of_equal_stamps_the_first_counts():
 
 
 def test_a_gap_is_not_bridged_but_its_ends_are_known():
-    track = PoseTrack([0, 10, 21, 31], [at(x) for x in (0, 10, 21, 31)], max_gap_ns=10)
-    found = track.at(np.array([5, 10, 11, 20, 21, 25]))
+    tenth = MAX_GAP_NS // 10
+    track = PoseTrack([x * tenth for x in (0, 10, 21, 31)], [at(x) for x in (0, 10, 21, 31)])
+    found = track.at(np.array([5, 10, 11, 20, 21, 25]) * tenth)
     assert [pose and pose.translation[0] for pose in found] == [5, 10, None, None, 21, 25]
     assert PoseTrack([0, MAX_GAP_NS + 1], [at(0), at(1)]).at(np.array([1])) == [None]
     assert PoseTrack([0, MAX_GAP_NS], [at(0), at(1)]).at(np.array([1])) != [None]
