@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import bag_stamps, open_messages
+from ..bags.reader import OpenBag, bag_stamps, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage
     from ..drawing.pixels import Pixels as Picture
     from ..messages.pixels import Pixels
     from ..model.samples import Int64Array
@@ -67,15 +67,16 @@ class LabelledImages:
     """
 
     def __init__(self, path: Path) -> None:
-        survey = glance(path)
-        plan, labels = _plan(path, survey)
-        self._plan, self._rigging = _rigged(path, plan, labels, survey)
-        self.topics: Mapping[str, int] = {
-            camera.topic: index for index, camera in self._plan.cameras.items()
-        }
-        self._labels = _Labels(path, survey, labels)
-        if plan.calibration == SOURCE:
-            self._labels.be_of_one_frame(self.topics)
+        with OpenBag(path) as bag:  # the labels keep its files open
+            survey = glance(bag)
+            plan, labels = _plan(path, survey)
+            self._plan, self._rigging = _rigged(path, plan, labels, survey)
+            self.topics: Mapping[str, int] = {
+                camera.topic: index for index, camera in self._plan.cameras.items()
+            }
+            self._labels = _Labels(bag, survey, labels)
+            if plan.calibration == SOURCE:
+                self._labels.be_of_one_frame(bag_stamps(bag), self.topics)
         # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
@@ -123,23 +124,21 @@ class LabelledImages:
 class _Labels:
     """Finds and reads the message of the labels' topic nearest to an image."""
 
-    def __init__(self, path: Path, survey: Survey, topic: str) -> None:
+    def __init__(self, bag: OpenBag, survey: Survey, topic: str) -> None:
         found = topic_of(survey, topic)
         self.topic = topic
-        self._path = path
         self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
         stamps, why_not_headers = found.stamps()
         self._by_log = why_not_headers is not None or len(found.header_ns) != found.count
         order = np.argsort(stamps, kind='stable')
         self._order, self._stamps = order, stamps[order]
         self._tolerance_ns = default_tolerance_ns(stamps)
-        self._messages: BagMessages | None = None
+        self._messages = open_messages(bag, {topic})
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
 
-    def be_of_one_frame(self, images: Collection[str]) -> None:
+    def be_of_one_frame(self, stamps: Mapping[str, Int64Array], images: Collection[str]) -> None:
         """Match labels to one image of each camera only, as in KITTI's frames."""
-        stamps = bag_stamps(self._path)
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
 
@@ -164,14 +163,12 @@ class _Labels:
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
             raise ValueError(str(error)) from None
-        if message is None or self._messages is None or message.stamp_ns != self._log_ns[place]:
+        if message is None or message.stamp_ns != self._log_ns[place]:
             self._iterator = None
             raise ValueError(f'a message of {self.topic} is missing')
         return Decoder(self._messages.typestore)(message)
 
     def _message(self, place: int) -> BagMessage | None:
-        if self._messages is None:
-            self._messages = open_messages(self._path, {self.topic})
         if self._iterator is None or place != self._next:
             log_ns = int(self._log_ns[place])
             self._iterator = self._messages.since(log_ns)

@@ -15,6 +15,7 @@ from kitti_ros2.bags.writer import Channel, open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.importer import guess, survey
+from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
@@ -145,3 +146,10 @@ def test_a_command_reads_its_bag_once(
     assert main([name, str(path), *words]) == 0
     assert opened == [path]
     assert passes == PASSES[kind][command]
+
+
+def test_labels_are_drawn_from_one_opening(tmp_path, opened, passes):
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth()[:3])
+    LabelledImages(path)
+    assert opened == [path]
+    assert passes == ['survey', 'plan']
