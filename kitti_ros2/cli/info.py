@@ -6,16 +6,14 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
-from ..bags.reader import OpenBag
 from ..kitti.layouts import open_recording
-from ..messages.source import RECORDING
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
@@ -62,13 +60,8 @@ def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> 
     """Return the overview of a bag, or of a KITTI folder."""
     read = make_settings(given).read
     if is_bag(path, read.layout):
-        from ..own_bags.recorded_layout import missing_from
-
-        with OpenBag(path) as bag:
-            overview = inspect_bag(bag)
-            counts = {series.name: series.count for series in overview.series}
-            losses = missing_from(bag, counts) if RECORDING in counts else ()
-        return replace(overview, losses=(*overview.losses, *losses))
+        overview, _ = inspect_bag(path)
+        return overview
     return inspect_recording(open_recording(path, read), path)
 
 

@@ -43,8 +43,8 @@ __all__ = [
     'Blueprint',
     'EarlierVersionError',
     'UndescribedError',
+    'describe',
     'find_blueprint',
-    'missing_from',
 ]
 
 _STRING = 'std_msgs/msg/String'
@@ -190,22 +190,29 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
     return replace(found, losses=(*unread, *found.losses))
 
 
-def missing_from(bag: BagSource, counts: Mapping[str, int]) -> tuple[Loss, ...]:
-    """Return the missing data of a bag written by to-bag; nothing for other bags.
+def describe(
+    bag: BagSource, counts: Mapping[str, int]
+) -> tuple[Blueprint | None, tuple[Loss, ...]]:
+    """Read the layout of the recording in a bag, as find_blueprint; also return its missing data.
+
+    An unusable description is a loss, and not an error; one of an earlier version is neither.
 
     Args:
         bag: A bag that can be read.
         counts: Its messages by topic.
     """
+    if RECORDING not in counts:
+        return None, ()
     try:
         found = find_blueprint(bag)
     except EarlierVersionError:
-        return ()
+        return None, ()
     except BadBagError as error:
-        return (Loss(RECORDING, 1, str(error)),)
+        return None, (Loss(RECORDING, 1, str(error)),)
     if found is None:
-        return ()
-    return (*damage(found.damage, path_of(bag).name), *found.losses, *found.shortfall(counts))
+        return None, ()
+    damaged = damage(found.damage, path_of(bag).name)
+    return found, (*damaged, *found.losses, *found.shortfall(counts))
 
 
 class _Source:

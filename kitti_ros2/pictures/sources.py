@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bags.locate import is_bag
 from ..bags.reader import OpenBag, path_of
-from ..importer.apply_plan import look
+from ..importer.survey import look
 from ..kitti.layouts import open_recording
 from ..own_bags.numbering import number_bag
 from ..own_bags.recording import BagRecording
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagSource
     from ..importer.survey import Survey
     from ..options.read import ReadOptions
+    from ..own_bags.recorded_layout import Blueprint
     from .frame import FrameSource
 
 
@@ -56,8 +57,15 @@ def open_bag_frames(bag: BagSource, survey: Survey) -> FrameSource:
     return RecordingFrames(recording, path_of(bag).name)
 
 
-def open_own_recording(bag: BagSource, survey: Survey) -> BagRecording | None:
+def open_own_recording(
+    bag: BagSource, survey: Survey, blueprint: Blueprint | None = None
+) -> BagRecording | None:
     """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
+
+    Args:
+        bag: The bag.
+        survey: The survey of the bag.
+        blueprint: Its layout, if already read.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -65,7 +73,7 @@ def open_own_recording(bag: BagSource, survey: Survey) -> BagRecording | None:
     log_ns = {
         name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
     }
-    numbered = number_bag(bag, log_ns)
+    numbered = number_bag(bag, log_ns, blueprint=blueprint)
     if numbered is None:
         return None
     recording = BagRecording(bag, numbered, survey)

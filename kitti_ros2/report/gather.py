@@ -12,12 +12,11 @@ import numpy as np
 
 from ..bags.locate import is_bag
 from ..bags.reader import OpenBag, bag_stamps
-from ..importer.apply_plan import look
+from ..importer.survey import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
 from ..model.losses import format_numbers
 from ..model.streams import Stream
-from ..own_bags.recorded_layout import missing_from
 from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
 from ..pictures.sources import open_own_recording
@@ -102,7 +101,7 @@ class _Steps:
 
 def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
     overview = inspect_recording(recording, path)
-    findings: list[Finding] = []
+    findings = _losses(overview)
     steps.expect(len(recording.streams))
     streams = recording_streams(recording, findings, steps.step)
     try:
@@ -116,7 +115,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 
 
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
-    overview = inspect_bag(bag)
+    overview, blueprint = inspect_bag(bag)
     findings: list[Finding] = []
     if not any(series.count for series in overview.series):
         findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
@@ -125,12 +124,10 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     steps.expect(2)
     survey = look([bag])
     steps.step()
-    own = open_own_recording(bag, survey)
+    own = None if blueprint is None else open_own_recording(bag, survey, blueprint)
     streams = bag_streams(overview.series, bag_stamps(bag), survey, overview.clock, findings)
     steps.step()
-    counts = {series.name: series.count for series in overview.series}
-    absent = (loss for loss in missing_from(bag, counts) if loss.text() not in survey.losses)
-    findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
+    findings += [loss for loss in _losses(overview) if loss.text not in survey.losses]
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
     findings += _of_transforms(overview, survey, own)
     try:
@@ -148,6 +145,10 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         if isinstance(source, BagFrames):
             seen = seen._replace(route=_route_along(source))
     return _report(overview, streams, findings, seen)
+
+
+def _losses(overview: Overview) -> list[Finding]:
+    return [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
 
 
 def _of_transforms(
@@ -260,7 +261,6 @@ def _report(
     findings: list[Finding],
     seen: _FrameContents,
 ) -> Report:
-    lost = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
     notes = [
         Finding(Severity.NOTE if overview.complete else Severity.LOSS, '', note)
         for note in overview.notes
@@ -269,7 +269,7 @@ def _report(
         overview=overview,
         frames=seen.frames,
         streams=streams,
-        findings=_in_order([*lost, *findings, *notes]),
+        findings=_in_order([*findings, *notes]),
         route=seen.route,
         classes=seen.classes,
         projections=seen.projections,

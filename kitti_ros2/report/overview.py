@@ -20,7 +20,6 @@ from ..messages.camera_info import (
 )
 from ..messages.cdr import deserialize
 from ..messages.mounts import with_nominal_mounts
-from ..messages.source import RECORDING
 from ..messages.topics import make_rig
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import KittiRos2Error
@@ -29,6 +28,7 @@ from ..model.losses import format_numbers
 from ..model.streams import Clock
 from ..options.messages import MessageOptions
 from ..own_bags.numbering import number_bag
+from ..own_bags.recorded_layout import describe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ..kitti.recording import KittiRecording
     from ..model.geometry import Transform
     from ..model.losses import Loss
+    from ..own_bags.recorded_layout import Blueprint
 
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 _TF = 'tf2_msgs/msg/TFMessage'
@@ -138,22 +139,28 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
     )
 
 
-def inspect_bag(source: BagSource) -> Overview:
+def inspect_bag(source: BagSource) -> tuple[Overview, Blueprint | None]:
     """Inspect a bag: its index, and the first camera_info and static transforms.
+
+    Returns:
+        The overview, and the layout of the recording where to-bag wrote the bag.
 
     Raises:
         BadBagError: The path is not a bag, or is unreadable.
     """
     with opened(source) as bag:
         summary = summarize_bag(bag)
-        own = any(topic.name == RECORDING and topic.count for topic in summary.topics)
-        numbered = number_bag(bag, bag_stamps(bag), by_header=False) if own else None
+        counts = {topic.name: topic.count for topic in summary.topics}
+        blueprint, losses = describe(bag, counts)
+        numbered = None
+        if blueprint is not None:
+            numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
         cameras, links, notes = _bag_calibration(bag, summary)
     clock = Clock.UTC if numbered is None else numbered.clock
     times = _times(summary.topics, clock)
     incomplete = 'parts of the bag are missing or damaged; whole messages are counted'
     cut = () if summary.complete else (incomplete,)
-    return Overview(
+    overview = Overview(
         path=bag.path,
         kind=summary.container,
         name=', '.join(file.name for file in summary.files[:3])
@@ -168,10 +175,11 @@ def inspect_bag(source: BagSource) -> Overview:
         compression=summary.compression,
         cameras=cameras,
         links=links,
-        losses=(),
+        losses=losses,
         notes=(*cut, *summary.findings, *notes),
         complete=summary.complete,
     )
+    return overview, blueprint
 
 
 class _Times(NamedTuple):
