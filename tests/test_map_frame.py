@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.map_frame import map_from_world
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy

@@ -71,7 +71,7 @@ def run_to_kitti(
         reports = _convert(opened, out, options, plan_file, quiet=quiet)
     elapsed = time.monotonic() - started
     for report in () if quiet else reports:
-        _summarize(report, elapsed)
+        _summarize(report, out, elapsed)
     losses = tuple(loss for report in reports for loss in report.losses)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
@@ -100,9 +100,10 @@ def _convert(
         with conversion_progress(files, frames, show=not quiet) as progress:
             return restore(recordings, out, progress)
     from ..importer.append import mend
-    from ..importer.apply_plan import adapt, convert_by_plan, guess, look
+    from ..importer.apply_plan import adapt, convert_by_plan, guess
     from ..importer.frames import frame_topics, topic_of
     from ..importer.plan import parse_plan
+    from ..importer.survey import look
     from ..kitti.store import STORE
 
     survey = look(bags)
@@ -175,8 +176,9 @@ def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
 
 
 def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
-    from ..importer.apply_plan import guess, look
+    from ..importer.apply_plan import guess
     from ..importer.plan import format_plan
+    from ..importer.survey import look
 
     notes: tuple[str, ...] = ()
     own, damaged = _own(bags, options)
@@ -195,13 +197,13 @@ def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
     return format_plan(found.plan, notes)
 
 
-def _summarize(report: ImportReport, elapsed: float) -> None:
+def _summarize(report: ImportReport, out: Path, elapsed: float) -> None:
     for note in report.notes:
         say(f'note: {note}')
     files = ', '.join(f'{name} {count}' for name, count in sorted(report.counts.items()))
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
     say(
-        f'{format_path(report.path)}: layout {report.layout.value}, {report.name},'
+        f'{format_path(out)}: layout {report.layout.value}, {report.name},'
         f' {format_count(report.frames, "frame")}, {format_bytes(report.size_bytes)} ({files});'
         f' took {elapsed:.1f} s ({rate})'
     )

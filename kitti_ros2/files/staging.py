@@ -192,6 +192,30 @@ class Staging:
             replaced.rename(self.path)
 
 
+@contextmanager
+def staged(out: Path) -> Iterator[Path]:
+    """Yield a folder to build a data set in; its content is moved to out on success.
+
+    Raises:
+        OutputExistsError: out is not empty.
+        OutputError: It cannot be written.
+    """
+    staging = Staging(out, _refuse_content)
+    try:
+        with reported(out):
+            staging.content.mkdir()
+            yield staging.content
+        staging.publish()
+    finally:
+        staging.discard()
+
+
+def _refuse_content(path: Path) -> str | None:
+    if path.is_dir() and not any(path.iterdir()):
+        return None
+    return 'choose another name, or an empty folder'
+
+
 def lock_exclusively(fd: int, path: Path) -> None:
     """Lock an open folder until it is closed.
 

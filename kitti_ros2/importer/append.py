@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..files.staging import lock_exclusively, reported
+from ..files.staging import lock_exclusively, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
     BEFORE,
@@ -33,7 +33,6 @@ from ..kitti.append_journal import (
 from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error, OutputExistsError, UsageError
 from ..model.losses import format_numbers
-from .output import staged
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,7 +74,10 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
         with staged(out) as stage:
             yield Appending(stage, 0)
         return
-    _refuse_no_folder(out)
+    if out.is_symlink():
+        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
+    if not out.is_dir():
+        raise OutputExistsError(out, 'it is no folder; choose another name')
     with reported(out), _locked(out):
         notes = _recover(out)
         _refuse_links(out, split)
@@ -138,13 +140,6 @@ def _locked(out: Path) -> Iterator[None]:
         yield
     finally:
         os.close(folder)
-
-
-def _refuse_no_folder(out: Path) -> None:
-    if out.is_symlink():
-        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
-    if not out.is_dir():
-        raise OutputExistsError(out, 'it is no folder; choose another name')
 
 
 def _refuse_links(out: Path, split: str) -> None:

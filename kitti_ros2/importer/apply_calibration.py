@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,17 +24,19 @@ from ..model.samples import Scan
 from ..rig.rectify import Rectifier
 from ..rig.tf_tree import FrameTree
 from . import survey as types
-from .calibration import CameraModel, camera_model, rect_in_frame
-from .calibration_source import make_calibrations
+from .calibration import rect_in_frame
+from .calibration_source import camera_models, make_calibrations
 from .cuboids import ABSURD, cuboids_of_detections, cuboids_of_markers, has_scores
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
-from .plan import TF, UNKNOWN_OCCLUSION, CameraPlan, Plan
+from .plan import TF, UNKNOWN_OCCLUSION
 from .report import undecoded
 
 if TYPE_CHECKING:
     from ..messages.pixels import Pixels
     from ..model.boxes import Box, Cuboid
+    from ..rig.camera_info import CameraModel
+    from .plan import CameraPlan, Plan
     from .survey import Survey
 
 _REPORTED_TILT_RAD = np.radians(10)
@@ -61,7 +62,7 @@ class Rigging:
         self._plan = plan
         lost = (undecoded(topic).text() for topic in survey.unreadable(*types.TF_TYPES))
         self._tree = FrameTree(survey.static, survey.moving, next(lost, ''))
-        self._models = _camera_models(plan, survey)
+        self._models = camera_models(plan, survey)
         self.boxes_left_out: Counter[str] = Counter()
         self._max_tilt = 0.0
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
@@ -273,23 +274,6 @@ class Rigging:
         return (Loss(plan.topic, count, f'{plan.topic}: boxes {ABSURD} (NaN, 0 or beyond 100 km)'),)
 
 
-def _camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
-    """Return the models of the cameras with a CameraInfo.
-
-    An invalid CameraInfo is an error only where the plan needs it.
-    """
-    models = {}
-    for index, camera in plan.cameras.items():
-        if not camera.info:
-            continue
-        try:
-            models[index] = _camera_model(camera, survey)
-        except UsageError:
-            if plan.calibration == TF or camera.rectify:
-                raise
-    return models
-
-
 def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
     """Return (width, height) of each camera, from the first of its images with a known size."""
     found = {}
@@ -303,23 +287,8 @@ def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
 
 def _rectifier(camera: CameraPlan, model: CameraModel) -> Rectifier:
     try:
-        return Rectifier(model.k, model.d, model.r, model.p, model.model, model.size)
+        return Rectifier(model)
     except ValueError as error:
         raise UsageError(
             f'{camera.info}: {error}; set rectify: false in the plan where the images are rectified'
         ) from None
-
-
-def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
-    info = topic_of(survey, camera.info)
-    if info.msgtype != types.CAMERA_INFO or not info.looks:
-        reason = info.failure or f'it is a {info.msgtype}'
-        raise UsageError(f'{camera.info}: no CameraInfo ({reason})')
-    try:
-        model = camera_model(info.looks[0])
-    except ValueError as error:
-        raise UsageError(
-            f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
-            f' rectify: false where its images are rectified)'
-        ) from None
-    return replace(model, frame=camera.frame) if camera.frame else model

@@ -7,16 +7,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..bags.reader import open_messages, path_of
+from ..bags.reader import path_of
+from ..files.staging import staged
 from ..kitti.names import SPLITS
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
 from .convert import build
 from .guess import Guess, guess_plan
-from .output import staged
 from .plan import NONE
-from .survey import LABEL_LINES, Survey, survey_bag
+from .survey import LABEL_LINES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,16 +26,7 @@ if TYPE_CHECKING:
     from ..options.importing import ImportOptions
     from .plan import Plan
     from .report import ImportReport
-
-
-def look(bags: Sequence[BagSource]) -> Survey:
-    """Survey bags in one pass.
-
-    Raises:
-        BadBagError: One cannot be read.
-    """
-    with open_messages(bags) as messages:
-        return survey_bag(messages)
+    from .survey import Survey
 
 
 def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> Guess:
@@ -119,7 +110,6 @@ def convert_by_plan(
     if options.append:
         with appended(out, plan.name) as place:
             report = build(bags, plan, survey, place.stage, options, place.first, progress)
-        return replace(report, path=out, notes=(*place.notes, *report.notes))
+        return replace(report, notes=(*place.notes, *report.notes))
     with staged(out) as stage:
-        report = build(bags, plan, survey, stage, options, 0, progress)
-    return replace(report, path=out)
+        return build(bags, plan, survey, stage, options, 0, progress)

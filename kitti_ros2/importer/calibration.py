@@ -17,17 +17,15 @@ from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, CameraCalibration
-from ..rig.camera_info import CameraModel, camera_model
 from ..rig.stereo import angle_of, viewpoints
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from ..model.geometry import Float64Array
+    from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
     from ..rig.tf_tree import FrameTree
-
-__all__ = ['CameraModel', 'camera_model', 'make_calibration', 'rect_in_frame']
 
 # R of seven digits, as KITTI's files have it, makes turns of up to 2e-7 of cameras that have none.
 _PARALLEL_RAD = 1e-6

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -14,16 +14,19 @@ from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
 from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..rig.camera_info import camera_model
+from . import survey as types
 from .calibration import make_calibration
+from .frames import topic_of
 from .plan import NONE, SOURCE, TF
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..model.samples import Calibration, TextFile
+    from ..rig.camera_info import CameraModel
     from ..rig.tf_tree import FrameTree
-    from .calibration import CameraModel
-    from .plan import Plan
+    from .plan import CameraPlan, Plan
     from .survey import Survey
 
 
@@ -154,3 +157,36 @@ def _lacking(calibration: Calibration, plan: Plan) -> str:
     needed = [f'P{index}' for index in plan.cameras]
     needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
     return next((calibration.missing[part] for part in needed if part in calibration.missing), '')
+
+
+def camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
+    """Return the models of the cameras with a CameraInfo.
+
+    Raises:
+        UsageError: The plan needs a CameraInfo that is invalid.
+    """
+    models = {}
+    for index, camera in plan.cameras.items():
+        if not camera.info:
+            continue
+        try:
+            models[index] = _camera_model(camera, survey)
+        except UsageError:
+            if plan.calibration == TF or camera.rectify:
+                raise
+    return models
+
+
+def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
+    info = topic_of(survey, camera.info)
+    if info.msgtype != types.CAMERA_INFO or not info.looks:
+        reason = info.failure or f'it is a {info.msgtype}'
+        raise UsageError(f'{camera.info}: no CameraInfo ({reason})')
+    try:
+        model = camera_model(info.looks[0])
+    except ValueError as error:
+        raise UsageError(
+            f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
+            f' rectify: false where its images are rectified)'
+        ) from None
+    return replace(model, frame=camera.frame) if camera.frame else model

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,8 @@ from ..model.streams import Stream
 from .apply_calibration import Rigging
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
-from .poses import read_track, write_poses
+from .pose_track import camera_poses
+from .poses import read_track
 from .report import ImportReport, LossTally, damage, unread
 from .sync import NONE
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..kitti.writer import LayoutWriter
+    from ..model.losses import Loss
     from ..options.importing import ImportOptions
     from .plan import Plan
     from .pose_track import PoseTrack
@@ -49,15 +51,6 @@ class _Job:
     write: Callable[[], int]
 
 
-@dataclass(frozen=True)
-class _Done:
-    """A sample that was written, or why it was not."""
-
-    job: _Job
-    size_bytes: int
-    error: str = ''
-
-
 def build(
     bags: Sequence[BagSource],
     plan: Plan,
@@ -67,23 +60,14 @@ def build(
     first: int,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    """Convert bags by a plan, below a folder.
-
-    Args:
-        bags: Those of one recording.
-        plan: The rules of the conversion.
-        survey: Their content.
-        stage: The folder to fill.
-        options: Of the output.
-        first: The number of the first frame.
-        progress: Called with the samples and the bytes written so far.
+    """Convert bags as apply_plan.convert_by_plan does, into the folder stage, from number first on.
 
     Raises:
-        BadBagError, UsageError, MissingDataError: As apply_plan.convert_by_plan.
+        BadBagError, UsageError, MissingDataError: As there.
         OSError: A file cannot be written.
     """
     losses = LossTally()
-    track = read_track(bags, plan, survey, losses)
+    track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = choose_frames(plan, survey, track)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
@@ -92,23 +76,21 @@ def build(
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
             outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
-            for count, done in enumerate(outcomes, 1):
-                builder.take(done)
+            for count, (job, outcome) in enumerate(outcomes, 1):
+                builder.take(job, outcome)
                 progress(count, builder.size_bytes)
             damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
         if track is not None:
             builder.write_poses(track)
-    named = {loss.stream for loss in losses.losses()}
-    damaged += unread(survey, plan, named)
-    report = builder.report(stage, damaged)
-    return replace(report, notes=(*survey.notes, *report.notes))
+    return builder.report(survey, damaged)
 
 
-def _do(job: _Job) -> _Done:
+def _do(job: _Job) -> tuple[_Job, int | Exception]:
+    """Write a sample; return the bytes written, or why it was not."""
     try:
-        return _Done(job, job.write())
+        return job, job.write()
     except (ValueError, KittiRos2Error) as error:
-        return _Done(job, 0, str(error))
+        return job, error
 
 
 class _Builder:
@@ -201,7 +183,7 @@ class _Builder:
         if stream is Stream.LABELS:
             write = partial(self._write_labels, number, decoded)
             # In order and at once: tracks are numbered as they appear.
-            self.take(_do(_Job(stream, number, message.topic, message.stamp_ns, write)))
+            self.take(*_do(_Job(stream, number, message.topic, message.stamp_ns, write)))
             return None
         if stream is Stream.SCAN:
             write = partial(self._write_scan, number, stamp_ns, decoded)
@@ -232,15 +214,14 @@ class _Builder:
         self._writer.write_labels(number, boxes)
         return 0
 
-    def take(self, done: _Done) -> None:
-        """Count a sample."""
-        job = done.job
-        if done.error:
-            self._losses.lose(job.topic, job.stamp_ns, done.error)
+    def take(self, job: _Job, outcome: int | Exception) -> None:
+        """Count a sample by its outcome: the bytes written, or an error."""
+        if isinstance(outcome, Exception):
+            self._losses.lose(job.topic, job.stamp_ns, str(outcome))
             self._spoil([job.number])
             return
         self.counts[job.stream.value] += 1
-        self.size_bytes += done.size_bytes
+        self.size_bytes += outcome
 
     def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
         """Exclude frames with a missing sample from the lists of frames."""
@@ -248,24 +229,28 @@ class _Builder:
             self._writer.leave_out(number)
 
     def write_poses(self, track: PoseTrack) -> None:
-        """Write the poses of the frames."""
-        body_t_rect = self._rigging.body_t_rect()
+        """Write the poses of the frames, each of which must have one."""
         stamps_ns = self._frames.stamps_ns
-        self.counts[Stream.POSE.value] = write_poses(self._writer, track, stamps_ns, body_t_rect)
+        poses = camera_poses(track, stamps_ns, self._rigging.body_t_rect())
+        known = [pose for pose in poses if pose is not None]
+        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
+            self._writer.write_pose(number, stamp_ns, pose)
+        self.counts[Stream.POSE.value] = len(known)
 
-    def report(self, path: Path, losses: tuple[Any, ...]) -> ImportReport:
+    def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
-        notes = [*self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
+        notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
             notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
+        lost = self._losses.losses()
+        undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(
-            path=path,
             layout=self._plan.layout,
             name=self._plan.name,
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*losses, *self._losses.losses(), *self._rigging.losses()),
+            losses=(*damaged, *undecoded, *lost, *self._rigging.losses()),
             notes=tuple(notes),
         )
 

@@ -80,14 +80,12 @@ def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames
             notes.append(f'{name}: {reason}')
     reference = _reference(plan, topics, stamps, track)
     others = {
-        stream.value: stamps[name]
-        for stream, name in topics.items()
-        if stream.value != plan.reference
+        stream: stamps[name] for stream, name in topics.items() if stream.value != plan.reference
     }
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     samples = {stream: np.arange(len(reference)) for stream in topics}
-    samples |= {Stream(name): match.indices for name, match in matches.items()}
-    notes += [_matching(name, topics[Stream(name)], match) for name, match in matches.items()]
+    samples |= {stream: match.indices for stream, match in matches.items()}
+    notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
     kept = np.ones(len(reference), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
@@ -137,9 +135,9 @@ def _reference(
     raise UsageError(f'the plan has reference {plan.reference}; it must be one of {known}')
 
 
-def _matching(stream: str, topic: str, match: StreamMatch) -> str:
+def _matching(stream: Stream, topic: str, match: StreamMatch) -> str:
     return (
-        f'{stream} ({topic}): {match.matched} of {len(match.indices)} frames,'
+        f'{stream.value} ({topic}): {match.matched} of {len(match.indices)} frames,'
         f' off by {match.mean_error_ns / _MS:.1f} ms in the mean,'
         f' {match.max_error_ns / _MS:.1f} ms at most; {match.dropped} samples not used'
     )

@@ -8,21 +8,19 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..messages.clouds import guess_intensity_scale
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
-from ..model.streams import CAMERA_NAMES, Stream
-from ..rig.rectify import needs_rectifying
+from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
 from . import survey as types
+from .guess_cameras import guess_cameras, keeps_distortion
 from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from .report import undecoded
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from ..model.layouts import Layout
@@ -30,15 +28,8 @@ if TYPE_CHECKING:
     from .survey import Survey, TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
-_DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
 _TRUTH = re.compile(r'ground_truth|groundtruth|\bgt\b', re.IGNORECASE)
-_LEFT = re.compile(r'(^|[/_])left([/_]|$)', re.IGNORECASE)
-_RIGHT = re.compile(r'(^|[/_])right([/_]|$)', re.IGNORECASE)
-_DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
-_IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
-_COMPRESSED = '/compressed'
 _BODIES = ('base_link', 'base_footprint')
-_PLUMB_BOB = frozenset({'plumb_bob', ''})
 _DEFAULT_TOLERANCE_S = 0.05
 _SHOWN = 8
 
@@ -64,8 +55,8 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     Raises:
         MissingDataError: It contains no data that the layout requires.
     """
-    guesser, traits = _Guesser(survey, layout), layout.traits
-    scan, cameras = guesser.scan(), guesser.cameras()
+    guesser, traits = _Guesser(survey), layout.traits
+    scan, cameras = guesser.scan(), guess_cameras(survey, layout, guesser.notes)
     pose = guesser.pose() if Stream.POSE in traits.streams else None
     if scan is None and not cameras and pose is None:
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
@@ -76,7 +67,7 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     imu_frame = guesser.imu_frame(scan)
     plan = Plan(
         layout=layout,
-        name=_name(layout, int(stamps[0]), extract=guesser.distorted(cameras)),
+        name=_name(layout, int(stamps[0]), extract=keeps_distortion(survey, cameras)),
         reference=reference,
         tolerance_s=tolerance,
         incomplete=Incomplete.KEEP if traits.stamps_per_stream else Incomplete.DROP,
@@ -91,10 +82,14 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     return Guess(plan, tuple(guesser.notes), _unreadable(survey, layout))
 
 
+def guess_pose(survey: Survey) -> PosePlan | None:
+    """Choose poses: Odometry, PoseStamped, Path, then a moving link; ground truth first."""
+    return _Guesser(survey).pose()
+
+
 class _Guesser:
-    def __init__(self, survey: Survey, layout: Layout) -> None:
+    def __init__(self, survey: Survey) -> None:
         self._survey = survey
-        self._layout = layout
         self.notes: list[str] = []
 
     def scan(self) -> ScanPlan | None:
@@ -111,56 +106,6 @@ class _Guesser:
                 f' to such a frame of the static tree'
             )
         return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
-
-    def cameras(self) -> dict[int, CameraPlan]:
-        """Choose up to four cameras, the best image topic of each, by KITTI's numbers."""
-        rigs = _image_topics(self._survey)
-        names = _numbered(rigs)
-        for name in sorted(set(rigs) - set(names.values())):
-            self.notes.append(f'passed over: {rigs[name].name}; KITTI has four cameras')
-        plans = {}
-        for index, name in sorted(names.items()):
-            info = self._info_of(name, rigs[name])
-            plans[index] = CameraPlan(rigs[name].name, info, self._rectify(rigs[name].name, info))
-        calibrated = [plan for plan in plans.values() if plan.info]
-        if calibrated:
-            for index in [index for index, plan in plans.items() if not plan.info]:
-                topic = plans.pop(index).topic
-                self.notes.append(f'passed over: {topic}; it has no camera_info')
-        if not plans:
-            self.notes.append('missing: images (no camera)')
-        return plans
-
-    def _info_of(self, name: str, topic: TopicSurvey) -> str:
-        infos = {each.name: each for each in self._survey.of_type(types.CAMERA_INFO)}
-        for candidate in (f'{name}/camera_info', f'{_base(topic.name)}/camera_info'):
-            if candidate in infos:
-                return candidate
-        same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
-        return same[0].name if len(same) == 1 else ''
-
-    def _rectify(self, topic: str, info: str) -> bool:
-        """Whether to rectify: distorted images, except in raw where K and D describe them."""
-        looks = self._survey.topics[info].looks if info else []
-        if not looks or 'rect' in topic.rsplit('/', 2)[-1 - topic.endswith(_COMPRESSED)]:
-            return False
-        message = looks[0]
-        k, r, p = message.k.reshape(3, 3), message.r.reshape(3, 3), message.p.reshape(3, 4)
-        if not needs_rectifying(k, message.d, r, p):
-            return False
-        if not self._layout.traits.extracts:
-            return True
-        plain = message.distortion_model in _PLUMB_BOB and len(message.d) <= 5
-        return not plain
-
-    def distorted(self, cameras: dict[int, CameraPlan]) -> bool:
-        """Whether raw images stay distorted, so that the drive is an extract."""
-        for plan in cameras.values():
-            looks = self._survey.topics[plan.info].looks if plan.info else []
-            rectified = 'rect' in plan.topic.removesuffix(_COMPRESSED).rsplit('/', 1)[-1]
-            if looks and not plan.rectify and not rectified and np.any(looks[0].d):
-                return True
-        return False
 
     def ego(self) -> dict[str, str]:
         """Choose the topics of the GPS/IMU unit."""
@@ -200,7 +145,7 @@ class _Guesser:
         return ''
 
     def pose(self) -> PosePlan | None:
-        """Choose poses: Odometry, PoseStamped, Path, then a moving link; ground truth first."""
+        """See guess_pose."""
         for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
             topics = self._survey.of_type(msgtype)
             if topics:
@@ -224,7 +169,7 @@ class _Guesser:
         """Choose labels: detections before markers."""
         own = self._survey.topics.get(types.LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
-            return LabelPlan(own.name, _labelled(cameras)) if cameras else None
+            return LabelPlan(own.name, _main(cameras)) if cameras else None
         topics = self._survey.of_type(types.DETECTIONS) or [
             each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
         ]
@@ -233,7 +178,7 @@ class _Guesser:
             return None
         best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
         self._pass_over('labels', best, topics)
-        return LabelPlan(best.name, _labelled(cameras))
+        return LabelPlan(best.name, _main(cameras))
 
     def calibration(self, cameras: dict[int, CameraPlan]) -> str:
         """Choose the calibration: the files in a bag written by to-bag, else the CameraInfos."""
@@ -299,55 +244,8 @@ def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, int, int]:
     return named, bright, first.width * first.height, topic.count
 
 
-def _image_topics(survey: Survey) -> dict[str, TopicSurvey]:
-    """Return the best image topic of each camera, by its name (the topics' common part)."""
-    cameras: dict[str, list[TopicSurvey]] = {}
-    for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
-        if topic.looks and not _is_depth(topic):
-            cameras.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
-    return {name: min(topics, key=_image_rank) for name, topics in cameras.items()}
-
-
-def _is_depth(topic: TopicSurvey) -> bool:
-    first = topic.looks[0]
-    if topic.msgtype == types.IMAGE:
-        return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
-    return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
-
-
-def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
-    """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
-    name = _base(topic.name).rpartition('/')[2]
-    known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
-    if topic.msgtype == types.IMAGE:
-        return known, 1
-    return known, 0 if 'png' in topic.looks[0].format else 2
-
-
-def _base(topic: str) -> str:
-    return topic.removesuffix(_COMPRESSED)
-
-
-def _numbered(cameras: Iterable[str]) -> dict[int, str]:
-    """Map KITTI's numbers to cameras: left colour is 2, right colour 3, then the grey pair."""
-    names = sorted(cameras, key=lambda name: (bool(_RIGHT.search(name)), 'front' not in name, name))
-    found = {
-        index: name
-        for index, own in CAMERA_NAMES.items()
-        for name in names
-        if name.endswith(f'camera_{own}')
-    }
-    if len(found) == len(names):
-        return found
-    left = [name for name in names if _LEFT.search(name)]
-    if left and names[0] not in left:
-        names.remove(left[0])
-        names.insert(0, left[0])
-    return dict(zip((2, 3, 0, 1), names, strict=False))
-
-
-def _labelled(cameras: dict[int, CameraPlan]) -> int:
-    """Return the camera of the labels: the left colour camera, as in KITTI, if there is one."""
+def _main(cameras: dict[int, CameraPlan]) -> int:
+    """Return the left colour camera, that of KITTI's labels, or else the first."""
     return 2 if 2 in cameras else min(cameras)
 
 
@@ -362,8 +260,7 @@ def _reference(
     if scan is not None:
         return Stream.SCAN.value, scan.topic
     if cameras:
-        index = 2 if 2 in cameras else min(cameras)
-        return f'image_{index}', cameras[index].topic
+        return f'image_{_main(cameras)}', cameras[_main(cameras)].topic
     if pose is None:
         raise UsageError('a plan needs a scan, a camera or poses')
     return Stream.POSE.value, pose.topic

@@ -12,17 +12,16 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import bag_stamps, open_messages
+from ..bags.reader import OpenBag, bag_stamps, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.label_file import labels_of_text
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.layouts import Layout
@@ -37,8 +36,9 @@ from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
+    from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage
     from ..drawing.pixels import Pixels as Picture
     from ..messages.pixels import Pixels
     from ..model.samples import Int64Array
@@ -67,15 +67,16 @@ class LabelledImages:
     """
 
     def __init__(self, path: Path) -> None:
-        survey = glance(path)
-        plan = _plan(path, survey)
-        self._plan, self._rigging = _rigged(path, plan, survey)
-        self.topics: Mapping[str, int] = {
-            camera.topic: index for index, camera in self._plan.cameras.items()
-        }
-        self._labels = _Labels(path, survey, _label_topic(plan))
-        if plan.calibration == SOURCE:
-            self._labels.be_of_one_frame(path, self.topics)
+        with OpenBag(path) as bag:  # the labels keep its files open
+            survey = glance(bag)
+            plan, labels = _plan(path, survey)
+            self._plan, self._rigging = _rigged(path, plan, labels, survey)
+            self.topics: Mapping[str, int] = {
+                camera.topic: index for index, camera in self._plan.cameras.items()
+            }
+            self._labels = _Labels(bag, survey, labels)
+            if plan.calibration == SOURCE:
+                self._labels.be_of_one_frame(bag_stamps(bag), self.topics)
         # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
@@ -113,8 +114,7 @@ class LabelledImages:
     def _read_objects(self, place: int) -> FrameLabels:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
-            text = decode_text(message)
-            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+            return labels_of_text(decode_text(message))
         cuboids, _ = self._rigging.cuboids(message)
         return FrameLabels(
             cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]
@@ -124,23 +124,21 @@ class LabelledImages:
 class _Labels:
     """Finds and reads the message of the labels' topic nearest to an image."""
 
-    def __init__(self, path: Path, survey: Survey, topic: str) -> None:
+    def __init__(self, bag: OpenBag, survey: Survey, topic: str) -> None:
         found = topic_of(survey, topic)
         self.topic = topic
-        self._path = path
         self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
         stamps, why_not_headers = found.stamps()
         self._by_log = why_not_headers is not None or len(found.header_ns) != found.count
         order = np.argsort(stamps, kind='stable')
         self._order, self._stamps = order, stamps[order]
         self._tolerance_ns = default_tolerance_ns(stamps)
-        self._messages: BagMessages | None = None
+        self._messages = open_messages(bag, {topic})
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
 
-    def be_of_one_frame(self, path: Path, images: Collection[str]) -> None:
+    def be_of_one_frame(self, stamps: Mapping[str, Int64Array], images: Collection[str]) -> None:
         """Match labels to one image of each camera only, as in KITTI's frames."""
-        stamps = bag_stamps(path)
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
 
@@ -165,14 +163,12 @@ class _Labels:
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
             raise ValueError(str(error)) from None
-        if message is None or self._messages is None or message.stamp_ns != self._log_ns[place]:
+        if message is None or message.stamp_ns != self._log_ns[place]:
             self._iterator = None
             raise ValueError(f'a message of {self.topic} is missing')
         return Decoder(self._messages.typestore)(message)
 
     def _message(self, place: int) -> BagMessage | None:
-        if self._messages is None:
-            self._messages = open_messages(self._path, {self.topic})
         if self._iterator is None or place != self._next:
             log_ns = int(self._log_ns[place])
             self._iterator = self._messages.since(log_ns)
@@ -182,8 +178,12 @@ class _Labels:
         return next(self._iterator, None)
 
 
-def _plan(path: Path, survey: Survey) -> Plan:
-    """Make the plan of a bag, of layout raw: a known distortion of images is kept."""
+def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
+    """Make the plan of a bag, of layout raw: a known distortion of images is kept.
+
+    Returns:
+        The plan, and the topic of the labels.
+    """
     try:
         plan = guess_plan(survey, Layout.RAW, path).plan
     except KittiRos2Error as error:
@@ -195,29 +195,26 @@ def _plan(path: Path, survey: Survey) -> Plan:
         missing.append(f'labels (a Detection3DArray, cubes in a MarkerArray, or {LABEL_LINES})')
     if plan.calibration == NONE:
         missing.append('calibration (camera_info)')
-    if missing:
+    if missing or plan.labels is None:
         raise _impossible(path, f'the bag has no {" and no ".join(missing)}')
-    labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
-    return replace(plan, labels=labels, imu='', fix='', velocity='', imu_frame='')
+    labels = replace(plan.labels, out_of_view=True)
+    plan = replace(plan, labels=labels, imu='', fix='', velocity='', imu_frame='')
+    return plan, labels.topic
 
 
-def _rigged(path: Path, plan: Plan, survey: Survey) -> tuple[Plan, Rigging]:
+def _rigged(path: Path, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
     """Make the rigging of a plan; label lines have 2D boxes, which need no calibration."""
     try:
         rigging = Rigging(plan, survey)
-        for look in topic_of(survey, _label_topic(plan)).looks:
-            if _label_topic(plan) != LABEL_LINES:
+        for look in topic_of(survey, labels).looks:
+            if labels != LABEL_LINES:
                 rigging.cuboids(look)
     except (KittiRos2Error, ValueError) as error:
-        if _label_topic(plan) != LABEL_LINES:
+        if labels != LABEL_LINES:
             raise _impossible(path, _ADVICE.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
         return plan, Rigging(plan, survey)
     return plan, rigging
-
-
-def _label_topic(plan: Plan) -> str:
-    return '' if plan.labels is None else plan.labels.topic
 
 
 def _impossible(path: Path, reason: str) -> UsageError:

@@ -157,9 +157,7 @@ def make_boxes(
     rect_t_velo = rect_from_velo(calibration)
     velo_down = rect_t_velo.rotation[1]
     boxes = [box_of(_upright(cuboid, velo_down), rect_t_velo) for cuboid in cuboids]
-    locations = np.array([location for location, _, _ in boxes])
-    sizes = np.array([size_hwl for _, size_hwl, _ in boxes])
-    headings = np.array([rotation_y for *_, rotation_y in boxes])
+    locations, sizes, headings = (np.array(column) for column in zip(*boxes, strict=True))
     corners = box_corners(locations, sizes, headings)
     seen_by = calibration.cameras[camera]
     if seen_by.cam_T_velo is not None:

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..kitti.writer import LayoutWriter
-    from ..model.geometry import Transform
     from ..model.samples import Int64Array, OxtsPacket
     from .frames import Frames
     from .plan import Plan
@@ -30,14 +30,7 @@ _MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 
 _HALF_TURN_DEG = 180.0
 _OR = ', or messages that cannot be decoded,'
-
-
-@dataclass
-class _Pending:
-    """The messages of a frame's packet so far."""
-
-    missing: set[tuple[str, int]]
-    found: dict[tuple[str, int], Any] = field(default_factory=dict)
+_IDENTITY = Transform.identity()
 
 
 class PacketMaker:
@@ -80,7 +73,7 @@ class PacketMaker:
         ]
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
-        self._pending: dict[int, _Pending] = {}
+        self._pending: dict[int, dict[tuple[str, int], Any]] = {}
         self._frames_of: dict[tuple[str, int], list[int]] = {}
         for frame, parts in enumerate(self._wanted):
             for part in parts or ():
@@ -108,12 +101,10 @@ class PacketMaker:
         """Take a required message; None where it cannot be decoded."""
         part = (topic, place)
         for frame in self._frames_of.pop(part):
-            wanted = self._wanted[frame] or set()
-            pending = self._pending.setdefault(frame, _Pending(set(wanted)))
-            pending.missing.discard(part)
-            pending.found[part] = message
-            if not pending.missing:
-                self._ready[frame] = self._make(frame, self._pending.pop(frame).found)
+            found = self._pending.setdefault(frame, {})
+            found[part] = message
+            if found.keys() == self._wanted[frame]:
+                self._ready[frame] = self._make(frame, self._pending.pop(frame))
 
     def write(self, writer: LayoutWriter, first: int) -> int:
         """Write the packets that are ready, in order; returns how many."""
@@ -170,7 +161,7 @@ class PacketMaker:
     def _forbid_gaps(self) -> None:
         """Require packets of all frames in the tracking layout, where line n is frame n."""
         lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
-        if not lacking or not self._wanted:
+        if not lacking:
             return
         which = f'no imu, fix or velocity near frames {format_numbers(lacking)}'
         if self._gapless:
@@ -194,13 +185,9 @@ class PacketMaker:
             imu_message,
             self._fix(frame, fixes) if fixes else None,
             velocity[0][1] if velocity else None,
-            **self._mountings(),
+            imu_t_frame=self._turns.get(self._topics['imu'], _IDENTITY),
+            imu_t_velocity=self._turns.get(self._topics['velocity'], _IDENTITY),
         )
-
-    def _mountings(self) -> dict[str, Transform]:
-        """Return the known transforms of the messages' frames."""
-        names = {'imu_t_frame': self._topics['imu'], 'imu_t_velocity': self._topics['velocity']}
-        return {name: self._turns[topic] for name, topic in names.items() if topic in self._turns}
 
     def _fix(self, frame: int, fixes: list[tuple[int, Any]]) -> Any:  # noqa: ANN401 - of the bag
         stamps = self._stamps[self._topics['fix']]

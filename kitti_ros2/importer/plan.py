@@ -192,30 +192,22 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
     unknown = [str(key) for key in values if key not in known]
     if unknown:
         raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {", ".join(known)}')
-    hints = _scalars(kind)
+    hints = get_type_hints(kind, localns={'Mapping': dict})
     checked = {}
     for name, value in values.items():
-        wanted = hints.get(name)
+        wanted = hints[name]
         if wanted is float and type(value) is int:
             checked[name] = float(value)
-        elif wanted is not None and type(value) is not wanted:
+        elif wanted in _WORDS and type(value) is not wanted:
             raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
         else:
             checked[name] = value
     try:
         return kind(**checked)
     except TypeError:
-        missing = [name for name, each in known.items() if name not in checked and _needed(each)]
+        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
+        missing = [name for name in needed if name not in checked]
         raise UsageError(f'{place}missing {", ".join(missing)}') from None
 
 
 _WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}
-
-
-def _scalars(kind: Any) -> dict[str, type]:  # noqa: ANN401 - a dataclass
-    hints = get_type_hints(kind, localns={'Mapping': dict})
-    return {name: hint for name, hint in hints.items() if hint in _WORDS}
-
-
-def _needed(each: Any) -> bool:  # noqa: ANN401 - dataclasses.Field
-    return each.default is each.default_factory  # both MISSING

@@ -14,7 +14,6 @@ from .survey import TF_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
-    from pathlib import Path
 
     from ..model.layouts import Layout
     from .plan import Plan
@@ -26,7 +25,6 @@ class ImportReport:
     """The result of a conversion.
 
     Attributes:
-        path: The data set's folder.
         layout: Which of the four.
         name: Drive, sequence or split.
         counts: Files, or lines of a common file, by stream.
@@ -36,7 +34,6 @@ class ImportReport:
         notes: Non-fatal remarks.
     """
 
-    path: Path
     layout: Layout
     name: str
     counts: Mapping[str, int]

@@ -19,19 +19,18 @@ from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
-from ..messages.transforms import decode_static
 from ..model.channels import LARGE_TYPES
+from ..rig.tf_tree import LinkTally
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import TypeAlias
+    from collections.abc import Iterable, Mapping, Sequence
 
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
-    from ..model.geometry import Transform
     from ..model.losses import Loss
     from ..model.samples import Int64Array, TextFile
+    from ..rig.tf_tree import Link
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 IMAGE = 'sensor_msgs/msg/Image'
@@ -54,10 +53,7 @@ _HEADED = frozenset(
 )
 _DESCRIBING = TF_TYPES | {CAMERA_INFO, DETECTIONS, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
-_STILL_M = 1e-6
 _LOOKS = 8
-
-Link: TypeAlias = 'tuple[str, str, Transform]'
 
 
 @dataclass
@@ -90,6 +86,11 @@ class TopicSurvey:
     changes: int = 0
     size_bytes: int = 0
     forward_ns: Mapping[int, int] = field(default_factory=dict)
+
+    def fail(self, error: ValueError) -> None:
+        """Count a message that failed to decode."""
+        self.failures += 1
+        self.failure = self.failure or str(error)
 
     @property
     def count(self) -> int:
@@ -166,20 +167,18 @@ class Survey:
         return sorted(found, key=lambda each: each.name)
 
 
-def survey_bag(messages: BagMessages) -> Survey:
-    """Survey a bag in one pass.
+def look(bags: Sequence[BagSource]) -> Survey:
+    """Survey bags in one pass.
 
     Raises:
-        BadBagError: It cannot be read.
+        BadBagError: One cannot be read.
     """
-    taken = _Pass(messages)
-    for message in messages:
-        taken.take(message)
-    taken.close()
-    losses = messages.losses
-    notes = [text for text in messages.findings if text not in losses]
-    found = *taken.links.sorted(), taken.calibrations, notes, losses, messages.left_out
-    return Survey(taken.topics, *found)
+    with open_messages(bags) as messages:
+        taken = _Pass(messages)
+        taken.take_all(messages)
+        losses = messages.losses
+        notes = [text for text in messages.findings if text not in losses]
+        return taken.survey(notes, losses, messages.left_out)
 
 
 def glance(source: BagSource) -> Survey:
@@ -196,14 +195,11 @@ def glance(source: BagSource) -> Survey:
         wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
         if wanted:
             with open_messages(bag, wanted) as messages:
-                for message in messages:
-                    taken.take(message)
+                taken.take_all(messages)
         for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
             with open_messages(bag, {topic}) as messages:
-                for message in islice(messages, 1):
-                    taken.take(message)
-    found = *taken.links.sorted(), taken.calibrations, (), losses, left_out
-    return Survey(taken.topics, *found)
+                taken.take_all(islice(messages, 1))
+    return taken.survey((), losses, left_out)
 
 
 class _Pass:
@@ -212,24 +208,43 @@ class _Pass:
     def __init__(self, messages: BagMessages) -> None:
         self._decode = Decoder(messages.typestore)
         self._bodies: dict[str, bytes] = {}
-        self.topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
-        self.links = _Links()
-        self.calibrations: list[tuple[int, TextFile]] = []
+        self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
+        self._links = LinkTally()
+        self._calibrations: list[tuple[int, TextFile]] = []
         self._forward = ForwardStamps()
 
-    def take(self, message: BagMessage) -> None:
-        """Enter a message."""
-        topic = self.topics[message.topic]
+    def take_all(self, messages: Iterable[BagMessage]) -> None:
+        """Enter messages."""
+        for message in messages:
+            self._take(message)
+
+    def survey(
+        self,
+        notes: Sequence[str],
+        losses: Mapping[str, int | None],
+        left_out: Sequence[tuple[StoredChannel, Loss]],
+    ) -> Survey:
+        """Return the survey of the messages entered."""
+        for topic in self._topics.values():
+            if topic.msgtype == CLOUD:
+                topic.forward_ns = self._forward.forward(topic.header_ns)
+        found = *self._links.sorted(), self._calibrations, notes, losses, left_out
+        return Survey(self._topics, *found)
+
+    def _take(self, message: BagMessage) -> None:
+        topic = self._topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
         topic.size_bytes += len(message.data)
         if topic.msgtype in TF_TYPES:
-            self.links.add(self._decoded(topic, message), still='static' in topic.name)
+            decoded = self._decoded(topic, message)
+            if decoded is not None:
+                self._links.add(decoded, still='static' in topic.name)
         elif topic.msgtype in _READ:
             self._look_at(topic, message)
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
             text = self._decoded(topic, message)
             if text is not None:
-                self.calibrations.append((message.stamp_ns, decode_text(text)))
+                self._calibrations.append((message.stamp_ns, decode_text(text)))
         elif topic.name in ForwardStamps.topics and topic.msgtype == STRING:
             self._take_source(topic, message)
 
@@ -240,14 +255,7 @@ class _Pass:
         try:
             self._forward.take(topic.name, text, message.stamp_ns)
         except ValueError as error:
-            topic.failures += 1
-            topic.failure = topic.failure or str(error)
-
-    def close(self) -> None:
-        """Complete the survey after the last message."""
-        for topic in self.topics.values():
-            if topic.msgtype == CLOUD:
-                topic.forward_ns = self._forward.forward(topic.header_ns)
+            topic.fail(error)
 
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in _HEADED:
@@ -271,8 +279,7 @@ class _Pass:
         try:
             return self._decode(message)
         except ValueError as error:
-            topic.failures += 1
-            topic.failure = topic.failure or str(error)
+            topic.fail(error)
             return None
 
 
@@ -285,40 +292,3 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
         return
     topic.header_ns.append(stamp_ns)
     topic.frames[frame.lstrip('/')] += 1
-
-
-class _Links:
-    """Transforms by (parent, child): the first of each, and whether it moved."""
-
-    def __init__(self) -> None:
-        self._first: dict[tuple[str, str], Transform] = {}
-        self._seen: dict[tuple[str, str], int] = defaultdict(int)
-        self._moving: set[tuple[str, str]] = set()
-        self._static: set[tuple[str, str]] = set()
-        self._changing: set[tuple[str, str]] = set()
-
-    def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
-        for parent, child, transform in decode_static(message) if message is not None else ():
-            key = (parent.lstrip('/'), child.lstrip('/'))
-            first = self._first.setdefault(key, transform)
-            self._seen[key] += 1
-            if still:
-                # The last value of a static link is valid, as for late subscribers.
-                if _differ(first, transform):
-                    self._changing.add(key)
-                self._first[key] = transform
-                self._static.add(key)
-            elif key not in self._moving and _differ(first, transform):
-                self._moving.add(key)
-
-    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
-        """Return static, moving and changing static links; one seen only once on /tf is moving."""
-        moving = {key for key in self._moving if key not in self._static}
-        moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
-        still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
-        return still, sorted(moving), sorted(self._changing)
-
-
-def _differ(first: Transform, second: Transform) -> bool:
-    with np.errstate(invalid='ignore'):
-        return bool((np.abs(first.matrix() - second.matrix()) > _STILL_M).any())

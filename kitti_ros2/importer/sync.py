@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.samples import Int64Array
+
+_Key = TypeVar('_Key')
 
 NONE = -1
 _LONE_PERIOD_NS = 100_000_000
@@ -41,15 +43,10 @@ class StreamMatch:
         """Number of frames with a sample."""
         return int(np.count_nonzero(self.indices != NONE))
 
-    @property
-    def unmatched(self) -> int:
-        """Number of frames without a sample."""
-        return len(self.indices) - self.matched
-
 
 def match_frames(
-    reference_ns: Int64Array, streams: Mapping[str, Int64Array], tolerance_ns: int
-) -> dict[str, StreamMatch]:
+    reference_ns: Int64Array, streams: Mapping[_Key, Int64Array], tolerance_ns: int
+) -> dict[_Key, StreamMatch]:
     """Assign the nearest sample of each stream to each frame.
 
     Pairs are made in order of increasing distance: each sample goes to one frame at most, a pair is
@@ -59,7 +56,7 @@ def match_frames(
 
     Args:
         reference_ns: (N,) stamps of the frames, nanoseconds, in any order.
-        streams: (M,) stamps of each stream, by its name, in any order.
+        streams: (M,) stamps of each stream, in any order.
         tolerance_ns: Nanoseconds, inclusive.
     """
     reference = np.asarray(reference_ns, dtype=np.int64)
@@ -86,24 +83,19 @@ def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array
         The stamps, and the reason for log times: header stamps that are 0, before 1970, or earlier
         than the one before; None for header stamps.
     """
-    zeros = np.flatnonzero(header_ns == 0)
-    if len(zeros):
-        return log_ns, _reason(zeros, len(header_ns), '0')
-    negative = np.flatnonzero(header_ns < 0)
-    if len(negative):
-        return log_ns, _reason(negative, len(header_ns), 'before 1970')
-    backwards = np.flatnonzero(np.diff(header_ns) < 0) + 1
-    if len(backwards):
-        return log_ns, _reason(backwards, len(header_ns), 'earlier than the one before')
+    for is_wrong, fault in (
+        (header_ns == 0, '0'),
+        (header_ns < 0, 'before 1970'),
+        (np.diff(header_ns, prepend=header_ns[:1]) < 0, 'earlier than the one before'),
+    ):
+        wrong = np.flatnonzero(is_wrong)
+        if len(wrong):
+            verb = 'is' if len(wrong) == 1 else 'are'
+            return log_ns, (
+                f'{len(wrong)} of {len(header_ns)} header stamps {verb} {fault}'
+                f' (the first that of message {wrong[0] + 1}); log time is used'
+            )
     return header_ns, None
-
-
-def _reason(wrong: npt.NDArray[np.intp], count: int, fault: str) -> str:
-    verb = 'is' if len(wrong) == 1 else 'are'
-    return (
-        f'{len(wrong)} of {count} header stamps {verb} {fault}'
-        f' (the first that of message {wrong[0] + 1}); log time is used'
-    )
 
 
 def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -> StreamMatch:
@@ -114,7 +106,8 @@ def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -
     """
     count = len(reference_ns)
     stamps = np.concatenate([reference_ns, stamps_ns])
-    order = _merged_order(reference_ns, stamps_ns, stamps)
+    # Equal stamps alternate, beginning with a frame.
+    order = np.lexsort((np.concatenate([_turns(reference_ns), _turns(stamps_ns)]), stamps))
     gaps = np.diff(stamps[order])
     is_frame = order < count
     possible = (is_frame[1:] != is_frame[:-1]) & (gaps <= tolerance_ns)
@@ -131,14 +124,6 @@ def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -
         max_error_ns=int(errors.max(initial=0)),
         mean_error_ns=float(errors.mean()) if len(errors) else 0.0,
     )
-
-
-def _merged_order(
-    reference_ns: Int64Array, stamps_ns: Int64Array, stamps: Int64Array
-) -> npt.NDArray[np.intp]:
-    """Return the time order of both; equal stamps alternate, beginning with a frame."""
-    turns = np.concatenate([_turns(reference_ns), _turns(stamps_ns)])
-    return np.lexsort((turns, stamps))
 
 
 def _turns(stamps_ns: Int64Array) -> npt.NDArray[np.intp]:

@@ -44,7 +44,7 @@ __all__ = [
     'EarlierVersionError',
     'UndescribedError',
     'find_blueprint',
-    'read_own',
+    'read_blueprint',
 ]
 
 _STRING = 'std_msgs/msg/String'
@@ -189,15 +189,19 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
     return replace(found, losses=(*unread, *found.losses))
 
 
-def read_own(
+def read_blueprint(
     bag: BagSource, counts: Mapping[str, int]
 ) -> tuple[Blueprint | None, tuple[Loss, ...]]:
-    """Return the layout of the recording in a bag written by to-bag, and the bag's missing data.
+    """Read the layout of the recording in a bag, as find_blueprint; also return its missing data.
+
+    An unusable description is a loss, and not an error; one of an earlier version is neither.
 
     Args:
         bag: A bag that can be read; without a readable description, it has no layout.
         counts: Its messages by topic.
     """
+    if RECORDING not in counts:
+        return None, ()
     try:
         found = find_blueprint(bag)
     except EarlierVersionError:

@@ -23,7 +23,7 @@ from ..importer.report import damage
 from ..importer.survey import CLOUD, COMPRESSED, DETECTIONS, IMAGE, LABEL_LINES, MARKERS, ODOMETRY
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
-from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.label_file import labels_of_text
 from ..kitti.oxts_file import parse_packet
 from ..kitti.tracklet_file import labels_of_tracklets
 from ..messages.image import decode_compressed
@@ -224,8 +224,7 @@ class BagRecording:
     def _labels(self, number: int) -> FrameLabels:
         if self._tracklets:
             return labels_of_tracklets(self._tracklets.get(number, []), names.RAW_TRACKLETS)
-        text = decode_text(self._message(Stream.LABELS, number))
-        return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+        return labels_of_text(decode_text(self._message(Stream.LABELS, number)))
 
     def _calibration(self, number: int) -> Calibration:
         files = self._blueprint.calibrations

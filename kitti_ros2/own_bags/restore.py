@@ -20,8 +20,8 @@ from ..bags.decoding import Decoder
 from ..bags.reader import bag_stamps, open_messages, opened, path_of
 from ..exporter.schedule import frames_of
 from ..files.png.header import parse_image
+from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
-from ..importer.output import staged
 from ..importer.report import ImportReport, LossTally, damage, merged
 from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text
@@ -102,8 +102,7 @@ def restore(
         if other is not path:
             raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
     with staged(out) as stage:
-        reports = [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
-    return [replace(report, path=out) for report in reports]
+        return [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
 
 
 def _restore(
@@ -130,7 +129,7 @@ def _write(
     for done, written in enumerate(ordered_map(writer.write, writer.files(), worker_count()), 1):
         writer.take(written)
         progress(done, writer.size_bytes)
-    return writer.report(stage)
+    return writer.report()
 
 
 class _Writer:
@@ -260,7 +259,7 @@ class _Writer:
         self._written.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
-    def report(self, path: Path) -> ImportReport:
+    def report(self) -> ImportReport:
         """Report the written files, and those missing in the bag."""
         missing, notes = [], []
         for stream, folder in self._blueprint.folders.items():
@@ -277,7 +276,6 @@ class _Writer:
                 numbers = format_numbers(others)
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
         return ImportReport(
-            path=path,
             layout=self._blueprint.layout,
             name=self._blueprint.name,
             counts=dict(self._counts),

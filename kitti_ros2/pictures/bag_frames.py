@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..drawing.pixels import colour_pixels
 from ..importer.apply_calibration import Rigging
 from ..importer.cuboids import ABSURD
 from ..importer.frames import choose_frames, frame_topics, topic_of
-from ..importer.guess import guess_plan
+from ..importer.guess import guess_plan, guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
@@ -24,7 +23,7 @@ from ..importer.poses import read_track
 from ..importer.report import LossTally, damage
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
-from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.label_file import labels_of_text
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform
@@ -156,8 +155,7 @@ class BagFrames:
                 points[:, :3] = self._velo_t_scan.apply(points[:, :3])
             return points
         if stream is Stream.LABELS and self._own_lines:
-            text = decode_text(message)
-            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+            return labels_of_text(decode_text(message))
         if stream is Stream.LABELS:
             cuboids, left_out = self._rigging.cuboids(message)
             missing = {}
@@ -227,17 +225,16 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """Read the poses that the odometry layout would be made from, if any."""
+    pose, losses = guess_pose(survey), LossTally()
+    if pose is None:
+        return None
     try:
-        plan = guess_plan(survey, Layout.ODOMETRY, path_of(bag)).plan
-        losses = LossTally()
-        track = read_track([bag], plan, survey, losses)
+        track = read_track([bag], pose, survey, losses)
     except KittiRos2Error as error:
         notes.append(str(error))
         return None
-    if track is None or plan.pose is None:
-        return None
     notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return EgoTrack(track, plan.pose.body)
+    return EgoTrack(track, pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:

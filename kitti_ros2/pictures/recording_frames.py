@@ -133,14 +133,13 @@ def _nearest(recording: Readable, streams: Sequence[Stream]) -> dict[Stream, dic
     reference = recording.streams[streams[0]]
     matches = match_frames(
         reference.stamps_ns,
-        {stream.value: recording.streams[stream].stamps_ns for stream in streams},
+        {stream: recording.streams[stream].stamps_ns for stream in streams},
         default_tolerance_ns(reference.stamps_ns),
     )
     found = {}
-    for stream in streams:
-        taken = matches[stream.value].indices
-        frames = np.flatnonzero(taken != NONE)
-        own = recording.streams[stream].numbers[taken[frames]]
+    for stream, match in matches.items():
+        frames = np.flatnonzero(match.indices != NONE)
+        own = recording.streams[stream].numbers[match.indices[frames]]
         found[stream] = dict(zip(reference.numbers[frames].tolist(), own.tolist(), strict=True))
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bags.locate import is_bag
 from ..bags.reader import OpenBag
-from ..importer.apply_plan import look
+from ..importer.survey import look
 from ..kitti.layouts import open_recording
 from ..own_bags.numbering import number_bag
 from ..own_bags.recording import BagRecording

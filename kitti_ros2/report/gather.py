@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bags.locate import is_bag
 from ..bags.reader import OpenBag, bag_stamps
-from ..importer.apply_plan import look
+from ..importer.survey import look
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
@@ -137,6 +137,10 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     if isinstance(source, BagFrames):
         report = replace(report, route=_route(source.trajectory()))
     return _finished(report, findings)
+
+
+def _losses(overview: Overview) -> list[Finding]:
+    return [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
 
 
 def _of_transforms(

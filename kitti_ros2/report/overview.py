@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 from ..bags.reader import bag_stamps, summarize_bag
 from ..bags.summary import TopicSummary, summarize_topic
 from ..exporter.schedule import frames_of
-from ..messages.source import RECORDING
 from ..model.losses import format_numbers
 from ..model.streams import Clock
 from ..own_bags.numbering import number_bag
-from ..own_bags.recorded_layout import read_own
+from ..own_bags.recorded_layout import read_blueprint
 from .glances import bag_calibration, calibration_of
 
 if TYPE_CHECKING:
@@ -101,12 +100,15 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     Returns:
         The overview, and the layout of the recording in a bag written by to-bag.
 
+    Returns:
+        The overview, and the layout of the recording where to-bag wrote the bag.
+
     Raises:
         BadBagError: The bag is unreadable.
     """
     summary = summarize_bag(bag)
     counts = {topic.name: topic.count for topic in summary.topics}
-    blueprint, losses = read_own(bag, counts) if RECORDING in counts else (None, ())
+    blueprint, losses = read_blueprint(bag, counts)
     numbered = None
     if blueprint is not None:
         numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from ..messages.pixels import Pixels
     from ..model.geometry import Float64Array
+    from .camera_info import CameraModel
 
 _FISHEYE = 'equidistant'
 _ALIASES = {'fisheye': _FISHEYE, 'kannala_brandt': _FISHEYE}
@@ -51,51 +52,22 @@ def needs_rectifying(
 class Rectifier:
     """Rectifies the images of a camera; the pixel maps are computed once.
 
-    Attributes:
-        size: (width, height) of the original images.
-        new_size: (width, height) of the rectified ones.
+    Args:
+        camera: D has 4 or 5 numbers of plumb_bob, 8 of rational_polynomial, or 4 of equidistant,
+            which is also called fisheye and kannala_brandt.
+
+    Raises:
+        ValueError: The model is unknown, D has another count of numbers, K, R or P is invalid (all
+            zero, as drivers send it for an uncalibrated camera), or the size is 0, beyond the limit
+            of OpenCV (32767), or of more than MOST_PIXELS.
     """
 
-    def __init__(
-        self,
-        k: npt.ArrayLike,
-        d: npt.ArrayLike,
-        r: npt.ArrayLike,
-        p: npt.ArrayLike,
-        model: str,
-        size: tuple[int, int],
-        new_size: tuple[int, int] | None = None,
-    ) -> None:
-        """Compute the pixel maps.
-
-        Args:
-            k: (3, 3) or 9 numbers.
-            d: 4 or 5 numbers of plumb_bob, 8 of rational_polynomial, 4 of equidistant.
-            r: (3, 3) or 9 numbers.
-            p: (3, 4) or 12 numbers.
-            model: CameraInfo's distortion_model; fisheye and kannala_brandt mean equidistant.
-            size: (width, height) of the original images.
-            new_size: (width, height) of the rectified ones, the same by default.
-
-        Raises:
-            ValueError: The model is unknown, D has another count of numbers, K, R or P is invalid
-                (all zero, as drivers send it for an uncalibrated camera), or a size is 0, beyond
-                the limit of OpenCV (32767), or of more than MOST_PIXELS.
-        """
-        self.size = size
-        self.new_size = new_size or size
-        for width, height in (size, self.new_size):
-            sides = 0 < width <= _LARGEST and 0 < height <= _LARGEST
-            if not sides or width * height > MOST_PIXELS:
-                raise ValueError(f'an image of {width} x {height} pixels')
-        self._maps = _maps(
-            _invertible('K', np.reshape(k, (3, 3))),
-            np.asarray(d, np.float64).ravel(),
-            _invertible('R', np.reshape(r, (3, 3))),
-            _invertible('P', np.reshape(p, (3, 4))[:, :3]),
-            model,
-            self.new_size,
-        )
+    def __init__(self, camera: CameraModel) -> None:
+        self._size = width, height = camera.size
+        sides = 0 < width <= _LARGEST and 0 < height <= _LARGEST
+        if not sides or width * height > MOST_PIXELS:
+            raise ValueError(f'an image of {width} x {height} pixels')
+        self._maps = _maps(camera)
 
     def apply(self, pixels: Pixels) -> Pixels:
         """Rectify an image; bilinear, same type, 0 outside of the camera's view.
@@ -103,7 +75,7 @@ class Rectifier:
         Source positions are accurate to 0.02 px: OpenCV rounds to 1/32 px.
 
         Args:
-            pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8, of the rectifier's size.
+            pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8, of the camera's size.
 
         Raises:
             ValueError: The image has another size.
@@ -111,10 +83,10 @@ class Rectifier:
         import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
         height, width = pixels.shape[:2]
-        if (width, height) != self.size:
+        if (width, height) != self._size:
             raise ValueError(
                 f'an image of {width} x {height} pixels; its camera_info is of'
-                f' {self.size[0]} x {self.size[1]}'
+                f' {self._size[0]} x {self._size[1]}'
             )
         rectified = cv2.remap(
             pixels,
@@ -126,42 +98,39 @@ class Rectifier:
         return np.asarray(rectified, pixels.dtype)
 
 
-def _invertible(name: str, matrix: npt.NDArray[np.generic]) -> Float64Array:
-    """Return a matrix as (3, 3) float64.
+def _invertible(name: str, matrix: Float64Array) -> Float64Array:
+    """Return a (3, 3) matrix in contiguous memory, as OpenCV needs it.
 
     Raises:
         ValueError: It is singular or not finite.
     """
-    numbers = np.ascontiguousarray(matrix, np.float64)
+    numbers = np.ascontiguousarray(matrix)
     if not np.isfinite(numbers).all() or not np.linalg.det(numbers):
         raise ValueError(f'{name} is {numbers.tolist()}: the camera is not calibrated')
     return numbers
 
 
-def _maps(
-    k: Float64Array,
-    d: Float64Array,
-    r: Float64Array,
-    k_rect: Float64Array,
-    model: str,
-    new_size: tuple[int, int],
-) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
+def _maps(camera: CameraModel) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
     """Compute the two maps of cv2.remap: (H, W, 2) whole pixels, (H, W) fractions.
 
     Raises:
-        ValueError: The model is unknown or D has another count of numbers.
+        ValueError: As Rectifier.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
-    name = _ALIASES.get(model, model)
+    k, r = _invertible('K', camera.k), _invertible('R', camera.r)
+    k_rect = _invertible('P', camera.p[:, :3])
+    name = _ALIASES.get(camera.model, camera.model)
     if name not in _COUNTS:
-        raise ValueError(f'unknown distortion model {model!r}; known are {", ".join(_COUNTS)}')
+        raise ValueError(
+            f'unknown distortion model {camera.model!r}; known are {", ".join(_COUNTS)}'
+        )
     counts = _COUNTS[name]
-    if len(d) not in counts:
+    if len(camera.d) not in counts:
         expected = ' or '.join(map(str, counts))
-        raise ValueError(f'D has {len(d)} numbers; {model} has {expected}')
-    camera = cv2.fisheye if name == _FISHEYE else cv2
-    maps: tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]] = camera.initUndistortRectifyMap(
-        k, d, r, k_rect, new_size, cv2.CV_16SC2
+        raise ValueError(f'D has {len(camera.d)} numbers; {camera.model} has {expected}')
+    lens = cv2.fisheye if name == _FISHEYE else cv2
+    maps: tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]] = lens.initUndistortRectifyMap(
+        k, camera.d, r, k_rect, camera.size, cv2.CV_16SC2
     )
     return maps

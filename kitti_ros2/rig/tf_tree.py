@@ -10,19 +10,25 @@ from __future__ import annotations
 from collections import defaultdict
 from difflib import get_close_matches
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.transforms import decode_static
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from typing import TypeAlias
+
+Link: TypeAlias = 'tuple[str, str, Transform]'
+"""Parent, child, parent_T_child."""
 
 _MOST_CHILDREN = 8
 _MOST_FRAMES = 40
 _SAME_LINK = 1e-9
+_STILL_M = 1e-6
 # tf2 accepts quaternions whose squared norm is off by 1 % at most; matrices have the same limit.
 _ROTATION = 1e-2
 _FARTHEST_M = 1e9  # beyond any map on earth; squares of float32 coordinates are still finite
@@ -33,14 +39,14 @@ class FrameTree:
 
     def __init__(
         self,
-        static: Iterable[tuple[str, str, Transform]],
+        static: Iterable[Link],
         dynamic: Iterable[tuple[str, str]] = (),
         lost: str = '',
     ) -> None:
         """Take links in any order.
 
         Args:
-            static: (parent, child, parent_T_child).
+            static: Links that do not move.
             dynamic: (parent, child) of moving links.
             lost: The part that may be missing, and why.
         """
@@ -50,7 +56,11 @@ class FrameTree:
         for parent, child, transform in static:
             above = self._parents[_plain(child)]
             known = above.setdefault(_plain(parent), transform)
-            if known is not None and known is not transform and _differ(known, transform):
+            if (
+                known is not None
+                and known is not transform
+                and _differ(known, transform, _SAME_LINK)
+            ):
                 self._differing.add(_plain(child))
         for parent, child in dynamic:
             self._parents[_plain(child)][_plain(parent)] = None
@@ -151,9 +161,9 @@ class FrameTree:
 
     def __str__(self) -> str:
         """Format all frames: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
-        writer = _TreeText(self._children)
+        shown: set[str] = set()
         roots = sorted(self._tops())
-        texts = [writer.text(root) for root in roots[:_MOST_CHILDREN]]
+        texts = [self._text(root, shown) for root in roots[:_MOST_CHILDREN]]
         if len(roots) > _MOST_CHILDREN:
             texts.append(f'{len(roots) - _MOST_CHILDREN} more trees')
         moving = [
@@ -166,6 +176,18 @@ class FrameTree:
         if len(moving) > _MOST_CHILDREN:
             texts.append(f'{len(moving) - _MOST_CHILDREN} more that move')
         return '; '.join(texts) or 'no transforms'
+
+    def _text(self, frame: str, shown: set[str]) -> str:
+        """Format a frame and its descendants, up to a limit, without children already shown."""
+        children = () if frame in shown else self._children.get(frame, ())
+        shown.add(frame)
+        texts: list[str] = []
+        for child in children:
+            if len(texts) == _MOST_CHILDREN or len(shown) >= _MOST_FRAMES:
+                texts.append(f'{len(children) - len(texts)} more')
+                break
+            texts.append(self._text(child, shown))
+        return f'{frame} -> {{{", ".join(texts)}}}' if texts else frame
 
     def _tops(self) -> set[str]:
         """Return the frames that begin the texts of trees: roots, and the first of each cycle."""
@@ -181,24 +203,37 @@ class FrameTree:
         return tops
 
 
-class _TreeText:
-    """Formats trees of static links, each frame's children once, up to a limit."""
+class LinkTally:
+    """Transforms by (parent, child): the first of each, and whether it moved."""
 
-    def __init__(self, children: dict[str, list[str]]) -> None:
-        self._children = children
-        self.shown: set[str] = set()
+    def __init__(self) -> None:
+        self._first: dict[tuple[str, str], Transform] = {}
+        self._seen: dict[tuple[str, str], int] = defaultdict(int)
+        self._moving: set[tuple[str, str]] = set()
+        self._static: set[tuple[str, str]] = set()
+        self._changing: set[tuple[str, str]] = set()
 
-    def text(self, frame: str) -> str:
-        """Format a frame and its descendants."""
-        children = () if frame in self.shown else self._children.get(frame, ())
-        self.shown.add(frame)
-        texts: list[str] = []
-        for child in children:
-            if len(texts) == _MOST_CHILDREN or len(self.shown) >= _MOST_FRAMES:
-                texts.append(f'{len(children) - len(texts)} more')
-                break
-            texts.append(self.text(child))
-        return f'{frame} -> {{{", ".join(texts)}}}' if texts else frame
+    def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
+        """Add the transforms of a TFMessage; still for those of /tf_static."""
+        for parent, child, transform in decode_static(message):
+            key = (_plain(parent), _plain(child))
+            first = self._first.setdefault(key, transform)
+            self._seen[key] += 1
+            if still:
+                # The last value of a static link is valid, as for late subscribers.
+                if _differ(first, transform, _STILL_M):
+                    self._changing.add(key)
+                self._first[key] = transform
+                self._static.add(key)
+            elif key not in self._moving and _differ(first, transform, _STILL_M):
+                self._moving.add(key)
+
+    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
+        """Return static, moving and changing static links; one seen only once on /tf is moving."""
+        moving = {key for key in self._moving if key not in self._static}
+        moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
+        still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
+        return still, sorted(moving), sorted(self._changing)
 
 
 def _plain(name: str) -> str:
@@ -213,9 +248,9 @@ def _is_circle(line: list[str]) -> bool:
     return len(line) > 1 and line[-1] in line[:-1]
 
 
-def _differ(first: Transform, second: Transform) -> bool:
+def _differ(first: Transform, second: Transform, limit: float) -> bool:
     with np.errstate(invalid='ignore'):
-        return bool((np.abs(first.matrix() - second.matrix()) > _SAME_LINK).any())
+        return bool((np.abs(first.matrix() - second.matrix()) > limit).any())
 
 
 def _is_rigid(link: Transform) -> bool:

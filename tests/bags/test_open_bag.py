@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An open bag: one set of files for its index and all messages, findings by reader."""
+"""An open bag: one set of files for its index and all messages, findings by reader.
+
+A command opens its bag, surveys it, makes its plan and reads its description once.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.importer import guess, survey
+from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
@@ -19,6 +24,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.own_bags import recorded_layout
 
 import foreign  # isort: skip
 
@@ -27,8 +33,25 @@ TEXT = 'text of a message ' * 40
 COMMANDS = {
     'info': ('info',),
     'to-kitti': ('to-kitti', '-q', '--layout', 'object', 'out'),
+    'plan': ('to-kitti', '--plan', '--layout', 'odometry'),
     'report': ('report', '-q', '-o', 'page.html'),
     'view': ('view', '-q', '-o', 'picture.png'),
+}
+PASSES = {
+    'written by to-bag': {
+        'info': ['description'],
+        'to-kitti': ['description'],
+        'plan': ['description', 'survey', 'plan'],
+        'report': ['description', 'survey'],
+        'view': ['survey', 'description'],
+    },
+    'of another recorder': {
+        'info': [],
+        'to-kitti': ['survey', 'plan'],
+        'plan': ['survey', 'plan'],
+        'report': ['survey', 'plan'],
+        'view': ['survey', 'plan'],
+    },
 }
 
 
@@ -43,6 +66,26 @@ def opened(monkeypatch):
         return original(bag, *rest)
 
     monkeypatch.setattr(bag_files, 'open_files', counted)
+    return found
+
+
+@pytest.fixture
+def passes(monkeypatch):
+    """What was made of a bag so far: survey, plan, description."""
+    found = []
+
+    def count(name, module, function):
+        original = getattr(module, function)
+
+        def counted(*args):
+            found.append(name)
+            return original(*args)
+
+        monkeypatch.setattr(module, function, counted)
+
+    count('survey', survey, '_Pass')
+    count('plan', guess, 'guess_cameras')
+    count('description', recorded_layout, 'parse_description')
     return found
 
 
@@ -90,7 +133,9 @@ def test_damage_is_reported_to_the_reader_that_meets_it(tmp_path):
 
 @pytest.mark.parametrize('command', list(COMMANDS))
 @pytest.mark.parametrize('kind', ['written by to-bag', 'of another recorder'])
-def test_a_command_opens_its_bag_once(tmp_path, recordings, monkeypatch, opened, command, kind):
+def test_a_command_reads_its_bag_once(
+    tmp_path, recordings, monkeypatch, opened, passes, command, kind
+):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / 'bag.mcap'
     if kind == 'of another recorder':
@@ -101,3 +146,11 @@ def test_a_command_opens_its_bag_once(tmp_path, recordings, monkeypatch, opened,
     name, *words = COMMANDS[command]
     assert main([name, str(path), *words]) == 0
     assert opened == [path]
+    assert passes == PASSES[kind][command]
+
+
+def test_labels_are_drawn_from_one_opening(tmp_path, opened, passes):
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth()[:3])
+    LabelledImages(path)
+    assert opened == [path]
+    assert passes == ['survey', 'plan']

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from kitti_ros2.cli import main
+from kitti_ros2.files.staging import staged
 from kitti_ros2.importer.append import appended, mend, next_number
-from kitti_ros2.importer.output import staged
 from kitti_ros2.kitti.append_journal import FOLDER, JOURNAL, find_journal, parse_journal
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.store import STORE

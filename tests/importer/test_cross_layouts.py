@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.labels import cuboids_of, rect_from_velo
 from kitti_ros2.model.layouts import Layout

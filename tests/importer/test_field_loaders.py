@@ -14,7 +14,8 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti import names
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.importing import ImportOptions

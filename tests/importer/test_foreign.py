@@ -15,8 +15,9 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import Incomplete
+from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.messages.header import stamp_ns_of

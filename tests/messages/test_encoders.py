@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as arrays
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.importer.oxts import make_packet
-from kitti_ros2.importer.pose_track import poses_from_path
+from kitti_ros2.importer.poses import poses_from_path
 from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
 from kitti_ros2.messages.image import decode_compressed, encode_compressed, encode_image

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.cli import main
-from kitti_ros2.importer.apply_plan import look
+from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.stamps import NS_PER_S, parse_stamp

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.importer.output import staged
+from kitti_ros2.files.staging import staged
 from kitti_ros2.model.errors import OutputExistsError
 
 
