@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -149,9 +150,14 @@ def cloud(frame: Frame, stamp_ns: int) -> PointCloud2:
 
 
 def draw(pixels: np.ndarray) -> np.ndarray:
-    """A grey image with a soft white dot at each of (M, 2) places."""
+    """A grey image, not to be changed, with a soft white dot at each of (M, 2) places."""
+    return _drawn(tuple(map(tuple, pixels.tolist())))
+
+
+@lru_cache(maxsize=64)
+def _drawn(places: tuple[tuple[float, float], ...]) -> np.ndarray:
     image = np.full(SIZE[::-1], 20.0)
-    for u, v in pixels:
+    for u, v in places:
         left, top = int(u) - 18, int(v) - 18
         rows, columns = np.mgrid[top : top + 37, left : left + 37]
         dot = 200 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 3.0**2))

@@ -106,12 +106,24 @@ def decode(viewer, message):
     return DecoderFactory().decoder_for('cdr', schema)(message.data)
 
 
+def state_values(viewer):
+    """The values of the last state message."""
+    heard = viewer.of(STATE)
+    return {each.key: each.value for each in decode(viewer, heard[-1]).status[0].values}
+
+
 def play_through(server):
     """A viewer that has heard everything."""
     viewer = Viewer(server.url)
     viewer.subscribe()
-    viewer.until(lambda: status(viewer) == ENDED, 30)
-    viewer.listen(0.2)
+    # The message follows all others; the status may overtake them.
+    viewer.until(
+        lambda: (
+            status(viewer) == ENDED
+            and viewer.of(STATE)
+            and state_values(viewer)['finished'] == 'true'
+        )
+    )
     return viewer
 
 
@@ -166,7 +178,7 @@ def test_it_says_what_it_plays(raw):
 def test_it_waits_for_a_viewer(raw):
     server = raw()
     with Viewer(server.url) as viewer:
-        viewer.listen(0.5)
+        viewer.hear_ticks(10)
         assert not viewer.messages
         assert set(viewer.times) == {viewer.range[0]}
         viewer.subscribe(OXTS)
@@ -176,7 +188,7 @@ def test_it_waits_for_a_viewer(raw):
 def test_start_paused_waits_for_the_button(raw):
     with Viewer(raw(start_paused=True).url) as viewer:
         viewer.subscribe(OXTS, STATE)
-        viewer.listen(0.4)
+        viewer.hear_ticks(8)
         assert not viewer.of(OXTS)
         assert viewer.control(PLAY).status == PLAYING
         viewer.until(lambda: len(viewer.of(OXTS)) == FRAMES)
@@ -187,9 +199,9 @@ def test_pause_and_resume(raw):
         viewer.subscribe(OXTS)
         viewer.until(lambda: len(viewer.of(OXTS)) == 3)
         assert viewer.control(PAUSE).status == PAUSED
-        viewer.listen(0.1)  # what was on its way
+        viewer.hear_ticks(4)  # and what was on its way
         count, times = len(viewer.messages), len(viewer.times)
-        viewer.listen(0.5)
+        viewer.hear_ticks(10)
         assert len(viewer.messages) == count
         assert len(set(viewer.times[times:])) == 1
         assert viewer.control(PLAY).status == PLAYING
@@ -222,7 +234,7 @@ def test_seek_while_paused_shows_the_frame(raw, frame):
         answer = viewer.control(PAUSE, seek=int(program.stamps_ns[positions[-1]]) + 1)
         assert (answer.status, answer.did_seek) == (PAUSED, True)
         viewer.until(lambda: viewer.of(SCAN) and viewer.of(OXTS))
-        viewer.listen(0.3)
+        viewer.hear_ticks(6)
         assert [len(viewer.of(topic)) for topic in (SCAN, OXTS)] == [1, 1]
         stamps = program.stamps_ns[positions]
         assert all(stamps[0] <= each.log_time <= stamps[-1] for each in viewer.of(SCAN))
@@ -230,14 +242,19 @@ def test_seek_while_paused_shows_the_frame(raw, frame):
 
 @pytest.mark.parametrize('rate', [0.5, 4.0])
 def test_rate(raw, rate):
+    """Messages are due at the rate, and none is sent before."""
     server = raw(start_paused=True)
+    outlet = next(i for i, each in enumerate(server.session.program.channels) if each.topic == OXTS)
+    sent = []
+    server.session.on_publish = lambda *call: sent.append(call) if call[0] == outlet else None
     with Viewer(server.url) as viewer:
         viewer.subscribe(OXTS)
         assert viewer.control(PLAY, rate=rate).rate == rate
         viewer.until(lambda: len(viewer.of(OXTS)) == FRAMES)
-        first, *_, last = viewer.of(OXTS)
-        expected = (last.log_time - first.log_time) / SECOND / rate
-        assert last.at - first.at == pytest.approx(expected, abs=max(0.05, 0.1 * expected))
+        recorded = np.diff([message.log_time for message in viewer.of(OXTS)])
+        _, due, published = np.transpose(sent)
+        np.testing.assert_allclose(np.diff(due), recorded / rate, rtol=0, atol=2)
+        assert np.all(published >= due)
 
 
 @pytest.mark.parametrize(('asked', 'taken'), [(0.01, 0.01), (0.001, 0.01), (1000.0, 100.0)])
@@ -259,7 +276,9 @@ def test_it_rests_at_the_end_and_play_begins_anew(raw):
 def test_each_round_is_a_jump(raw):
     with Viewer(raw(loop=3, rate=4).url) as viewer:
         viewer.subscribe(OXTS)
-        viewer.until(lambda: status(viewer) == ENDED, 20)
+        # The status may overtake messages.
+        viewer.until(lambda: status(viewer) == ENDED and len(viewer.of(OXTS)) >= 3 * FRAMES)
+        viewer.hear_ticks(2)
         assert len(viewer.of(OXTS)) == 3 * FRAMES
         assert [state.did_seek for state in viewer.states].count(True) == 2
 
@@ -273,8 +292,7 @@ def test_a_late_subscriber_gets_what_is_latched(raw):
         for topic in LATCHED:
             assert [each.data for each in late.of(topic)] == expected[topic]
         late.until(lambda: late.of(STATE))
-        state = decode(late, late.of(STATE)[-1]).status[0]
-        values = {each.key: each.value for each in state.values}
+        values = state_values(late)
         assert (values['finished'], values['failures']) == ('true', '0')
 
 
@@ -287,6 +305,11 @@ def test_what_is_latched_is_renewed_after_a_seek(raw):
             before = {topic: len(viewer.of(topic)) for topic in LATCHED}
             viewer.control(PAUSE, seek=first + int(part * (last - first)))
             viewer.until(lambda: all(len(viewer.of(t)) > before[t] for t in LATCHED))  # noqa: B023
+
+
+def hear_rounds(viewer, count):
+    heard = len(viewer.of(OXTS))
+    viewer.until(lambda: len(viewer.of(OXTS)) >= heard + count * FRAMES)
 
 
 def test_large_messages_are_made_for_subscribers_only(raw):
@@ -303,9 +326,9 @@ def test_large_messages_are_made_for_subscribers_only(raw):
         viewer.until(lambda: len(viewer.of(SCAN)) == 2)
         assert set().union(*wanted) == {scan}
         viewer.unsubscribe(SCAN)
-        viewer.listen(0.5)
+        hear_rounds(viewer, 3)
         wanted.clear()
-        viewer.listen(0.3)
+        hear_rounds(viewer, 2)
         assert wanted
         assert set().union(*wanted) == set()
 
@@ -328,13 +351,13 @@ def test_two_viewers(raw):
 
 def test_a_viewer_that_does_not_read_harms_nobody(raw):
     """It loses messages and, once it reads again, its connection; the other one misses nothing."""
-    server = raw(loop=0, rate=20, clock=100)  # so that much news waits for it
+    server = raw(loop=0, rate=20, clock=1000)  # so that much news waits for it
     with Viewer(server.url, queue=16) as asleep, Viewer(server.url) as awake:
         asleep.subscribe()
         awake.subscribe(OXTS)
-        awake.listen(5)
+        hear_rounds(awake, 60)  # until the other's buffers are full
+        awake.hear_ticks(1000)
         stamps = [message.log_time for message in awake.of(OXTS)]
-        assert len(stamps) > 10 * FRAMES
         assert all(stamps[i] == stamps[i - FRAMES] for i in range(FRAMES, len(stamps)))
         asleep.listen_to_the_end()
         assert 'backlog' in asleep.statuses[-1]['message']

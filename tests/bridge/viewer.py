@@ -14,12 +14,14 @@ import struct
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+
+from waiting import PATIENCE_S  # isort: skip
 
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = (
@@ -40,7 +42,6 @@ class Message(NamedTuple):
     topic: str
     log_time: int
     data: bytes
-    at: float
 
 
 class State(NamedTuple):
@@ -88,7 +89,7 @@ class Viewer:
         elif data[0] == MESSAGE:
             subscription, log_time = struct.unpack_from('<IQ', data, 1)
             topic = self._topics[subscription]
-            self.messages.append(Message(topic, log_time, data[13:], time.monotonic()))
+            self.messages.append(Message(topic, log_time, data[13:]))
         elif data[0] == TIME:
             self.times.append(struct.unpack_from('<Q', data, 1)[0])
         elif data[0] == PLAYBACK:
@@ -105,25 +106,21 @@ class Viewer:
         elif message['op'] == 'status':
             self.statuses.append(message)
 
-    def until(self, condition, seconds=10.0):
+    def until(self, condition, seconds=PATIENCE_S):
         """Receive until a condition holds."""
         end = time.monotonic() + seconds
         while not condition():
             assert self.receive(end - time.monotonic()) or condition(), 'it did not come'
 
-    def listen(self, seconds):
-        """Receive for a time."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.receive(end - time.monotonic())
+    def hear_ticks(self, count):
+        """Receive until the server's time was announced so many times more."""
+        heard = len(self.times)
+        self.until(lambda: len(self.times) >= heard + count)
 
     def listen_to_the_end(self):
         """Receive until the server goes away."""
-        try:
-            while True:
-                self.receive(20)
-        except ConnectionClosed:
-            pass
+        with suppress(ConnectionClosed):
+            self.until(lambda: False)
 
     def subscribe(self, *topics):
         """Subscribe to some topics, or to all."""

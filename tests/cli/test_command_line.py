@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import foreign
@@ -29,6 +28,7 @@ from kitti_ros2.options.parsers import parse_bytes
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip
+from waiting import UNTIL_A_SIGNAL, wait_until  # isort: skip
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = [sys.executable, '-m', 'kitti_ros2']
@@ -378,19 +378,14 @@ def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, co
     """Ended while it encodes: no bag, no left-overs, at most a line."""
     out = tmp_path / 'to' / 'o.mcap'
     out.parent.mkdir()
-    slow = (
-        # A background job of a shell ignores Ctrl-C, and so would what it starts.
-        'import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n'
-        'import sys, time, kitti_ros2.exporter.encode as e; old = e.Encoder.encode\n'
-        'def encode(self, entry):\n    time.sleep(0.3)\n    return old(self, entry)\n'
-        'e.Encoder.encode = encode\n'
-        'from kitti_ros2.cli import main; sys.exit(main())'
-    )
-    words = [sys.executable, '-c', slow, 'to-bag', str(recordings[Layout.RAW]), str(out)]
+    waiting = f"""{UNTIL_A_SIGNAL}
+import kitti_ros2.exporter.encode as e; old = e.Encoder.encode
+e.Encoder.encode = lambda self, entry: signalled.wait() and old(self, entry)
+from kitti_ros2.cli import main; sys.exit(main())
+"""
+    words = [sys.executable, '-c', waiting, 'to-bag', str(recordings[Layout.RAW]), str(out)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-    while not list(out.parent.iterdir()):
-        time.sleep(0.05)
-        assert process.poll() is None
+    wait_until(lambda: list(out.parent.iterdir()) or process.poll() is not None)
     process.send_signal(sent)
     _, said = process.communicate(timeout=30)
     assert process.returncode == code

@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from enum import Enum
 from itertools import count, pairwise
 from pathlib import Path
@@ -103,6 +104,9 @@ def test_frames_are_appended_and_the_lists_continued(made):
     }
 
 
+Condition = Callable[[], bool]
+
+
 class Full(Enum):
     """What a full disk refuses from some call on: new directory entries, or every rename too."""
 
@@ -111,7 +115,7 @@ class Full(Enum):
 
 
 class Fault:
-    """Counts the calls that reach the file system; at one of them it does something.
+    """Counts the calls that reach the file system; at one of them, or when it is time, it acts.
 
     Python reports each call before it is made, whoever makes it (sys.addaudithook); writing has no
     such report, so the store's own call is wrapped, and a write that fails has written a half.
@@ -123,8 +127,8 @@ class Fault:
     )
     GROWING = frozenset({'os.mkdir', 'os.rename', 'write'})
 
-    def __init__(self, root: Path, at: int, full: Full | None) -> None:
-        self._root, self._at, self._full = str(root), at, full
+    def __init__(self, root: Path, at: int, full: Full | None, is_time: Condition) -> None:
+        self._root, self._at, self._full, self._is_time = str(root), at, full, is_time
         self._calls = 0
         self.active = True
 
@@ -158,6 +162,8 @@ class Fault:
         if self._full and kind not in self.GROWING:
             return False
         self._calls += 1
+        if self._is_time():
+            return True
         return self._calls > self._at if self._full else self._calls == self._at + 1
 
     def _fail(self) -> None:
@@ -169,14 +175,16 @@ class Fault:
 COMPLETE, KILLED, REPORTED, NOT_UNDONE = 0, 9, 4, 5
 
 
-def in_child(root: Path, at: int, run, full: Full | None = None) -> int:
+def in_child(
+    root: Path, at: int, run, full: Full | None = None, is_time: Condition = lambda: False
+) -> int:
     """Run in a process of its own, that is killed at a call, or whose disk is full from there."""
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     code = 1
     try:
-        fault = Fault(root, at, full)
+        fault = Fault(root, at, full, is_time)
         fault.install()
         run()
         code = COMPLETE
@@ -239,13 +247,18 @@ def test_killed_at_any_call_the_set_is_as_before_or_as_after(made, tmp_path):
 
 
 def interrupted(before: Path, out: Path, last_moved: str) -> None:
-    """Kill an append as soon as it has moved a file."""
-    for at in count():
-        shutil.copytree(before, out)
-        assert in_child(out, at, lambda: append(out)) == KILLED
-        if tree(out).get(last_moved) != tree(before).get(last_moved):
-            return
-        shutil.rmtree(out)
+    """Kill an append at its first call after it has moved a file."""
+    shutil.copytree(before, out)
+
+    def size(path: Path) -> int | None:
+        return path.stat().st_size if path.exists() else None
+
+    earlier = size(out / last_moved)
+    code = in_child(
+        out, sys.maxsize, lambda: append(out), is_time=lambda: size(out / last_moved) != earlier
+    )
+    assert code == KILLED
+    assert tree(out).get(last_moved) != tree(before).get(last_moved)
 
 
 @pytest.mark.parametrize('last_moved', ['training/velodyne/000008.bin', 'ImageSets/train.txt'])

@@ -157,9 +157,9 @@ def test_a_chain_of_ever_closer_stamps_takes_no_longer_than_any_other():
     """Each stamp is nearest to the next: a search that makes one pair a round would never end."""
     count = 500_000
     merged = np.cumsum(np.arange(2 * count, 0, -1, dtype=np.int64))
-    start = time.perf_counter()
+    start = time.process_time()
     found = match(merged[::2], merged[1::2], 10**9)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert found.matched == count
     assert found.max_error_ns == 2 * count - 1
 

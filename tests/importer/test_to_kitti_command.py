@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import foreign
 import pytest
 from builders import one_line
+from waiting import UNTIL_A_SIGNAL, wait_until
 
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
@@ -197,21 +196,17 @@ def test_an_interrupted_run_leaves_nothing(recordings, tmp_path):
     bag = tmp_path / 'bag.mcap'
     assert main(['to-bag', str(recordings[Layout.RAW]), str(bag), '-q', '--images', 'raw']) == 0
     out = tmp_path / 'to' / 'out'
-    slow = (
-        'import sys, time; from kitti_ros2.kitti.store import STORE; put = STORE.write;'
-        'slow = lambda _, *words, **more: (time.sleep(0.2), put(*words, **more));'
-        'STORE.__class__.write = slow;'
-        'from kitti_ros2.cli import main; sys.exit(main())'
-    )
+    waiting = f"""{UNTIL_A_SIGNAL}
+from kitti_ros2.kitti.store import STORE; put = STORE.write
+STORE.__class__.write = lambda _, *words, **more: (put(*words, **more), signalled.wait())
+from kitti_ros2.cli import main; sys.exit(main())
+"""
     process = subprocess.Popen(
-        [sys.executable, '-c', slow, 'to-kitti', str(bag), str(out)],
+        [sys.executable, '-c', waiting, 'to-kitti', str(bag), str(out)],
         stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     )
-    deadline = time.monotonic() + 30
-    while not any(tmp_path.glob('to/.out.partial/content/*')) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: any(tmp_path.glob('to/.out.partial/content/*')))
+    process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130, said
     assert b'Traceback' not in said

@@ -5,18 +5,21 @@
     python listener.py TOPIC=TYPE ...
 
 It says `ready` when it is subscribed, calls a service or sets a parameter for every line on its
-standard input, and prints what it heard when that ends: by topic a list of [seconds, digest].
+standard input, and prints what it heard when that ends: by topic a list of [stamp, digest].
+The stamp is that of a header at the begin of the message, nanoseconds; without one it is any
+number.
 Lines: `call NAME` (a std_srvs/Trigger of /kitti_player), `set NAME VALUE` (VALUE as JSON),
-`count TOPIC` (how many messages so far), `last TOPIC` (its last message, in hex), `state` (the
-last ~/state), `wait TOPIC N SECONDS`, `describe TYPE HASH`, `publishers TOPIC`.
+`count TOPIC` (how many messages so far), `last TOPIC` (its last message, in hex), `state NAME TEXT`
+(the first ~/state in which a value begins with a text), `wait TOPIC N SECONDS`,
+`describe TYPE HASH`, `publishers TOPIC` (how many; waits for the first).
 """
 
 import hashlib
 import json
 import sys
 import threading
-import time
 from contextlib import suppress
+from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,13 +27,19 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
 
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.node.message_types import message_class
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from waiting import PATIENCE_S, wait_until
+
 PLAYER = '/kitti_player'
+CLOCK = '/clock'
 LATCHED = ('/tf_static', '/kitti/ground_truth/path')
 
 
@@ -49,7 +58,7 @@ class Listener:
             profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
             if topic in LATCHED or (topic.startswith('/kitti/source/') and is_latched(topic)):
                 profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
-            kind = message_class(msgtype, TYPESTORE)
+            kind = Clock if topic == CLOCK else message_class(msgtype, TYPESTORE)
             self.subscriptions[topic] = self.ears.create_subscription(
                 kind, topic, lambda _: None, profile, raw=True
             )
@@ -57,37 +66,48 @@ class Listener:
         self.node.create_subscription(DiagnosticArray, f'{PLAYER}/state', self._state, latched)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self.threads = [
-            threading.Thread(target=work, daemon=True) for work in (self._spin, self._take)
-        ]
-        self.ended = False
-        for thread in self.threads:
-            thread.start()
+        self.spinning = threading.Thread(target=self._spin, daemon=True)
+        self.taking = threading.Thread(target=self._take, daemon=True)
+        self.ended = threading.Event()
+        self.spinning.start()
+        self.taking.start()
 
     def _spin(self):
         with suppress(ExternalShutdownException):
             self.executor.spin()
 
     def _take(self):
-        while not self.ended:
-            taken = 0
-            for topic, subscription in self.subscriptions.items():
-                while found := subscription.handle.take_message(subscription.msg_type, True):
-                    digest = hashlib.sha1(found[0]).hexdigest()
-                    self.heard[topic].append((time.monotonic(), digest))
-                    self.last[topic] = found[0]
-                    taken += 1
-            if not taken:
-                time.sleep(0.002)
+        while not self.ended.is_set():
+            self._take_what_came()
+            self.ended.wait(0.002)
+        self._take_what_came()
+
+    def _take_what_came(self):
+        for topic, subscription in self.subscriptions.items():
+            while found := subscription.handle.take_message(subscription.msg_type, True):
+                data = found[0]
+                seconds, nanoseconds = (int.from_bytes(data[n : n + 4], 'little') for n in (4, 8))
+                digest = hashlib.sha1(data).hexdigest()
+                self.heard[topic].append((seconds * 10**9 + nanoseconds, digest))
+                self.last[topic] = data
 
     def _state(self, message):
         self.values = {one.key: one.value for one in message.status[0].values}
 
     def wait(self, topic, count, seconds):
-        end = time.monotonic() + seconds
-        while len(self.heard[topic]) < count and time.monotonic() < end:
-            time.sleep(0.002)
+        with suppress(AssertionError):
+            wait_until(lambda: len(self.heard[topic]) >= count, seconds)
         return len(self.heard[topic])
+
+    def publishers(self, topic):
+        with suppress(AssertionError):
+            wait_until(self.subscriptions[topic].handle.get_publisher_count)
+        return self.node.count_publishers(topic)
+
+    def state(self, name, text):
+        with suppress(AssertionError):
+            wait_until(lambda: self.values.get(name, '').startswith(text))
+        return self.values
 
     def call(self, name):
         client = self.node.create_client(Trigger, f'{PLAYER}/{name}')
@@ -112,12 +132,12 @@ class Listener:
         return [answer.successful, fields, known]
 
     def _ask(self, client, request):
-        if not client.wait_for_service(10):
+        if not client.wait_for_service(PATIENCE_S):
             return None
+        answered = threading.Event()
         future = client.call_async(request)
-        end = time.monotonic() + 10
-        while not future.done() and time.monotonic() < end:
-            time.sleep(0.001)
+        future.add_done_callback(lambda _: answered.set())
+        answered.wait(PATIENCE_S)
         return future.result()
 
     def obey(self, words):
@@ -137,8 +157,8 @@ class Listener:
         if verb == 'describe':
             return self.describe(*rest)
         if verb == 'publishers':
-            return self.node.count_publishers(rest[0])
-        return self.values
+            return self.publishers(rest[0])
+        return self.state(rest[0], ' '.join(rest[1:]))
 
 
 def is_latched(topic):
@@ -149,12 +169,12 @@ def main():
     listener = Listener(dict(word.split('=') for word in sys.argv[1:]))
     print('ready', flush=True)
     for line in sys.stdin:
-        print(json.dumps([time.monotonic(), listener.obey(line.split())]), flush=True)
-    listener.ended = True
+        print(json.dumps(listener.obey(line.split())), flush=True)
+    listener.ended.set()
+    listener.taking.join()
     print(json.dumps(listener.heard), flush=True)
     rclpy.try_shutdown()
-    for thread in listener.threads:
-        thread.join()
+    listener.spinning.join()
 
 
 if __name__ == '__main__':

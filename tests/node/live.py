@@ -13,9 +13,32 @@ from pathlib import Path
 
 from kitti_ros2.bags.reader import open_messages
 
+from waiting import PATIENCE_S  # isort: skip
+
 HERE = Path(__file__).parent
 MAIN = 'import sys; sys.argv[0] = "kitti-ros2"; from kitti_ros2.cli import main; sys.exit(main())'
-DELETES = 'DELETEALL'
+
+WATCHED = f"""
+from kitti_ros2.node.outlets import Outlets
+from kitti_ros2.player.playback import Playback
+
+Playback.play_next.__defaults__ = ({PATIENCE_S},)
+wanted, seen = Outlets.wanted, [0]
+
+def count(self, now_ns):
+    found = sum(each.get_subscription_count() for each in list(self._publishers.values()))
+    if found != seen[-1]:
+        seen.append(found)
+        print(found, flush=True)
+    return wanted(self, now_ns)
+
+Outlets.wanted = count
+{MAIN}
+"""
+"""The same, which prints how many subscriptions its topics have whenever that changes.
+
+Its play_next waits longer for a frame than a user would: reading takes its time on a busy machine.
+"""
 
 
 def environment():
@@ -23,9 +46,10 @@ def environment():
     return {**os.environ, 'PYTHONPATH': str(HERE.parents[1]), 'PYTHONUNBUFFERED': '1'}
 
 
-def play(src, *options, **more):
+def play(src, *options, program=WATCHED, **more):
     """Start a player."""
-    words = [sys.executable, '-c', MAIN, 'play', *([str(src)] if src else []), *map(str, options)]
+    words = [sys.executable, '-c', program, 'play', *([str(src)] if src else [])]
+    words += map(str, options)
     return subprocess.Popen(
         words, env=environment(), text=True, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more,
@@ -44,29 +68,36 @@ class Listening:
         )  # fmt: skip
         assert self.process.stdout.readline() == 'ready\n'
 
-    def ask(self, *words):
-        """What it answers to a line, and when it did."""
+    def tell(self, *words):
+        """What it answers to a line."""
         self.process.stdin.write(' '.join(map(str, words)) + '\n')
         self.process.stdin.flush()
         return json.loads(self.process.stdout.readline())
 
-    def tell(self, *words):
-        """What it answers to a line."""
-        return self.ask(*words)[1]
+    def wait_for_publishers(self, player, subscriptions=None):
+        """Wait until it and a player have found each other, for every topic.
 
-    def wait_for_publishers(self):
-        """Until every topic has one."""
+        Args:
+            player: A watched player.
+            subscriptions: How many its topics have then, if not one of each of the listener's.
+        """
         for topic in self.topics:
-            for _ in range(200):
-                if self.tell('publishers', topic):
-                    break
-                subprocess.run(['sleep', '0.05'], check=True)
-            else:
-                raise AssertionError(f'nobody publishes {topic}')
-        subprocess.run(['sleep', '0.5'], check=True)  # for the other direction of the discovery
+            assert self.tell('publishers', topic), f'nobody publishes {topic}'
+        expected = len(self.topics) if subscriptions is None else subscriptions
+        found = 0
+        while found < expected:
+            line = player.stdout.readline()
+            assert line, 'the player has ended'
+            found = int(line)
+
+    def last_state(self, name, value):
+        """The values of the state in which one begins with a text."""
+        values = self.tell('state', name, value)
+        assert values[name].startswith(value), values
+        return values
 
     def heard(self):
-        """End it; by topic when each message came, and its digest."""
+        """End it; by topic the stamp of each message, if its type has one, and its digest."""
         self.process.stdin.close()
         heard = json.loads(self.process.stdout.read().splitlines()[-1])
         assert self.process.wait(10) == 0
@@ -74,10 +105,10 @@ class Listening:
 
 
 class Recording:
-    """A process that subscribes as `ros2 bag record -a` does, so many seconds late."""
+    """A process that subscribes as `ros2 bag record -a` does."""
 
-    def __init__(self, late_s):
-        words = [sys.executable, str(HERE / 'recorder.py'), str(late_s)]
+    def __init__(self):
+        words = [sys.executable, str(HERE / 'recorder.py')]
         self.process = subprocess.Popen(
             words, env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )

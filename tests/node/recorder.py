@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A second process that subscribes as `ros2 bag record -a` does: to every topic that it discovers.
 
-    python recorder.py SECONDS
+    python recorder.py
 
-It begins so many seconds late, looks for topics ten times a second, as rosbag2 does by default, and
-subscribes to what is new, one topic after the other, with the durability that is offered. It says
-`ready` when it begins to look, and prints how many messages came by topic when its standard input
-ends.
+It looks for topics ten times a second, as rosbag2 does by default, and subscribes to what is new,
+one topic after the other, with the durability that is offered. It prints how many messages came by
+topic when its standard input ends.
 """
 
 import json
 import sys
 import threading
-import time
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
@@ -49,31 +47,23 @@ class Recorder:
                 kind, topic, lambda _: None, profile, raw=True
             )
 
-    def take(self, seconds):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            taken = 0
-            for topic, subscription in self.subscriptions.items():
-                while subscription.handle.take_message(subscription.msg_type, True):
-                    self.counts[topic] += 1
-                    taken += 1
-            if not taken:
-                time.sleep(0.002)
+    def take(self):
+        for topic, subscription in self.subscriptions.items():
+            while subscription.handle.take_message(subscription.msg_type, True):
+                self.counts[topic] += 1
 
 
 offers_history = DurabilityPolicy.TRANSIENT_LOCAL
 
 
 def main():
-    time.sleep(float(sys.argv[1]))
     recorder = Recorder()
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
-    print('ready', flush=True)
-    while not ended.is_set():
+    while not ended.wait(LOOK_EVERY_S):
         recorder.look()
-        recorder.take(LOOK_EVERY_S)
-    recorder.take(LOOK_EVERY_S)
+        recorder.take()
+    recorder.take()
     print(json.dumps(recorder.counts), flush=True)
     rclpy.try_shutdown()
 

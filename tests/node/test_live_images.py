@@ -58,7 +58,7 @@ def test_a_bag_shows_the_images_of_its_folder(recordings, tmp_path):
         assert 'frames 0 to 4' in process.stderr.readline()  # its topics come next
         listener = live.Listening(TOPICS)
         try:
-            listener.wait_for_publishers()
+            listener.wait_for_publishers(process)
             assert listener.tell('call', 'resume')[0]
             _, said = process.communicate(timeout=60)
             assert (process.returncode, 'Traceback' in said) == (0, False), said

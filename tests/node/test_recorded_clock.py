@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded clock and the player's own: a subscriber hears one of them."""
 
-import threading
-
 import pytest
 
 from kitti_ros2.exporter.to_bag import convert
@@ -25,8 +23,7 @@ from kitti_ros2.node.player import KittiPlayer
 
 from builders import one_line  # isort: skip
 from recorded import CLOCKS, STATE, write_recorded  # isort: skip
-
-PATIENCE_S = 30.0
+from waiting import PATIENCE_S, wait_until  # isort: skip
 
 
 @pytest.fixture(scope='module')
@@ -37,15 +34,6 @@ def recorded(recordings, tmp_path_factory):
     convert(recording, folder / 'o.mcap', MessageOptions(), SelectionOptions(), BagOptions())
     clock = write_recorded(folder / 'o.mcap', folder / 'recorded.mcap')
     return folder / 'recorded.mcap', clock
-
-
-def until(condition):
-    pause = threading.Event()
-    for _ in range(int(PATIENCE_S / 0.01)):
-        if condition():
-            return
-        pause.wait(0.01)
-    raise AssertionError('it never came')
 
 
 def heard(path, **values):
@@ -60,9 +48,9 @@ def heard(path, **values):
     player = KittiPlayer(parameters, context=context)
     try:
         player.start()
-        until(lambda: ears.count_publishers('/clock'))
+        wait_until(lambda: ears.count_publishers('/clock'))
         (publisher,) = (each for each in player.publishers if each.topic == '/clock')
-        until(publisher.get_subscription_count)
+        wait_until(publisher.get_subscription_count)
         player.playback.resume()
         assert player.ended.wait(PATIENCE_S)
         tellers, states = ears.count_publishers('/clock'), ears.count_publishers(STATE)

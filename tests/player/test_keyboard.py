@@ -2,21 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keys in a terminal of the test's own."""
 
+import fcntl
 import io
 import os
 import pty
+import struct
 import subprocess
 import sys
 import termios
 import textwrap
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from kitti_ros2.player import keyboard
 from kitti_ros2.player.keyboard import Key, Keyboard
+
+from waiting import wait_until  # isort: skip
 
 
 @pytest.fixture
@@ -30,23 +33,23 @@ def terminal(monkeypatch):
     stream.close()
 
 
-def wait_for(condition):
-    end = time.monotonic() + 5
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
+def type_in(terminal, keys):
+    """Write to a terminal, and wait until everything is read."""
+    master, stream = terminal
+    os.write(master, keys)
+    wait_until(
+        lambda: not any(fcntl.ioctl(stream.fileno(), termios.FIONREAD, bytes(struct.calcsize('i'))))
+    )
 
 
 def pressed(terminal, keys, count, on_error=None):
     """What is pressed on a terminal when bytes come in."""
-    master, stream = terminal
     seen = []
     actions = {key: lambda key=key: seen.append(key) for key in Key}
-    with Keyboard(actions, on_error or seen.append, stream):
+    with Keyboard(actions, on_error or seen.append, terminal[1]):
         for part in keys:
-            os.write(master, part)
-            time.sleep(0.01)
-        wait_for(lambda: len(seen) >= count)
+            type_in(terminal, part)
+        wait_until(lambda: len(seen) >= count)
     return seen
 
 
@@ -65,18 +68,25 @@ def pressed(terminal, keys, count, on_error=None):
         ([b'\x1b\x1b[C'], [Key.RIGHT]),
     ],
 )
-def test_keys(terminal, keys, expected):
+def test_keys(terminal, monkeypatch, keys, expected):
+    monkeypatch.setattr(keyboard, '_REST_OF_ESCAPE_S', 60)
     assert pressed(terminal, keys, len(expected)) == expected
 
 
-def test_a_lone_escape_is_nothing(terminal):
-    master, stream = terminal
-    seen = []
-    with Keyboard({Key.SPACE: lambda: seen.append(1)}, seen.append, stream):
-        os.write(master, b'\x1b')
-        time.sleep(0.15)
-        os.write(master, b' ')
-        wait_for(lambda: seen)
+def test_a_lone_escape_is_nothing(terminal, monkeypatch):
+    seen, rests = [], []
+    read_soon = Keyboard._read_soon
+
+    def read_and_note(self):
+        rests.append(read_soon(self))
+        return rests[-1]
+
+    monkeypatch.setattr(Keyboard, '_read_soon', read_and_note)
+    with Keyboard({Key.SPACE: lambda: seen.append(1)}, seen.append, terminal[1]):
+        type_in(terminal, b'\x1b')
+        wait_until(lambda: rests == [b''])
+        type_in(terminal, b' ')
+        wait_until(lambda: seen)
     assert seen == [1]
 
 
@@ -112,14 +122,14 @@ def test_what_was_begun_is_undone_when_no_thread_can_start(terminal, monkeypatch
 
 @pytest.mark.parametrize('keys', [b'', b'\x1b', b'\x1b['])
 def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
-    master, stream = terminal
-    monkeypatch.setattr(keyboard, '_LOOK_AGAIN_S', 60)
-    monkeypatch.setattr(keyboard, '_REST_OF_ESCAPE_S', 60)
-    with Keyboard({}, lambda _: None, stream) as entered:
-        os.write(master, keys)
-        time.sleep(0.02)
-        start = time.monotonic()
-    assert time.monotonic() - start < 1
+    monkeypatch.setattr(keyboard, '_LOOK_AGAIN_S', 3600)
+    monkeypatch.setattr(keyboard, '_REST_OF_ESCAPE_S', 3600)
+    entered = Keyboard({}, lambda _: None, terminal[1]).__enter__()
+    type_in(terminal, keys)
+    closing = threading.Thread(target=entered.__exit__, args=(None, None, None), daemon=True)
+    closing.start()
+    closing.join(60)
+    assert not closing.is_alive()
     assert not entered._thread.is_alive()
 
 
@@ -128,7 +138,7 @@ def test_the_thread_ends_with_its_terminal(monkeypatch):
     monkeypatch.setattr(keyboard, '_in_foreground', lambda _: True)
     with os.fdopen(slave, 'r') as stream, Keyboard({}, lambda _: None, stream) as entered:
         os.close(master)
-        wait_for(lambda: not entered._thread.is_alive())
+        wait_until(lambda: not entered._thread.is_alive())
 
 
 def test_the_mode_comes_back_after_a_shell_changed_it(terminal, monkeypatch):
@@ -137,7 +147,7 @@ def test_the_mode_comes_back_after_a_shell_changed_it(terminal, monkeypatch):
     before = termios.tcgetattr(stream.fileno())
     with Keyboard({}, lambda _: None, stream):
         termios.tcsetattr(stream.fileno(), termios.TCSANOW, before)
-        wait_for(lambda: not termios.tcgetattr(stream.fileno())[3] & termios.ICANON)
+        wait_until(lambda: not termios.tcgetattr(stream.fileno())[3] & termios.ICANON)
 
 
 def test_an_action_that_fails_is_told_and_the_next_key_works(terminal):
@@ -149,7 +159,7 @@ def test_an_action_that_fails_is_told_and_the_next_key_works(terminal):
 
     with Keyboard({Key.SPACE: fail, Key.QUIT: lambda: seen.append(1)}, errors.append, stream):
         os.write(master, b' q')
-        wait_for(lambda: seen)
+        wait_until(lambda: seen)
     assert [str(error) for error in errors] == ['no']
 
 
@@ -174,7 +184,7 @@ def test_no_standard_input_is_no_terminal(monkeypatch):
 
 # A shell, the terminal's own session leader, and its job, which ends on q or when told to.
 SHELL = """
-    import fcntl, os, signal, sys, termios, threading, time
+    import fcntl, os, select, signal, sys, termios, threading
     from kitti_ros2.player import keyboard
 
     keyboard._LOOK_AGAIN_S = 0.02
@@ -183,6 +193,9 @@ SHELL = """
     ours = termios.tcgetattr(0)
     from_job, to_shell = os.pipe()
     go, to_job = os.pipe()
+    checks, to_checks = os.pipe()
+    in_foreground = keyboard._in_foreground
+    keyboard._in_foreground = lambda _: os.write(to_checks, b'.') and in_foreground(0)
     job = os.fork()
     if job == 0:
         signal.signal(signal.SIGTTOU, signal.SIG_DFL)
@@ -201,6 +214,11 @@ SHELL = """
     def say(word):
         print(word, file=sys.stderr, flush=True)
 
+    def wait_for_checks(count):
+        os.read(checks, 65536)  # those so far
+        for _ in range(count):
+            os.read(checks, 1)
+
     def cooked():
         return bool(termios.tcgetattr(0)[3] & termios.ICANON)
 
@@ -213,13 +231,14 @@ SHELL = """
     os.tcsetpgrp(0, os.getpgrp())
     termios.tcsetattr(0, termios.TCSANOW, ours)
     say('background')
-    time.sleep(0.2)
+    select.select([0], [], [])
+    wait_for_checks(4)
     line = os.read(0, 100)
     say(f'{line!r} {cooked()} {os.waitpid(job, os.WNOHANG | os.WUNTRACED)}')
     if sys.argv[1] == 'fg':
         os.tcsetpgrp(0, job)
         while cooked():
-            time.sleep(0.01)
+            wait_for_checks(1)
         say('foreground')
     else:
         os.write(to_job, b'.')

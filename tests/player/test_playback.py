@@ -3,7 +3,6 @@
 """The player's clock and controls, in a time that the test makes."""
 
 import threading
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,8 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.playback import AtEnd, PlaybackOptions
 from kitti_ros2.player.playback import Playback
 from kitti_ros2.player.playback_events import Idle, Jump, Send, Tick
+
+from waiting import wait_until  # isort: skip
 
 SECOND = 1_000_000_000
 START = 1_300_000_000 * SECOND
@@ -299,8 +300,7 @@ def test_a_burst_plays_whole_samples_until_there_are_so_many_messages():
 
     def ask():
         asking.start()
-        while not playback._burst_left:
-            time.sleep(0.001)
+        wait_until(lambda: playback._burst_left)
 
     clock.at(1, ask)
     clock.at(2, lambda: (asking.join(5), playback.stop()))

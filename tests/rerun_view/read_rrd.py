@@ -29,7 +29,11 @@ class Row(NamedTuple):
 
 
 class Rrd:
-    """The rows of each entity, in order of time."""
+    """The rows of each entity, in order of time; those of one time by their components.
+
+    The SDK writes rows of one time in any order: a thread collects them in chunks, every few
+    milliseconds.
+    """
 
     def __init__(self, path: Path) -> None:
         self.rows: dict[str, list[Row]] = defaultdict(list)
@@ -39,7 +43,7 @@ class Rrd:
             self.timelines |= set(chunk.timeline_names)
             self._add(chunk)
         for rows in self.rows.values():
-            rows.sort(key=lambda row: -1 if row.stamp_ns is None else row.stamp_ns)
+            rows.sort(key=lambda row: (row.stamp_ns or -1, sorted(row.components)))
 
     def _add(self, chunk: Any) -> None:
         batch = chunk.to_record_batch()
