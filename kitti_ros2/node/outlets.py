@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..model.errors import MissingDataError
+from ..model.stamps import to_sec_nanosec
 from ..player.transport import Audience
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
@@ -136,8 +137,7 @@ class Outlets:
 
     def tell_time(self, stamp_ns: int) -> None:
         """Publish /clock."""
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-        self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
+        self._tell_time(_CLOCK.pack(_ENCAPSULATION, *to_sec_nanosec(stamp_ns)))
 
     def jump(self, stamp_ns: int) -> None:
         """Do nothing: subscribers detect the seek by the time going backwards."""
