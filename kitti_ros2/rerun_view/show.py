@@ -93,18 +93,13 @@ def show(
                 shown.take(due, TimePoint(due.stamp_ns, frame))
             progress(position + 1, shown.size_bytes)
     shown.finish()
-    unshown = [
-        f'{outlet.name}: {outlet.msgtype} is not shown'
-        for outlet in program.outlets
-        if outlet.msgtype not in TABLE
-    ]
     return ShowReport(
         shown.messages,
         len(np.unique(program.frames)),
         shown.size_bytes,
         shown.losses,
         tuple(program.losses),
-        (*unshown, *program.notes(), *notes),
+        (*shown.unsupported, *program.notes(), *notes),
     )
 
 
@@ -119,6 +114,11 @@ class _StreamLogger:
             for index, outlet in enumerate(program.outlets)
             if outlet.msgtype in TABLE
         }
+        self.unsupported = [
+            f'{outlet.name}: {outlet.msgtype} is not shown'
+            for outlet in program.outlets
+            if outlet.msgtype not in TABLE
+        ]
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
         self._keys: dict[int, Hashable] = {}
