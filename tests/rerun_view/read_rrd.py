@@ -39,7 +39,7 @@ class Rrd:
             self.timelines |= set(chunk.timeline_names)
             self._add(chunk)
         for rows in self.rows.values():
-            rows.sort(key=lambda row: -1 if row.stamp_ns is None else row.stamp_ns)
+            rows.sort(key=_order)
 
     def _add(self, chunk: Any) -> None:
         batch = chunk.to_record_batch()
@@ -66,6 +66,11 @@ class Rrd:
         """The only value there is."""
         ((_, value),) = self.having(entity, component)
         return value
+
+
+def _order(row: Row) -> tuple[int, list[str]]:
+    """By time; rows of one time are in chunks of any order."""
+    return -1 if row.stamp_ns is None else row.stamp_ns, sorted(row.components)
 
 
 def _small(name: str) -> bool:
