@@ -41,21 +41,21 @@ EXTRAS = {
     ],
     # Films in H.264; without it they are MPEG-4 Part 2, which browsers do not show.
     'video': ['av>=14,<19'],
-    'test': [
-        'av>=14,<19',
-        'foxglove-sdk>=0.30,<0.31',
-        'hypothesis>=6.100,<7',
-        'mcap-ros2-support>=0.5.5,<0.7',
-        'mypy>=1.15,<3',
-        'packaging>=23,<27',
-        'pytest-xdist>=3.5,<4',
-        'pytest>=8,<10',
-        'ruff>=0.17,<0.18',
-        'types-PyYAML>=6.0.12,<7',
-        'types-defusedxml>=0.7.0,<0.8',
-        'websockets>=15,<18',
-    ],
 }
+EXTRAS['test'] = [
+    *EXTRAS['video'],
+    *EXTRAS['foxglove'],
+    'hypothesis>=6.100,<7',
+    'mcap-ros2-support>=0.5.5,<0.7',
+    'mypy>=1.15,<3',
+    'packaging>=23,<27',
+    'pytest-xdist>=3.5,<4',
+    'pytest>=8,<10',
+    'ruff>=0.17,<0.18',
+    'types-PyYAML>=6.0.12,<7',
+    'types-defusedxml>=0.7.0,<0.8',
+    'websockets>=15,<18',
+]
 
 
 def share(folder: str, pattern: str) -> list[tuple[str, list[str]]]:

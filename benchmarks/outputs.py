@@ -15,18 +15,16 @@ it the synthetic recordings are the only samples.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from yardsticks import COMMAND  # isort: skip
+from yardsticks import COMMAND, make_parser  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +58,7 @@ class Outputs:
     def run(self, *words: str, out: str = '') -> None:
         """One command, and the file or folder that it makes."""
         done = subprocess.run(
-            [sys.executable, *COMMAND, *words],
+            [*COMMAND, *words],
             cwd=self.folder,
             env=os.environ | {'COLUMNS': '80', 'NO_COLOR': '1'},
             stdin=subprocess.DEVNULL,
@@ -164,9 +162,7 @@ def real(folder: Path, samples: Path) -> tuple[list[str], list[str]]:
 
 def main() -> None:
     """Print the list, sorted by what its lines are of."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = make_parser(__doc__)
     parser.add_argument('--samples', type=Path)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -11,11 +11,10 @@ compared takes turns, so that a busy moment meets all of them.
 
 from __future__ import annotations
 
-import argparse
 import os
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING
 
 import cv2
@@ -26,23 +25,14 @@ from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.sources import open_frames
 
-from yardsticks import median, report  # isort: skip
+from yardsticks import make_parser, report, seconds  # isort: skip
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from kitti_ros2.pictures.frame import FrameSource
 
 OPTIONS = PictureOptions()
 PANELS = 24
 """Panels of one timed run with threads."""
-
-
-def seconds(work: Callable[[], object]) -> float:
-    """How long work takes."""
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
 
 
 def measure_modes(source: FrameSource, repeat: int) -> None:
@@ -97,9 +87,7 @@ def measure_panels(source: FrameSource, repeat: int, threads: int) -> None:
 
 def main() -> None:
     """Measure what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = make_parser(__doc__)
     parser.add_argument('src', type=Path)
     parser.add_argument('--repeat', type=int, default=7)
     parser.add_argument('--threads', type=int, default=os.cpu_count() or 1)

@@ -15,13 +15,13 @@ import argparse
 import json
 import os
 import resource
-import statistics
 import subprocess
 import sys
 import threading
 import time
 from array import array
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -44,6 +44,8 @@ from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.player.session import Session
+
+from yardsticks import make_parser, report  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -279,11 +281,6 @@ def quantile(values: list[int], share: float) -> float:
     return sorted(values)[int(share * (len(values) - 1))] / 1e6
 
 
-def report(name: str, value: float, bound: str, note: str = '') -> None:
-    """One line."""
-    print(f'{name:<46}{value:8.2f}   {bound:<9} {note}', flush=True)
-
-
 def expected(program: Program) -> dict[str, int]:
     """Messages of each volatile topic."""
     counts: dict[str, int] = {}
@@ -309,11 +306,10 @@ def measure_real_time(src: Path, repeat: int) -> None:
         most.append(quantile(played['late'], 0.99))
         timer.append(quantile(beside.result()['late'], 0.99))
         lost += sum(counts.values()) - sum(heard.values())
-    report('schedule error p50, ms', statistics.median(half), '<= 0.5')
-    report('schedule error p99, ms', statistics.median(most), '<= 3')
-    note = f'the timer {statistics.median(timer):.2f} ms'
-    report('p99 / p99 of a bare rclpy timer', statistics.median(most) / statistics.median(timer),
-           '<= 2', note)  # fmt: skip
+    report('schedule error p50, ms', median(half), '<= 0.5')
+    report('schedule error p99, ms', median(most), '<= 3')
+    note = f'the timer {median(timer):.2f} ms'
+    report('p99 / p99 of a bare rclpy timer', median(most) / median(timer), '<= 2', note)
     report('messages that did not arrive', lost, '0', f'of {repeat * sum(counts.values())}')
 
 
@@ -334,11 +330,11 @@ def measure_load(src: Path, repeat: int) -> None:
         lost += total - sum(heard.values())
         played, _ = with_subscriber(topics, bare(src, topics, 'flat out'))
         bare_fast.append(frames / played['wall'])
-    report('one core busy at rate 1, share', statistics.median(cpu), '<= 0.4')
-    ratio = statistics.median(cpu) / statistics.median(bare_cpu)
-    report('the same / the bare loop', ratio, '<= 2.5', f'bare {statistics.median(bare_cpu):.2f}')
-    ratio = statistics.median(fast) / statistics.median(bare_fast)
-    note = f'{statistics.median(fast):.0f} of {statistics.median(bare_fast):.0f} frames/s'
+    report('one core busy at rate 1, share', median(cpu), '<= 0.4')
+    ratio = median(cpu) / median(bare_cpu)
+    report('the same / the bare loop', ratio, '<= 2.5', f'bare {median(bare_cpu):.2f}')
+    ratio = median(fast) / median(bare_fast)
+    note = f'{median(fast):.0f} of {median(bare_fast):.0f} frames/s'
     report('lossless, frames/s / the bare loop', ratio, '>= 0.6', note)
     report('messages lost by it', lost, '0', f'of {repeat * total}')
 
@@ -350,17 +346,15 @@ def measure_memory(src: Path, rounds: int) -> None:
     played, _ = with_subscriber(topics, play(src, topics, lossless=True, loop=rounds))
     memory = played['memory']
     tenth = max(1, len(memory) // 10)
-    early = statistics.median(memory[tenth : 2 * tenth])
-    late = statistics.median(memory[-tenth:])
-    report(f'memory in the end / after 5 of {rounds} rounds', late / early, '<= 1.05',
-           f'{late:.0f} MB')  # fmt: skip
+    early = median(memory[tenth : 2 * tenth])
+    late = median(memory[-tenth:])
+    name = f'memory in the end / after 5 of {rounds} rounds'
+    report(name, late / early, '<= 1.05', f'{late:.0f} MB')
 
 
 def main() -> None:
     """Run all measures, or one of the processes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = make_parser(__doc__)
     parser.add_argument('src', nargs='+')
     parser.add_argument('--repeat', type=int, default=3)
     parser.add_argument('--rounds', type=int, default=50, help='for the growth of memory')

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from statistics import median
 
-from yardsticks import median, parse_arguments, process, report
+from yardsticks import parse_arguments, process, report
 
 LIMIT_S = 10.0
 GROWTH = 1.2

@@ -16,8 +16,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
+from statistics import median
 
 from kitti_ros2.cli.memory import keep_freed_memory
 from kitti_ros2.exporter.to_bag import convert
@@ -26,7 +26,17 @@ from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 
-from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
+from yardsticks import (  # isort: skip
+    COMMAND,
+    Drive,
+    Run,
+    measure_memory,
+    parse_arguments,
+    process,
+    report,
+    seconds,
+    timed,
+)
 
 DECODE = """
 import sys, time, cv2, numpy as np
@@ -37,59 +47,36 @@ print(time.perf_counter() - started)
 """
 
 
-class Bench:
+class Bench(Drive):
     """The work that is timed, on one drive, each time into a fresh output."""
-
-    def __init__(self, src: Path, folder: Path) -> None:
-        self.src = src
-        self.folder = folder
-        self.recording = open_recording(src)
-        self.root = self.recording.root
-        self.pngs = sorted(
-            path for path in self.root.rglob('*.png') if self.recording.name in path.parts
-        )
-
-    def copy(self) -> Run:
-        """Copy the drive with its calibration, by cp -r, to the disk."""
-        return copy(self.root, self.folder / 'copy', to_disk=True)
 
     def convert(self, images: Images) -> Run:
         """The conversion alone, in this process."""
-        out = fresh(self.folder / 'out.mcap')
+        out, messages = self.folder / 'out.mcap', MessageOptions(images=images)
 
-        def work() -> int:
-            recording = open_recording(self.src)
-            messages = MessageOptions(images=images)
-            return convert(recording, out, messages, SelectionOptions(), BagOptions()).size_bytes
+        def work() -> None:
+            convert(open_recording(self.src), out, messages, SelectionOptions(), BagOptions())
 
-        run = timed(work)
-        fresh(out)
-        return run
+        return timed(out, work)
 
-    def process(self, src: Path | None = None, *options: str) -> tuple[Run, float]:
+    def process(self, src: Path, images: str) -> tuple[Run, float]:
         """The whole command, to the disk, start included; also its peak memory in MB."""
         out = self.folder / 'out.mcap'
-        return process(out, 'to-bag', str(src or self.src), str(out), '-q', *options, to_disk=True)
+        words = ('to-bag', str(src), str(out), '-q', '--images', images)
+        return process(out, *words, to_disk=True)
 
     def decode(self) -> float:
         """Seconds of a bare loop over the drive's PNGs, one core, in a process of its own."""
-        words = [sys.executable, '-c', DECODE, *map(str, self.pngs)]
+        words = [sys.executable, '-c', DECODE, *self.pngs]
         return float(subprocess.run(words, check=True, capture_output=True).stdout)
-
-
-def command_seconds(*words: str) -> float:
-    """How long a command takes."""
-    started = time.perf_counter()
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - started
 
 
 def measure_pass_through(bench: Bench, repeat: int) -> None:
     """The whole command against cp -r, both until everything is on the disk."""
     copies, wholes = [], []
     for _ in range(repeat):
-        copies.append(bench.copy().rate)
-        wholes.append(bench.process()[0].rate)
+        copies.append(bench.copy(to_disk=True).rate)
+        wholes.append(bench.process(bench.src, 'compressed')[0].rate)
     ratios = [whole / copied for whole, copied in zip(wholes, copies, strict=True)]
     note = f'{median(wholes) / 1e6:.0f} MB/s; cp -r {median(copies) / 1e6:.0f} MB/s'
     report('PNG pass-through / cp -r, with sync', median(ratios), '>= 0.8', note)
@@ -109,23 +96,16 @@ def measure_raw(bench: Bench, repeat: int) -> None:
     report('--images raw / bare decoding on all cores', ideal / median(raws), '>= 0.8', note)
 
 
-def measure_memory(bench: Bench, longer: Path | None) -> None:
-    """Peak of the whole process, and whether a longer drive needs more."""
-    for name, options in (('', ()), (' --images raw', ('--images', 'raw'))):
-        peak = bench.process(None, *options)[1]
-        report(f'peak memory{name}, MB', peak, '<= 300', str(bench.src.name))
-        if longer is not None:
-            grown = bench.process(longer, *options)[1]
-            report(f'the longer drive{name} / this one', grown / peak, '<= 1.1', f'{grown:.0f} MB')
-
-
 def measure_help(repeat: int) -> None:
     """Against importing numpy."""
-    python = sys.executable
+
+    def run(*words: str) -> float:
+        return seconds(lambda: subprocess.run(words, check=True, stdout=subprocess.DEVNULL))
+
     helps, numpys = [], []
     for _ in range(repeat):
-        numpys.append(command_seconds(python, '-c', 'import numpy'))
-        helps.append(command_seconds(python, *COMMAND, '--help'))
+        numpys.append(run(sys.executable, '-c', 'import numpy'))
+        helps.append(run(*COMMAND, '--help'))
     note = f'{median(helps) * 1000:.0f} ms'
     report('kitti-ros2 --help / import numpy', median(helps) / median(numpys), '<= 3', note)
 
@@ -135,10 +115,10 @@ def main() -> None:
     args = parse_arguments(__doc__)
     with tempfile.TemporaryDirectory(dir=args.dir or args.src.resolve().parent.parent) as folder:
         bench = Bench(args.src, Path(folder))
-        bench.copy()  # warms the page cache, for all alike
+        bench.copy(to_disk=True)  # warms the page cache, for all alike
         measure_pass_through(bench, args.repeat)
         measure_raw(bench, max(3, args.repeat // 2))
-        measure_memory(bench, args.long)
+        measure_memory(args.src, args.long, '<= 300', lambda *what: bench.process(*what)[1])
         measure_help(args.repeat)
 
 

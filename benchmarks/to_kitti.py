@@ -16,14 +16,24 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from statistics import median
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
 from kitti_ros2.own_bags.restore import restore
 
-from yardsticks import COMMAND, Run, copy, fresh, median, parse_arguments, process, report, timed  # isort: skip
+from yardsticks import (  # isort: skip
+    COMMAND,
+    Drive,
+    Run,
+    fresh,
+    measure_memory,
+    parse_arguments,
+    process,
+    report,
+    timed,
+)
 
 ENCODE = """
 import sys, time, cv2, numpy as np
@@ -77,50 +87,42 @@ print(time.perf_counter() - started)
 """
 
 
-class Bench:
+class Bench(Drive):
     """The work that is timed, on one drive."""
 
-    def __init__(self, src: Path, folder: Path) -> None:
-        self.src = src
-        self.folder = folder
-        self.recording = open_recording(src)
-        self.pngs = sorted(
-            str(path)
-            for path in self.recording.root.rglob('*.png')
-            if self.recording.name in path.parts
-        )
-
-    def bag(self, name: str, src: Path, *options: str) -> Path:
+    def bag(self, images: str, src: Path) -> Path:
         """A bag of a drive, made once."""
-        path = self.folder / f'{name}.mcap'
+        path = self.folder / f'{"" if src == self.src else "long_"}{images}.mcap'
         if not path.exists():
-            words = [sys.executable, *COMMAND, 'to-bag', src, path, '-q', *options]
-            subprocess.run([str(word) for word in words], check=True)
+            words = [*COMMAND, 'to-bag', str(src), str(path), '-q', '--images', images]
+            subprocess.run(words, check=True)
         return path
-
-    def copy(self) -> Run:
-        """Copy the drive with its calibration, by cp -r."""
-        return copy(self.recording.root, self.folder / 'copy')
 
     def restore(self, bag: Path) -> Run:
         """The conversion alone, in this process."""
-        out = fresh(self.folder / 'out')
+        out = self.folder / 'out'
 
-        def work() -> int:
+        def work() -> None:
             with OpenBag(bag) as opened:
                 blueprint = find_blueprint(opened)
                 if blueprint is None:
                     raise SystemExit(f'{bag} is none of to-bag')
-                return sum(each.size_bytes for each in restore([(opened, blueprint)], out))
+                restore([(opened, blueprint)], out)
 
-        run = timed(work)
-        fresh(out)
-        return run
+        return timed(out, work)
 
-    def back(self, bag: Path, *options: str) -> tuple[Run, float]:
+    def back(self, bag: Path) -> tuple[Run, float]:
         """The whole command, start included; also its peak memory in MB."""
         out = self.folder / 'out'
-        return process(out, 'to-kitti', str(bag), str(out), '-q', *options)
+        return process(out, 'to-kitti', str(bag), str(out), '-q')
+
+    def peak_mb(self, src: Path, images: str) -> float:
+        """Peak memory of the whole command; the bag of a longer drive is removed."""
+        bag = self.bag(images, src)
+        peak = self.back(bag)[1]
+        if src != self.src:
+            bag.unlink()
+        return peak
 
     def encode(self, kind: str) -> float:
         """Seconds an image by a bare loop of one encoder, one core, in a process of its own."""
@@ -182,7 +184,7 @@ def measure_pass_through(bench: Bench, repeat: int) -> None:
 def measure_raw(bench: Bench, repeat: int) -> None:
     """Against encoding alone on every core, by the fastest encoder at hand."""
     cores = os.cpu_count() or 1
-    bag = bench.bag('raw', bench.src, '--images', 'raw')
+    bag = bench.bag('raw', bench.src)
     encodes: dict[str, list[float]] = {'fpng_py': [], 'opencv': [], 'kitti_ros2': []}
     alone, backs, bounds = [], [], []
     for _ in range(repeat):
@@ -206,17 +208,6 @@ def measure_raw(bench: Bench, repeat: int) -> None:
     report('the same, whole process', ideal / median(backs), '', note)
 
 
-def measure_memory(bench: Bench, longer: Path | None) -> None:
-    """Peak of the whole process, and whether a longer drive needs more."""
-    for name, options in (('compressed', ()), ('raw', ('--images', 'raw'))):
-        peak = bench.back(bench.bag(name, bench.src, *options))[1]
-        report(f'peak memory, {name} images, MB', peak, '<= 400', str(bench.src.name))
-        if longer is not None:
-            grown = bench.back(bench.bag(f'long_{name}', longer, *options))[1]
-            report(f'the longer drive, {name} / this', grown / peak, '<= 1.1', f'{grown:.0f} MB')
-            bench.bag(f'long_{name}', longer).unlink()
-
-
 def main() -> None:
     """Run all measures."""
     args = parse_arguments(__doc__)
@@ -226,7 +217,7 @@ def main() -> None:
         bench.copy()  # warms the page cache, for all alike
         measure_pass_through(bench, args.repeat)
         measure_raw(bench, max(3, args.repeat // 2))
-        measure_memory(bench, args.long)
+        measure_memory(args.src, args.long, '<= 400', bench.peak_mb)
 
 
 if __name__ == '__main__':

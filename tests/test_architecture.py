@@ -34,7 +34,7 @@ _IMPORTS = {
     'player': 'model files options kitti messages bags exporter importer own_bags',
     'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures',
     'bridge': 'model options messages player',
-    'node': 'model options player',
+    'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}

@@ -18,7 +18,7 @@ from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
 from ..model.channels import Channel
 from ..player.source import STATE
-from ..player.transport import Audience
+from ..player.transport import Audience, Transport
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,22 +28,21 @@ if TYPE_CHECKING:
     from ..messages.ros_types import Typestore
     from ..player.program import Program
 
-_LOOK_EVERY_NS = 50_000_000
 _RENEW_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
 
 
-class ViewerChannels:
+class ViewerChannels(Transport):
     """The Transport of a session: a channel per topic, and one for the player's state.
+
+    There are no complaints: every type comes with its own definition. There is always room: a slow
+    viewer loses its oldest messages.
 
     Args:
         program: The program with the topics.
         context: Connects the channels with a server.
         tell_time: Sends the recording's time to viewers, nanoseconds since 1970.
         tell_jump: Sends the target of a seek to viewers.
-
-    Attributes:
-        complaints: Always empty: every type comes with its own definition.
     """
 
     def __init__(
@@ -53,42 +52,27 @@ class ViewerChannels:
         tell_time: Callable[[int], None],
         tell_jump: Callable[[int], None],
     ) -> None:
-        self.complaints: dict[int, str] = {}
-        self.tell_time = tell_time
-        self._tell_jump = tell_jump
-        self._outlets = list(program.channels)
-        self._channels = [_open(each, program.typestore, context) for each in self._outlets]
-        self._state = len(self._outlets)
         state = Channel(STATE, DIAGNOSTICS, latched=True, depth=1)
-        self._outlets.append(state)
+        super().__init__([*program.channels, state])
+        self._tell_time = tell_time
+        self._tell_jump = tell_jump
+        self._channels = [_open(each, program.typestore, context) for each in program.channels]
         self._channels.append(_open(state, TYPESTORE, context))
-        self._index = {each.topic: index for index, each in enumerate(self._outlets)}
-        self._large = [index for index, each in enumerate(self._outlets) if each.on_demand]
+        self._state = len(program.channels)
+        self._index = {each.topic: index for index, each in enumerate(self.channels)}
         self._lock = threading.Lock()
         self._kept: dict[int, deque[tuple[bytes, int]]] = {
             index: deque(maxlen=each.depth)
-            for index, each in enumerate(self._outlets)
+            for index, each in enumerate(self.channels)
             if each.latched
         }
-        self._wanted: frozenset[int] = frozenset()
-        self._looked_ns = 0
         self._renew_ns: int | None = None
 
-    def wanted(self, now_ns: int) -> frozenset[int]:
-        """Return the on-demand outlets with a subscriber, cached for a short time."""
-        if now_ns - self._looked_ns > _LOOK_EVERY_NS:
-            self.look()
-        return self._wanted
-
     def look(self) -> frozenset[int]:
-        """Return the on-demand outlets with a subscriber now."""
-        self._looked_ns = time.monotonic_ns()
-        if self._renew_ns is not None and self._looked_ns >= self._renew_ns:
+        """Return the on-demand outlets with a subscriber now; resend what a seek left to send."""
+        if self._renew_ns is not None and time.monotonic_ns() >= self._renew_ns:
             self._renew()
-        self._wanted = frozenset(
-            index for index in self._large if self._channels[index].has_sinks()
-        )
-        return self._wanted
+        return super().look()
 
     def audience(self) -> Audience:
         """Count the channels with a viewer; the server does not count viewers."""
@@ -125,9 +109,9 @@ class ViewerChannels:
         if outlet is not None:
             self._give(outlet)
 
-    def make_room(self, outlet: int, seconds: float) -> bool:  # noqa: ARG002 - see Transport
-        """Return True: there is always room, a slow viewer loses its oldest messages."""
-        return True
+    def tell_time(self, stamp_ns: int) -> None:
+        """Send the recording's time."""
+        self._tell_time(stamp_ns)
 
     def jump(self, stamp_ns: int) -> None:
         """Tell viewers, which then drop their messages; resend latched ones after a short delay.

@@ -108,8 +108,6 @@ def _play_for_viewers(
     *,
     keyboard: bool,
 ) -> int:
-    from ..bridge.installed import check_installed
-
     if not 0 <= port <= _LAST_PORT:
         raise UsageError(f'invalid port {port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:
@@ -118,9 +116,12 @@ def _play_for_viewers(
         raise UsageError(f'{_ROS_ARGS} does not go with {_FOXGLOVE}: no node is started')
     # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
-    check_installed()
-    from ..bridge.run import run_bridge
-
+    try:
+        from ..bridge.run import run_bridge
+    except ImportError as error:  # the SDK is missing or too old for playback control
+        raise UsageError(
+            "--foxglove needs foxglove-sdk 0.30; run pip install 'kitti_ros2[foxglove]'"
+        ) from error
     keep_imports()
     keep_freed_memory()
     failures = run_bridge(str(src), settings, port, ending, _say, complain, keyboard=keyboard)

@@ -7,13 +7,13 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import closing
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ..files.staging import keep_all, keep_all_but_files, staged_file
 from ..model.errors import UsageError
 from ..options.table import make_settings
 from ..player.source import open_program
-from ..rerun_view.installed import check_installed
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_imports
@@ -65,7 +65,10 @@ def run_rerun(
         raise UsageError('--web and --save exclude each other; open the saved file with rerun')
     if save is not None and save.suffix != '.rrd':
         raise UsageError(f'{save}: expected a name that ends in .rrd')
-    check_installed()
+    if find_spec('rerun') is None:
+        raise UsageError(
+            "--rerun needs rerun-sdk, which is not installed; run pip install 'kitti_ros2[rerun]'"
+        )
     # Rerun's log repeats on several lines what is printed here in one.
     os.environ.setdefault('RUST_LOG', 'off')
     settings = make_settings(given)

@@ -16,11 +16,12 @@ Intended differences from rosbag2 (rosbag2_transport/player.cpp, 0.26):
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from std_srvs.srv import Trigger
 
 from ..model.errors import UsageError
+from ..model.stamps import from_sec_nanosec
 from ..player.state import where
 
 if TYPE_CHECKING:
@@ -32,15 +33,18 @@ if TYPE_CHECKING:
     from ..player.keys import Controlled
     from ..player.playback import Playback
 
+Act: TypeAlias = 'Callable[[Any, Any], object]'
+"""A handler of a request, which fills in the response."""
+
 _PACKAGE = 'rosbag2_interfaces'
 
 
 def create_services(node: Node, player: Controlled) -> None:
     """Create ~/pause and the other services, with the installed types."""
     types = _rosbag2_types()
-    make = _rosbag2_services if types else _plain_services
-    for name, kind, handler in make(player, types):
-        node.create_service(kind, f'~/{name}', handler)
+    services = _rosbag2_services(player, types) if types else _plain_services(player)
+    for name, (kind, act) in services.items():
+        node.create_service(kind, f'~/{name}', _handler(player, act))
 
 
 def _rosbag2_types() -> ModuleType | None:
@@ -50,39 +54,35 @@ def _rosbag2_types() -> ModuleType | None:
         return None
 
 
-def _plain_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401, ARG001
-    """List the services as Triggers, which describe their result in words."""
+def _handler(player: Controlled, act: Act) -> Callable[[Any, Any], Any]:
+    def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
+        act(request, response)
+        player.tell_state()
+        return response
 
-    def handler(act: Callable[[Playback], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
-        def handle(_: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
-            response.success, response.message = act(player.playback)
-            player.tell_state()
-            return response
-
-        return handle
-
-    return [
-        ('pause', Trigger, handler(_pause)),
-        ('resume', Trigger, handler(_resume)),
-        ('toggle_paused', Trigger, handler(_toggle)),
-        ('play_next', Trigger, handler(_play_next)),
-        ('stop', Trigger, handler(_stop)),
-    ]
+    return handle
 
 
-def _pause(playback: Playback) -> tuple[bool, str]:
-    playback.pause()
-    return True, where(playback)
+def _plain_services(player: Controlled) -> dict[str, tuple[Any, Act]]:
+    """Return type and handler by name: Triggers, which describe their result in words."""
 
+    def control(name: str) -> Act:
+        def act(_: Any, response: Any) -> None:  # noqa: ANN401
+            getattr(player.playback, name)()
+            response.success, response.message = True, where(player.playback)
 
-def _resume(playback: Playback) -> tuple[bool, str]:
-    playback.resume()
-    return True, where(playback)
+        return act
 
+    def play_next(_: Any, response: Any) -> None:  # noqa: ANN401
+        response.success, response.message = _play_next(player.playback)
 
-def _toggle(playback: Playback) -> tuple[bool, str]:
-    playback.toggle_paused()
-    return True, where(playback)
+    def stop(_: Any, response: Any) -> None:  # noqa: ANN401
+        player.playback.stop()
+        response.success, response.message = True, 'stopped'
+
+    acts = {name: control(name) for name in ('pause', 'resume', 'toggle_paused')}
+    acts |= {'play_next': play_next, 'stop': stop}
+    return {name: (Trigger, act) for name, act in acts.items()}
 
 
 def _play_next(playback: Playback) -> tuple[bool, str]:
@@ -94,21 +94,8 @@ def _play_next(playback: Playback) -> tuple[bool, str]:
     return False, 'there is nothing left to play' if state.finished else 'it took too long'
 
 
-def _stop(playback: Playback) -> tuple[bool, str]:
-    playback.stop()
-    return True, 'stopped'
-
-
-def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # noqa: ANN401
-    """List the services of rosbag2's player; the module's docstring lists the differences."""
-
-    def handler(act: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
-        def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
-            act(request, response)
-            player.tell_state()
-            return response
-
-        return handle
+def _rosbag2_services(player: Controlled, types: ModuleType) -> dict[str, tuple[Any, Act]]:
+    """Return type and handler by name, as in rosbag2; see the module's docstring."""
 
     def is_paused(_: Any, response: Any) -> None:  # noqa: ANN401
         response.paused = player.playback.state().paused
@@ -126,10 +113,10 @@ def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # n
         response.actually_burst = player.playback.burst(request.num_messages)
 
     def seek(request: Any, response: Any) -> None:  # noqa: ANN401
-        stamp_ns = request.time.sec * 1_000_000_000 + request.time.nanosec
+        stamp_ns = from_sec_nanosec(request.time.sec, request.time.nanosec)
         response.success = _succeeds(lambda: player.playback.seek(stamp_ns))
 
-    acts = {
+    acts: dict[str, Act] = {
         'Pause': lambda *_: player.playback.pause(),
         'Resume': lambda *_: player.playback.resume(),
         'TogglePaused': lambda *_: player.playback.toggle_paused(),
@@ -141,7 +128,7 @@ def _rosbag2_services(player: Controlled, types: ModuleType | None) -> Any:  # n
         'Seek': seek,
         'Stop': lambda *_: player.playback.stop(),
     }
-    return [(_snake(name), getattr(types, name), handler(act)) for name, act in acts.items()]
+    return {_snake(name): (getattr(types, name), act) for name, act in acts.items()}
 
 
 def _snake(name: str) -> str:

@@ -12,13 +12,13 @@ import hashlib
 import json
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from ..model.errors import MissingDataError
 from .rosidl_structs import CSequence, CString
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from ..messages.ros_types import Typestore
 
 HASH_PREFIX = 'RIHS01_'
 
@@ -55,25 +55,6 @@ class Shape(IntEnum):
     ARRAY = 48
     BOUNDED = 96
     UNBOUNDED = 144
-
-
-class NodeKind(Protocol):
-    """The kind of a field's type in the typestore: BASE, NAME, ARRAY or SEQUENCE."""
-
-    @property
-    def name(self) -> str:
-        """One of the four names."""
-
-
-class Typestore(Protocol):
-    """The part of rosbags' Typestore that is used here."""
-
-    @property
-    def fielddefs(self) -> Mapping[str, tuple[object, Sequence[tuple[str, tuple[NodeKind, Any]]]]]:
-        """Constants, and fields with their types, by type name."""
-
-    def generate_msgdef(self, typename: str, ros_version: int = ...) -> tuple[str, str]:
-        """Return the text of the definition with its dependencies, and the MD5 sum."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +153,8 @@ def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
     }
 
 
-def _parse(msgtype: str, name: str, node: NodeKind, rest: Any) -> MessageField:  # noqa: ANN401 - nested
+def _parse(msgtype: str, name: str, node: Any, rest: Any) -> MessageField:  # noqa: ANN401
+    """Parse a field's type: its kind (BASE, NAME, ARRAY or SEQUENCE) and what that kind needs."""
     shape, length = Shape.ONE, 0
     if node.name in {'ARRAY', 'SEQUENCE'}:
         (node_of_element, rest_of_element), length = rest

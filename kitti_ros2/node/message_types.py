@@ -14,7 +14,7 @@ from .message_fields import defined_hash, split_name
 from .runtime_types import runtime_type
 
 if TYPE_CHECKING:
-    from .message_fields import Typestore
+    from ..messages.ros_types import Typestore
 
 __all__ = ['message_class', 'type_hash']
 

@@ -5,25 +5,24 @@
 from __future__ import annotations
 
 import struct
-import time
 from typing import TYPE_CHECKING
 
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..model.errors import MissingDataError
-from ..player.transport import Audience
+from ..model.stamps import to_sec_nanosec
+from ..player.transport import Audience, Transport
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
 from .message_types import message_class
 from .qos import make_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from ..model.channels import Channel
     from ..player.program import Program
     from .qos import QosOverride
 
@@ -33,23 +32,20 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
-_COUNT_EVERY_NS = 50_000_000
 _CLOCK = struct.Struct('<4siI')
 _ENCAPSULATION = b'\x00\x01\x00\x00'
 
 
-class Outlets:
+class Outlets(Transport):
     """The publishers of a program; the Transport of a session.
+
+    Subscribers detect a seek by the time going backwards.
 
     Args:
         node: The publishing node.
         program: The program with the topics.
         overrides: QoS by topic name.
         tell_time: Publishes a serialised rosgraph_msgs/Clock.
-
-    Attributes:
-        outlets: The outlets of the program.
-        complaints: Indices of outlets that cannot be published, with the reason.
     """
 
     def __init__(
@@ -59,10 +55,9 @@ class Outlets:
         overrides: Mapping[str, QosOverride],
         tell_time: Callable[[bytes], None],
     ) -> None:
+        super().__init__(program.channels)
         self._node = node
         self._tell_time = tell_time
-        self.channels: Sequence[Channel] = program.channels
-        self.complaints: dict[int, str] = {}
         self._publishers: dict[int, Publisher] = {}
         for index, outlet in enumerate(self.channels):
             try:
@@ -81,24 +76,7 @@ class Outlets:
             index: byte_publisher(each) if self.channels[index].on_demand else each.publish
             for index, each in self._publishers.items()
         }
-        self._large = [index for index in self._publishers if self.channels[index].on_demand]
         self._flow = FlowControl(self._publishers, node.get_logger())
-        self._wanted: frozenset[int] = frozenset()
-        self._counted_ns = 0
-
-    def wanted(self, now_ns: int) -> frozenset[int]:
-        """Return the on-demand outlets with a subscriber, cached for a short time."""
-        if now_ns - self._counted_ns > _COUNT_EVERY_NS:
-            self.look()
-        return self._wanted
-
-    def look(self) -> frozenset[int]:
-        """Return the on-demand outlets with a subscriber now."""
-        self._counted_ns = time.monotonic_ns()
-        self._wanted = frozenset(
-            index for index in self._large if self._publishers[index].get_subscription_count() > 0
-        )
-        return self._wanted
 
     def audience(self) -> Audience:
         """Count the subscribing nodes and their subscriptions, of all outlets.
@@ -137,11 +115,7 @@ class Outlets:
 
     def tell_time(self, stamp_ns: int) -> None:
         """Publish /clock."""
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-        self._tell_time(_CLOCK.pack(_ENCAPSULATION, seconds, nanoseconds))
-
-    def jump(self, stamp_ns: int) -> None:
-        """Do nothing: subscribers detect the seek by the time going backwards."""
+        self._tell_time(_CLOCK.pack(_ENCAPSULATION, *to_sec_nanosec(stamp_ns)))
 
     def finish(self, seconds: float) -> tuple[str, ...]:
         """Wait until all reliable messages are acknowledged; return the topics where one is not."""

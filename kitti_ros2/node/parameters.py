@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.parameter import Parameter
 
 from ..model.errors import UsageError
+from ..options.declare import option, options_of
+from ..options.parsers import parse_integer, parse_text
 from ..options.table import PLAY
 
 if TYPE_CHECKING:
@@ -28,93 +27,57 @@ Value: TypeAlias = 'str | float | bool | list[str]'
 
 
 @dataclass(frozen=True)
-class PlayerParameter:
-    """One parameter.
+class _Commands:
+    """Parameters that are no setting of a playback."""
 
-    Attributes:
-        name: As users write it.
-        default: '' and [''] stand for "not given".
-        description: A line for `ros2 param describe`.
-        live: Whether it may change while the node runs.
-        bounds: Lowest and highest value.
-        any_type: Whether values of other types are accepted as well, such as 12 for '12'.
-        option: The option that it sets; None for a command such as a seek.
-    """
-
-    name: str
-    default: Value
-    description: str
-    live: bool = False
-    bounds: tuple[float, float] | None = None
-    any_type: bool = False
-    option: Option | None = None
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Return the description that ROS shows."""
-        descriptor = ParameterDescriptor(
-            name=self.name,
-            description=self.description,
-            read_only=not self.live,
-            dynamic_typing=self.any_type,
-        )
-        if self.bounds and isinstance(self.default, float):
-            low, high = self.bounds
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        elif self.bounds:
-            low, high = map(int, self.bounds)
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
-        return descriptor
-
-    def convert(self, value: Any) -> Any:  # noqa: ANN401 - any value of YAML
-        """Return a value from a command line or YAML in the declared type."""
-        kind = type(self.default)
-        if self.any_type or isinstance(value, kind):
-            return value
-        if self.option is not None and kind in {int, float, list}:
-            parsed = self.option.parse(self.name, value)
-            return kind(self.option.plain(parsed))
-        return ','.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
-
-
-def _parameter(option: Option) -> PlayerParameter:
-    """Return the parameter of an option."""
-    default, description = option.plain(option.default), option.meaning
-    if option.unset:
-        default = [''] if isinstance(default, tuple) else ''
-        description += f'; empty: {option.unset}'
-    return PlayerParameter(
-        option.name,
-        default,
-        description,
-        live=option.live,
-        bounds=option.bounds,
-        any_type=option.any_type,
-        option=option,
+    source: str = option(
+        '', 'KITTI folder or bag; may be replaced by another at any time', parse_text, live=True
+    )
+    position: str = option(
+        '',
+        "set it to seek: a frame (12), seconds ('3.5s') or a time stamp",
+        parse_text,
+        live=True,
+        any_type=True,
+    )
+    burst: int = option(
+        0,
+        'set it, while paused, to play so many messages at once',
+        parse_integer,
+        live=True,
+        bounds=(0, 2**31),
     )
 
 
-_COMMANDS = (
-    PlayerParameter(
-        'source', '', 'KITTI folder or bag; may be replaced by another at any time', live=True
-    ),
-    PlayerParameter(
-        'position',
-        '',
-        "set it to seek: a frame (12), seconds ('3.5s') or a time stamp",
-        live=True,
-        any_type=True,
-    ),
-    PlayerParameter(
-        'burst',
-        0,
-        'set it, while paused, to play so many messages at once',
-        live=True,
-        bounds=(0, 2**31),
-    ),
-)
-PARAMETERS = (*_COMMANDS, *map(_parameter, PLAY))
-COMMANDS = frozenset(each.name for each in _COMMANDS)
-"""Parameters that are no setting of a playback."""
+def _parameter(declared: Option) -> Option:
+    """Return an option as a parameter, with a default of ROS's types."""
+    default, meaning = declared.plain(declared.default), declared.meaning
+    if declared.unset:
+        default = [''] if isinstance(default, tuple) else ''
+        meaning += f'; empty: {declared.unset}'
+    return replace(declared, default=default, meaning=meaning)
+
+
+PARAMETERS = (*options_of(_Commands), *map(_parameter, PLAY))
+"""All parameters; the defaults '' and [''] stand for "not given"."""
+COMMANDS = frozenset(each.name for each in options_of(_Commands))
+
+
+def descriptor(parameter: Option) -> ParameterDescriptor:
+    """Return the description that ROS shows."""
+    described = ParameterDescriptor(
+        name=parameter.name,
+        description=parameter.meaning,
+        read_only=not parameter.live,
+        dynamic_typing=parameter.any_type,
+    )
+    if parameter.bounds and isinstance(parameter.default, float):
+        low, high = parameter.bounds
+        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif parameter.bounds:
+        low, high = map(int, parameter.bounds)
+        described.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    return described
 
 
 def declare(node: Node) -> dict[str, Value]:
@@ -127,7 +90,7 @@ def declare(node: Node) -> dict[str, Value]:
     for parameter in PARAMETERS:
         try:
             declared = node.declare_parameter(
-                parameter.name, parameter.default, parameter.descriptor()
+                parameter.name, parameter.default, descriptor(parameter)
             )
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise UsageError(f'parameter {parameter.name}: {error}') from None
@@ -148,5 +111,15 @@ def to_parameters(values: Mapping[str, Any]) -> list[Parameter]:
     """Return ROS parameters of the declared types from values by name."""
     parameters = {parameter.name: parameter for parameter in PARAMETERS}
     return [
-        Parameter(name, value=parameters[name].convert(value)) for name, value in values.items()
+        Parameter(name, value=_converted(value, parameters[name])) for name, value in values.items()
     ]
+
+
+def _converted(value: Any, parameter: Option) -> Any:  # noqa: ANN401 - any value of YAML
+    """Return a value from a command line or YAML in the declared type."""
+    kind = type(parameter.default)
+    if parameter.any_type or isinstance(value, kind):
+        return value
+    if kind in {int, float, list}:
+        return kind(parameter.plain(parameter.parse(parameter.name, value)))
+    return ','.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

@@ -22,11 +22,11 @@ from ..player.source import CLOCK, describe, open_program, publishes_clock, rese
 from ..player.state import encode_state
 from .controls import create_services
 from .outlets import Outlets
-from .parameters import PARAMETERS, declare, given
+from .parameters import declare, given
 from .qos import load_overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.parameter import Parameter
 
@@ -192,8 +192,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Reject invalid values; a source is opened here, so that a bad one is rejected as well."""
-        changes = {each.name: each.value for each in parameters if each.name in _NAMES}
-        if not changes:  # publishers declare their own parameters (qos_overrides)
+        changes = self._changes(parameters)
+        if not changes:
             return SetParametersResult(successful=True)
         try:
             settings = make_play_settings(given({**self._values, **changes}))
@@ -207,9 +207,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, parameters: list[Parameter]) -> None:
-        changes: Mapping[str, Any] = {
-            each.name: each.value for each in parameters if each.name in _NAMES
-        }
+        changes = self._changes(parameters)
         if not changes:
             return
         self._values.update(changes)
@@ -224,6 +222,10 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if opened is None:  # else _play has published it
             self.tell_state()
 
+    def _changes(self, parameters: list[Parameter]) -> dict[str, Any]:
+        """Return values by name, without the parameters of publishers (qos_overrides)."""
+        return {each.name: each.value for each in parameters if each.name in self._values}
+
     def _seek(self, text: str) -> None:
         bound = Bound.parse(text)
         if bound.frame is not None:
@@ -232,6 +234,3 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.playback.seek_offset(bound.offset_ns)
         elif bound.stamp_ns is not None:
             self.playback.seek(bound.stamp_ns)
-
-
-_NAMES = frozenset(parameter.name for parameter in PARAMETERS)

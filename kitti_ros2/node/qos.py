@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 from rclpy.duration import Duration
@@ -27,11 +26,8 @@ if TYPE_CHECKING:
     from typing import TypeGuard
 
 
-@dataclass(frozen=True)
-class QosOverride:
-    """The QoS of a topic in a file: values by their names in QoSProfile."""
-
-    values: dict[str, Any]
+QosOverride: TypeAlias = 'dict[str, Any]'
+"""The QoS of a topic in a file: values by their names in QoSProfile."""
 
 
 def make_profile(latched: bool, depth: int, override: QosOverride | None) -> QoSProfile:  # noqa: FBT001
@@ -47,7 +43,7 @@ def make_profile(latched: bool, depth: int, override: QosOverride | None) -> QoS
         'reliability': ReliabilityPolicy.RELIABLE,
         'durability': durability,
     }
-    return QoSProfile(**{**values, **(override.values if override else {})})
+    return QoSProfile(**{**values, **(override or {})})
 
 
 def load_overrides(path: Path) -> dict[str, QosOverride]:
@@ -85,7 +81,7 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
             raise UsageError(
                 f'{path}: {topic}: {name} cannot be {value!r}; expected {expected}'
             ) from None
-    return QosOverride(values)
+    return values
 
 
 def _choice(kind: type[Enum], *names: str) -> Callable[[object], Enum]:

@@ -16,7 +16,8 @@ from . import rosidl_structs as structs
 from .message_fields import HASH_PREFIX, Shape, defined_hash, fields_of, references_of, split_name
 
 if TYPE_CHECKING:
-    from .message_fields import MessageField, Typestore
+    from ..messages.ros_types import Typestore
+    from .message_fields import MessageField
 
 _DEPENDENCY_RULE = '=' * 80  # in a generated definition, precedes each dependency
 _ENCAPSULATION_SIZE = 4

@@ -33,7 +33,7 @@ class Option:
         parse: Parser of a value; see parsers.py.
         name: Name in YAML and ROS; the command line has dashes for underscores.
         unset: Text for help if the default depends on something else, such as another option.
-        bounds: Lowest and highest value of the ROS parameter.
+        bounds: Lowest and highest value of the ROS parameter; see check_bounds for other values.
         flags: Further spellings on the command line; one with two dashes replaces --name.
         live: Whether the ROS parameter may change while the node runs.
         any_type: Whether the ROS parameter takes values of other types, such as 12 for '12'.
@@ -83,6 +83,21 @@ def options_of(kind: type) -> tuple[Option, ...]:
         for each in fields(kind)
         if _METADATA in each.metadata
     )
+
+
+def check_bounds(options: object, *names: str) -> None:
+    """Check the values of options that are declared with bounds.
+
+    Raises:
+        UsageError: A value is out of range.
+    """
+    for each in options_of(type(options)):
+        if each.bounds and each.name in names:
+            value, (low, high) = each.plain(getattr(options, each.field)), each.bounds
+            if not low <= value <= high:
+                raise UsageError(
+                    f'{each.name} {value:g} is not within {low:g} to {high:g}: {each.meaning}'
+                )
 
 
 def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ..model.errors import UsageError
-from .declare import option
+from .declare import check_bounds, option
 from .parsers import parse_choice, parse_flag, parse_number, parse_place, parse_seconds_ns
 
 
@@ -105,8 +105,7 @@ class MarkerOptions:
     ego: bool = option(True, 'Marker of the recording car', parse_flag, name='ego_marker')
 
     def __post_init__(self) -> None:
-        if not 0 <= self.alpha <= 1:
-            raise UsageError(f'marker alpha {self.alpha:g} is not in 0..1')
+        check_bounds(self, 'marker_alpha')
         for name in ('line_width', 'arrow_length', 'text_height'):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise UsageError(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ..model.errors import UsageError
-from .declare import option
+from .declare import check_bounds, option
 from .parsers import (
     parse_choice,
     parse_flag,
@@ -34,8 +34,6 @@ class Stamps(str, Enum):
 
 
 RATES = (0.01, 100.0)
-CLOCK_RATES_HZ = (0.0, 1000.0)
-MOST_STEP = 10_000
 MOST_SUBSCRIBERS = 1000
 
 
@@ -83,13 +81,13 @@ class PlaybackOptions:
         '/clock messages per second; 0 is none',
         parse_number,
         name='clock',
-        bounds=CLOCK_RATES_HZ,
+        bounds=(0.0, 1000.0),
     )
     step: int = option(
         1,
         'Frames that one play_next plays; 0 is a single sample',
         parse_integer,
-        bounds=(0, MOST_STEP),
+        bounds=(0, 10_000),
         live=True,
     )
     lossless: bool = option(
@@ -106,19 +104,13 @@ class PlaybackOptions:
     at_end: AtEnd = option(AtEnd.EXIT, 'exit or pause', parse_choice(AtEnd))
 
     def __post_init__(self) -> None:
-        if not RATES[0] <= self.rate <= RATES[1]:
-            raise UsageError(f'rate {self.rate:g} is not within {RATES[0]:g} to {RATES[1]:g}')
+        check_bounds(self, 'rate', 'clock', 'step')
         if self.loop < 0:
             raise UsageError(
                 f'loop {self.loop} is negative; it is a number of rounds, 0 is endless'
             )
         if self.delay_ns < 0:
             raise UsageError(f'delay {self.delay_ns / 1e9:g} is negative, seconds')
-        if not CLOCK_RATES_HZ[0] <= self.clock_hz <= CLOCK_RATES_HZ[1]:
-            low, high = CLOCK_RATES_HZ
-            raise UsageError(f'clock {self.clock_hz:g} is not within {low:g} to {high:g}, in Hz')
-        if not 0 <= self.step <= MOST_STEP:
-            raise UsageError(f'step {self.step} is not within 0 to {MOST_STEP} frames')
         if not 0 <= self.subscribers <= MOST_SUBSCRIBERS:
             raise UsageError(f'wait_for {self.wait_for} is not within 0 to {MOST_SUBSCRIBERS}')
 

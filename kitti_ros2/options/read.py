@@ -10,7 +10,7 @@ from enum import Enum
 from ..model.errors import UsageError
 from ..model.layouts import LAYOUT_NAMES, Layout
 from ..model.stamps import NS_PER_S
-from .declare import option
+from .declare import check_bounds, option
 from .parsers import parse_choice, parse_epoch, parse_flag, parse_seconds_ns, parse_text
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
@@ -21,7 +21,7 @@ NOMINAL_PERIOD_NS = 103_600_000
 Sources: times.txt of odometry 00 begins 0, 0.103736, 0.207338, 0.311075 s; in tracking 0000 the yaw
 changes by 0.10360 s times the yaw rate. Raw stamps of 0001 and 0005 are 0.1031 and 0.1033 s apart.
 """
-_PERIODS_NS = (1_000_000, 60 * NS_PER_S)
+_PERIODS_S = (0.001, 60.0)
 
 
 class ScanStamp(str, Enum):
@@ -79,7 +79,7 @@ class ReadOptions:
         'Seconds between frames of recordings without time stamps',
         parse_seconds_ns,
         name='period',
-        bounds=(0.001, 60.0),
+        bounds=_PERIODS_S,
     )
     scan_stamp: ScanStamp = option(
         ScanStamp.FORWARD,
@@ -91,13 +91,9 @@ class ReadOptions:
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:
             raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
-        if not is_period(self.period_ns):
-            least, most = (f'{period / NS_PER_S:g}' for period in _PERIODS_NS)
-            raise UsageError(
-                f'the period {self.period_ns / NS_PER_S:g} is not within {least} to {most} seconds'
-            )
+        check_bounds(self, 'period')
 
 
 def is_period(period_ns: int) -> bool:
     """Whether a period of frames is within the allowed range."""
-    return _PERIODS_NS[0] <= period_ns <= _PERIODS_NS[1]
+    return _PERIODS_S[0] <= period_ns / NS_PER_S <= _PERIODS_S[1]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..model.containers import CONTAINER_NAMES
 from ..model.errors import UsageError
 from .bag import BagOptions
-from .declare import option, options_of, parse_values, values_for
+from .declare import check_bounds, option, options_of, parse_values, values_for
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_choice, parse_flag, parse_integer, parse_number, parse_path, parse_text
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-READ_AHEAD = (1, 1000)
 FPS = (0.1, 240.0)
 
 
@@ -74,7 +73,7 @@ class PlaySettings:
         'original (of the recording) or now (the current time, without /clock)',
         parse_choice(Stamps),
     )
-    read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=READ_AHEAD)
+    read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=(1, 1000))
     qos_overrides_path: Path | None = option(
         None,
         'QoS by topic, a file as ros2 bag play takes it',
@@ -84,9 +83,7 @@ class PlaySettings:
     )
 
     def __post_init__(self) -> None:
-        low, high = READ_AHEAD
-        if not low <= self.read_ahead <= high:
-            raise UsageError(f'read_ahead {self.read_ahead} is not within {low} to {high} frames')
+        check_bounds(self, 'read_ahead')
 
 
 @dataclass(frozen=True)

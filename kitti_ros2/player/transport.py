@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+import time
+from abc import ABC, abstractmethod
 from collections import Counter
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Sequence
+
+    from ..model.channels import Channel
 
 SETTLED_NS = 1_000_000_000
 """How long the subscriptions must stay unchanged before playback begins.
@@ -16,6 +20,8 @@ SETTLED_NS = 1_000_000_000
 `ros2 bag record -a` looks for topics ten times a second and subscribes to them one by one;
 starting at the first match would lose messages of topics that are not matched yet.
 """
+
+_LOOK_EVERY_NS = 50_000_000
 
 
 class Audience(NamedTuple):
@@ -30,43 +36,67 @@ class Audience(NamedTuple):
     subscriptions: int
 
 
-class Transport(Protocol):
+class Transport(ABC):
     """The carrier of the messages of a program: a middleware or a server; used by one thread.
 
+    Args:
+        channels: The topics.
+
     Attributes:
-        complaints: Outlets that cannot be published, with the reason.
+        channels: The topics.
+        complaints: Channels that cannot be published, with the reason.
     """
 
-    @property
-    def complaints(self) -> Mapping[int, str]: ...  # noqa: D102 - see above
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        self.channels = channels
+        self.complaints: dict[int, str] = {}
+        self._wanted: frozenset[int] = frozenset()
+        self._looked_ns = 0
 
     def look(self) -> frozenset[int]:
         """Return the on-demand outlets that have a subscriber now."""
+        self._looked_ns = time.monotonic_ns()
+        self._wanted = frozenset(
+            index
+            for index, each in enumerate(self.channels)
+            if each.on_demand and index not in self.complaints and self.has_subscriber(index)
+        )
+        return self._wanted
 
     def wanted(self, now_ns: int) -> frozenset[int]:
         """Return the same, cached for a short time; now_ns is steady time."""
+        if now_ns - self._looked_ns > _LOOK_EVERY_NS:
+            self.look()
+        return self._wanted
 
+    @abstractmethod
     def audience(self) -> Audience:
         """Count the current subscribers."""
 
+    @abstractmethod
     def has_subscriber(self, outlet: int) -> bool:
         """Whether an outlet has a subscriber now."""
 
+    @abstractmethod
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
         """Publish serialised data; stamp_ns is its time in the recording."""
 
-    def make_room(self, outlet: int, seconds: float) -> bool:
+    def make_room(self, outlet: int, seconds: float) -> bool:  # noqa: ARG002 - always room here
         """Wait until an outlet has room for one more message; return whether it has."""
+        return True
 
+    @abstractmethod
     def tell_time(self, stamp_ns: int) -> None:
         """Publish the recording's time."""
 
-    def jump(self, stamp_ns: int) -> None:
+    def jump(self, stamp_ns: int) -> None:  # noqa: B027 - subscribers may notice it themselves
         """Announce a seek to a time: what subscribers hold of another time is outdated."""
 
+    @abstractmethod
     def finish(self, seconds: float) -> tuple[str, ...]:
         """Wait until all messages have arrived; return the topics whose messages have not."""
 
+    @abstractmethod
     def close(self) -> None:
         """Remove the topics."""
 

@@ -14,10 +14,10 @@ import rerun as rr
 
 from ..messages.clouds import decode_cloud, guess_intensity_scale
 from ..messages.pixels import decode_pixels, picture_kind
-from .boxes import Box2DConverter, Box3DConverter, unit_quaternions
+from .boxes import Box2DConverter, Box3DConverter, rows_of, unit_quaternions
 from .cameras import PinholeConverter
 from .colors import height_colors, reflectance_colors
-from .entities import Converter, Curve, EntityUpdate, entity_path, image_frame
+from .entities import Converter, EntityUpdate, entity_path, image_frame
 from .markers import MarkerConverter
 from .program_survey import frame_name
 
@@ -26,16 +26,20 @@ if TYPE_CHECKING:
 
     from ..messages.ros_types import (
         CompressedImage,
+        Header,
         ImageMsg,
         NavSatFix,
         Odometry,
         Path,
+        Point,
         PointCloud2,
         PoseStamped,
+        Quaternion,
         String,
         TFMessage,
+        Vector3,
     )
-    from .entities import Context, TimePoint
+    from .entities import Context
 
 _POINT_PX = 1.5
 _FIX_PX = 5.0
@@ -44,8 +48,7 @@ _PATH_PX = 2.0
 _PATH_RGB = (76, 175, 80)
 _MEDIA = {'PNG': 'image/png', 'JPEG': 'image/jpeg'}
 _FIX_RGB = (231, 76, 60)
-_CURVE_LENGTH = 1000
-_AXES_RGB = ((231, 76, 60), (46, 204, 113), (52, 152, 219))
+_AXES = rr.SeriesLines(names=list('xyz'), colors=((231, 76, 60), (46, 204, 113), (52, 152, 219)))
 
 
 class CloudConverter(Converter):
@@ -53,7 +56,7 @@ class CloudConverter(Converter):
 
     _scale: float | None = None
 
-    def convert(self, message: PointCloud2, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: PointCloud2) -> Iterator[EntityUpdate]:
         """Yield one update without points that are not finite."""
         if self._scale is None and message.width * message.height:
             self._scale = guess_intensity_scale([message])
@@ -67,7 +70,7 @@ class CloudConverter(Converter):
 class ImageConverter(Converter):
     """sensor_msgs/Image: its pixels; CameraInfo gives the place in space."""
 
-    def convert(self, message: ImageMsg, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: ImageMsg) -> Iterator[EntityUpdate]:
         """Yield one update."""
         pixels = decode_pixels(message)
         components = rr.Image(pixels, 'L' if pixels.ndim == 2 else 'BGR')
@@ -77,7 +80,7 @@ class ImageConverter(Converter):
 class CompressedImageConverter(Converter):
     """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG."""
 
-    def convert(self, message: CompressedImage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: CompressedImage) -> Iterator[EntityUpdate]:
         """Yield one update."""
         media = _MEDIA[picture_kind(message)]
         components = rr.EncodedImage(contents=message.data, media_type=media)
@@ -90,17 +93,12 @@ class TransformConverter(Converter):
     Rerun needs all links of a frame to its parent at one entity, whatever their topic.
     """
 
-    def convert(self, message: TFMessage, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: TFMessage) -> Iterator[EntityUpdate]:
         """Yield an update for each link."""
         for link in message.transforms:
             child = frame_name(link.child_frame_id)
             place, turn = link.transform.translation, link.transform.rotation
-            components = rr.Transform3D(
-                translation=(place.x, place.y, place.z),
-                quaternion=unit_quaternions([(turn.x, turn.y, turn.z, turn.w)])[0],
-                parent_frame=frame_name(link.header.frame_id),
-                child_frame=child,
-            )
+            components = _transform(link.header, place, turn, child)
             yield EntityUpdate(entity_path('transforms', child), [components])
 
 
@@ -110,28 +108,23 @@ class PoseConverter(Converter):
     If no transform places the child frame of an Odometry, the Odometry does.
     """
 
-    def convert(self, message: PoseStamped | Odometry, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: PoseStamped | Odometry) -> Iterator[EntityUpdate]:
         """Yield one update."""
         pose: Any = getattr(message.pose, 'pose', message.pose)
         child = frame_name(getattr(message, 'child_frame_id', ''))
         linked = child in self.context.survey.parents
-        p, q = pose.position, pose.orientation
-        components = rr.Transform3D(
-            translation=(p.x, p.y, p.z),
-            quaternion=unit_quaternions([(q.x, q.y, q.z, q.w)])[0],
-            parent_frame=frame_name(message.header.frame_id),
-            child_frame=None if linked or not child else child,
-        )
+        child_frame = None if linked or not child else child
+        components = _transform(message.header, pose.position, pose.orientation, child_frame)
         yield EntityUpdate(self.path, [components], always=[rr.TransformAxes3D(_AXIS_M)])
 
 
 class PathConverter(Converter):
     """nav_msgs/Path: a line through its poses."""
 
-    def convert(self, message: Path, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: Path) -> Iterator[EntityUpdate]:
         """Yield one update."""
-        places = [stamped.pose.position for stamped in message.poses]
-        strips = [[(p.x, p.y, p.z) for p in places]] if len(places) > 1 else []
+        places = rows_of(stamped.pose.position for stamped in message.poses)
+        strips = [places] if len(places) > 1 else []
         radii = rr.Radius.ui_points(_PATH_PX)
         components = rr.LineStrips3D(strips, colors=[_PATH_RGB], radii=radii)
         yield EntityUpdate(self.path, [components], frame_name(message.header.frame_id))
@@ -144,7 +137,7 @@ class FixConverter(Converter):
         super().__init__(topic, context)
         self._track: list[tuple[float, float]] = []
 
-    def convert(self, message: NavSatFix, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: NavSatFix) -> Iterator[EntityUpdate]:
         """Yield one update; none without a position (NaN in NavSatFix)."""
         place = (message.latitude, message.longitude)
         if all(map(math.isfinite, place)):
@@ -163,66 +156,51 @@ class FixConverter(Converter):
 
 
 class VectorConverter(Converter):
-    """sensor_msgs/Imu and geometry_msgs/TwistStamped: three curves for each vector."""
+    """sensor_msgs/Imu and geometry_msgs/TwistStamped: three curves for each of their vectors."""
 
-    names: tuple[str, ...] = ()
-
-    def __init__(self, topic: str, context: Context) -> None:
-        super().__init__(topic, context)
-        self._curves = {name: Curve(entity_path(topic, name)) for name in self.names}
-        self._begun = False
-
-    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate | Curve]:  # noqa: ANN401
-        """Yield the names first, then curves of a thousand messages each."""
+    def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
+        """Yield one update for each vector."""
         holder = getattr(message, 'twist', message)
-        vectors = [getattr(holder, name) for name in self.names]
-        for name, vector in zip(self.names, vectors, strict=True):
-            curve = self._curves[name]
-            if not self._begun:
-                lines = rr.SeriesLines(names=list('xyz'), colors=_AXES_RGB)
-                yield EntityUpdate(curve.path, always=[lines])
-            curve.times.append(time)
-            curve.values.append((vector.x, vector.y, vector.z))
-            if len(curve.times) >= _CURVE_LENGTH:
-                yield curve
-                self._curves[name] = Curve(curve.path)
-        self._begun = True
-
-    def flush(self) -> Iterator[Curve]:
-        """Yield the rest of the curves."""
-        yield from (curve for curve in self._curves.values() if curve.times)
-
-
-class ImuConverter(VectorConverter):
-    """sensor_msgs/Imu."""
-
-    names = ('linear_acceleration', 'angular_velocity')
-
-
-class TwistConverter(VectorConverter):
-    """geometry_msgs/TwistStamped."""
-
-    names = ('linear', 'angular')
+        for name in VECTORS[message.__msgtype__]:
+            vector = getattr(holder, name)
+            path = entity_path(self.topic, name)
+            yield EntityUpdate(path, always=[_AXES], scalars=(vector.x, vector.y, vector.z))
 
 
 class TextConverter(Converter):
     """std_msgs/String: a line of a log."""
 
-    def convert(self, message: String, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: String) -> Iterator[EntityUpdate]:
         """Yield one update."""
         yield EntityUpdate(self.path, [rr.TextLog(message.data)])
 
 
+def _transform(
+    header: Header, place: Point | Vector3, turn: Quaternion, child: str | None
+) -> rr.Transform3D:
+    return rr.Transform3D(
+        translation=(place.x, place.y, place.z),
+        quaternion=unit_quaternions([turn])[0],
+        parent_frame=frame_name(header.frame_id),
+        child_frame=child,
+    )
+
+
+VECTORS: Mapping[str, tuple[str, str]] = {
+    'geometry_msgs/msg/TwistStamped': ('linear', 'angular'),
+    'sensor_msgs/msg/Imu': ('linear_acceleration', 'angular_velocity'),
+}
+"""The vectors of a message type that are shown as curves."""
 TABLE: Mapping[str, type[Converter]] = {
     'geometry_msgs/msg/PoseStamped': PoseConverter,
     'geometry_msgs/msg/PoseWithCovarianceStamped': PoseConverter,
-    'geometry_msgs/msg/TwistStamped': TwistConverter,
+    'geometry_msgs/msg/TwistStamped': VectorConverter,
     'nav_msgs/msg/Odometry': PoseConverter,
     'nav_msgs/msg/Path': PathConverter,
     'sensor_msgs/msg/CameraInfo': PinholeConverter,
     'sensor_msgs/msg/CompressedImage': CompressedImageConverter,
     'sensor_msgs/msg/Image': ImageConverter,
-    'sensor_msgs/msg/Imu': ImuConverter,
+    'sensor_msgs/msg/Imu': VectorConverter,
     'sensor_msgs/msg/NavSatFix': FixConverter,
     'sensor_msgs/msg/PointCloud2': CloudConverter,
     'std_msgs/msg/String': TextConverter,

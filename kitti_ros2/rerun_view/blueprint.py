@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
-from .archetypes import TABLE, VectorConverter
-from .entities import TIME, Converter, entity_path
+from .archetypes import VECTORS
+from .entities import TIME, entity_path
 from .program_survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ def _tabs(survey: ProgramSurvey) -> list[rrb.Container | rrb.View]:
     tabs: list[rrb.Container | rrb.View] = [
         rrb.TimeSeriesView(origin=f'/{entity_path(topic, name)}', name=f'{topic} {name}')
         for topic, msgtype in survey.topics.items()
-        if issubclass(converter := TABLE.get(msgtype, Converter), VectorConverter)
-        for name in converter.names
+        for name in VECTORS.get(msgtype, ())
     ]
     tabs += [
         rrb.MapView(origin=f'/{entity_path(topic)}', name=topic) for topic in survey.of_type(*_FIX)

@@ -18,10 +18,9 @@ from .entities import Converter, EntityUpdate, entity_path, image_frame
 from .program_survey import DETECTIONS_3D, frame_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from ..model.geometry import Float64Array
-    from .entities import TimePoint
 
 _DONT_CARE_RGB = (120, 120, 120)
 
@@ -29,16 +28,14 @@ _DONT_CARE_RGB = (120, 120, 120)
 class Box3DConverter(Converter):
     """The boxes of a Detection3DArray topic."""
 
-    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+    def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield one update, also without boxes: it removes those of the last message."""
         boxes = [each.bbox for each in message.detections]
-        places = [each.center.position for each in boxes]
-        turns = [each.center.orientation for each in boxes]
         names = [_class_and_score(each) for each in message.detections]
         components = rr.Boxes3D(
-            centers=_rows([(p.x, p.y, p.z) for p in places], 3),
-            sizes=_rows([(each.size.x, each.size.y, each.size.z) for each in boxes], 3),
-            quaternions=unit_quaternions([(q.x, q.y, q.z, q.w) for q in turns]),
+            centers=rows_of(each.center.position for each in boxes),
+            sizes=rows_of(each.size for each in boxes),
+            quaternions=unit_quaternions(each.center.orientation for each in boxes),
             colors=_colors(names),
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
@@ -49,15 +46,15 @@ class Box3DConverter(Converter):
 class Box2DConverter(Converter):
     """The boxes of a Detection2DArray topic, over the images of their camera."""
 
-    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+    def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield one update for each of those images, or a single one if there is none."""
         survey = self.context.survey
         boxes = [each.bbox for each in message.detections]
         centers = [getattr(each.center, 'position', each.center) for each in boxes]
         names = [_class_and_score(each) for each in message.detections]
         components = rr.Boxes2D(
-            centers=_rows([(each.x, each.y) for each in centers], 2),
-            sizes=_rows([(each.size_x, each.size_y) for each in boxes], 2),
+            centers=rows_of(centers, ('x', 'y')),
+            sizes=rows_of(boxes, ('size_x', 'size_y')),
             colors=_colors(names),
             labels=_labels(message.detections, names),
             # With 3D boxes the same objects already have labels.
@@ -72,9 +69,15 @@ class Box2DConverter(Converter):
             yield EntityUpdate(self.path, [components], frame)
 
 
-def unit_quaternions(xyzw: list[tuple[float, float, float, float]]) -> list[rr.Quaternion]:
-    """Normalise quaternions; zeros become the identity."""
-    rows = _rows(xyzw, 4)
+def rows_of(messages: Iterable[Any], fields: Sequence[str] = ('x', 'y', 'z')) -> Float64Array:
+    """Return (N, len(fields)) numbers of N messages with these fields."""
+    rows = [[getattr(each, name) for name in fields] for each in messages]
+    return np.array(rows, np.float64).reshape(-1, len(fields))
+
+
+def unit_quaternions(turns: Iterable[Any]) -> list[rr.Quaternion]:
+    """Normalise geometry_msgs/Quaternion; zeros become the identity."""
+    rows = rows_of(turns, ('x', 'y', 'z', 'w'))
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     rows = np.where(lengths > 0, rows / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 0.0, 1.0))
     return [rr.Quaternion(xyzw=row) for row in rows]
@@ -104,15 +107,5 @@ def _labels(detections: list[Any], names: list[tuple[str, float]]) -> list[str]:
 
 
 def _colors(names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
-    return [class_color(kind) for kind, _ in names]
-
-
-def class_color(kind: str) -> tuple[int, int, int]:
-    """Return the colour of a class, as for markers: red, green, blue, 0..255."""
-    if kind == DONT_CARE:
-        return _DONT_CARE_RGB
-    return rgb_of(kind)
-
-
-def _rows(values: Sequence[tuple[float, ...]], columns: int) -> Float64Array:
-    return np.array(values, np.float64).reshape(-1, columns)
+    """Return the colours of classes, as for markers: red, green, blue, 0..255."""
+    return [_DONT_CARE_RGB if kind == DONT_CARE else rgb_of(kind) for kind, _ in names]

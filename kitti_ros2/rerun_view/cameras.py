@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
-    from .entities import Context, TimePoint
+    from .entities import Context
 
 _IMAGE_PLANE_M = 3.0
 _SAME = 1e-9
@@ -38,7 +38,7 @@ class PinholeConverter(Converter):
         self._images = context.survey.images_of(topic)
         self._last: Hashable = None
 
-    def convert(self, message: CameraInfo, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ARG002
+    def convert(self, message: CameraInfo) -> Iterator[EntityUpdate]:
         """Yield nothing if nothing changed, or if the camera is not calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
         key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import rerun as rr
 
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
     from rerun import AsComponents
 
-    from .camera_rig import CameraRig
-    from .program_survey import ProgramSurvey
+    from .program_survey import CameraRig, ProgramSurvey
 
 TIME = 'time'
 FRAME = 'frame'
@@ -37,30 +36,14 @@ class EntityUpdate(NamedTuple):
         components: Archetypes.
         frame: Coordinate frame of the entity, a header's frame_id; '' if unknown.
         always: Static archetypes, valid for all time.
+        scalars: Numbers of a curve; those of many times are sent together for efficiency.
     """
 
     path: str
     components: Sequence[AsComponents] = ()
     frame: str = ''
     always: Sequence[AsComponents] = ()
-
-
-@dataclass
-class Curve:
-    """Scalars of one entity at many times, sent together for efficiency.
-
-    Attributes:
-        path: Entity path.
-        times: Ascending.
-        values: The scalars of each time, all of the same length.
-    """
-
-    path: str
-    times: list[TimePoint] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
-
-
-Shown: TypeAlias = 'EntityUpdate | Curve'
+    scalars: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,7 +69,7 @@ class Converter:
         self.path = entity_path(topic)
         self.context = context
 
-    def convert(self, message: Any, time: TimePoint) -> Iterable[Shown]:  # noqa: ANN401 - a rosbags class
+    def convert(self, message: Any) -> Iterable[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield the updates of a message.
 
         Raises:
@@ -94,7 +77,7 @@ class Converter:
         """
         raise NotImplementedError
 
-    def flush(self) -> Iterable[Shown]:
+    def flush(self) -> Iterable[EntityUpdate]:
         """Yield the remaining updates after the last message."""
         return ()
 

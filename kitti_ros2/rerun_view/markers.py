@@ -17,15 +17,15 @@ from ..messages.header import stamp_ns_of, transform_of
 from ..messages.ros_types import Marker
 from ..model.geometry import Transform
 from ..model.stamps import from_sec_nanosec
-from .boxes import unit_quaternions
+from .boxes import rows_of, unit_quaternions
 from .entities import Converter, EntityUpdate, entity_path
 from .program_survey import frame_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from ..model.geometry import Float64Array
-    from .entities import Context, TimePoint
+    from .entities import Context
 
 _KINDS = {
     Marker.CUBE: 'boxes',
@@ -57,7 +57,7 @@ class MarkerConverter(Converter):
         self._shown: dict[tuple[str, int], Any] = {}
         self._groups: dict[tuple[str, str], list[Any]] = {}
 
-    def convert(self, message: Any, time: TimePoint) -> Iterator[EntityUpdate]:  # noqa: ANN401, ARG002
+    def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield an update for each kind of marker in each frame, also for removed ones."""
         markers = message.markers if hasattr(message, 'markers') else [message]
         for marker in markers:
@@ -93,12 +93,10 @@ class MarkerConverter(Converter):
 
 
 def _boxes(markers: list[Any]) -> rr.AsComponents:
-    poses = [marker.pose for marker in markers]
-    turns = [each.orientation for each in poses]
     return rr.Boxes3D(
-        centers=_rows([(p.position.x, p.position.y, p.position.z) for p in poses]),
-        sizes=_rows([(m.scale.x, m.scale.y, m.scale.z) for m in markers]),
-        quaternions=unit_quaternions([(q.x, q.y, q.z, q.w) for q in turns]),
+        centers=rows_of(marker.pose.position for marker in markers),
+        sizes=rows_of(marker.scale for marker in markers),
+        quaternions=unit_quaternions(marker.pose.orientation for marker in markers),
         colors=_colors(markers),
     )
 
@@ -124,13 +122,16 @@ def _arrows(markers: list[Any]) -> rr.AsComponents:
             ends = _place(marker).apply([[0.0, 0.0, 0.0], [marker.scale.x, 0.0, 0.0]])
         origins.append(ends[0])
         vectors.append(ends[1] - ends[0])
-    return rr.Arrows3D(origins=_rows(origins), vectors=_rows(vectors), colors=_colors(markers))
+    return rr.Arrows3D(
+        origins=np.reshape(origins, (-1, 3)),
+        vectors=np.reshape(vectors, (-1, 3)),
+        colors=_colors(markers),
+    )
 
 
 def _texts(markers: list[Any]) -> rr.AsComponents:
-    places = [marker.pose.position for marker in markers]
     return rr.Points3D(
-        _rows([(p.x, p.y, p.z) for p in places]),
+        rows_of(marker.pose.position for marker in markers),
         labels=[marker.text for marker in markers],
         show_labels=True,
         colors=_colors(markers),
@@ -149,11 +150,7 @@ def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
 
 def _points(marker: Any) -> Float64Array:  # noqa: ANN401 - a rosbags class
     """Return (N, 3) points in the marker's frame."""
-    return _place(marker).apply(_rows([(p.x, p.y, p.z) for p in marker.points]))
-
-
-def _rows(values: Sequence[Sequence[float] | Float64Array]) -> Float64Array:
-    return np.array(values, np.float64).reshape(-1, 3)
+    return _place(marker).apply(rows_of(marker.points))
 
 
 def _colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:

@@ -16,6 +16,7 @@ import numpy as np
 from ..messages.header import peek_header
 from ..messages.transforms import decode_static
 from ..rig.camera_info import camera_model
+from ..rig.stereo import viewpoints
 from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Transform
     from ..player.program import Program
     from ..rig.camera_info import CameraModel
+    from ..rig.stereo import Viewpoint
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
@@ -48,16 +50,14 @@ class ProgramSurvey:
         frames: Topic of clouds, cameras and their boxes to the frame of its first message.
         cameras: CameraInfo topic to the model of its first message.
         parents: Frame to its parent.
-        fixed: The same, static links only.
-        links: Frame to parent_T_frame, of static links.
+        links: Frame to its parent and parent_T_frame, static links only.
     """
 
     topics: dict[str, str]
     frames: dict[str, str] = field(default_factory=dict)
     cameras: dict[str, CameraModel] = field(default_factory=dict)
     parents: dict[str, str] = field(default_factory=dict)
-    fixed: dict[str, str] = field(default_factory=dict)
-    links: dict[str, Transform] = field(default_factory=dict)
+    links: dict[str, tuple[str, Transform]] = field(default_factory=dict)
 
     def of_type(self, *msgtypes: str) -> list[str]:
         """Return the topics with one of these types."""
@@ -85,8 +85,8 @@ class ProgramSurvey:
 
     def tree(self) -> FrameTree:
         """Return the links as a tree."""
-        fixed = [(self.fixed[child], child, link) for child, link in self.links.items()]
-        moving = set(self.parents) - set(self.fixed)
+        fixed = [(parent, child, link) for child, (parent, link) in self.links.items()]
+        moving = set(self.parents) - set(self.links)
         return FrameTree(fixed, [(self.parents[child], child) for child in moving])
 
     def _is_beside(self, info: str | None) -> bool:
@@ -99,15 +99,34 @@ class ProgramSurvey:
         for topic in (*self.of_type(CLOUD), *self.of_type(*IMAGES), *self.of_type(CAMERA_INFO)):
             if topic in self.frames:
                 return self._mount(self.frames[topic])
-        moving = sorted(set(self.parents) - set(self.fixed))
+        moving = sorted(set(self.parents) - set(self.links))
         return moving[0] if moving else self._mount(next(iter(self.parents), ''))
 
     def _mount(self, frame: str) -> str:
         passed = {frame}
-        while (parent := self.fixed.get(frame)) is not None and parent not in passed:
-            passed.add(parent)
-            frame = parent
+        while frame in self.links and self.links[frame][0] not in passed:
+            frame = self.links[frame][0]
+            passed.add(frame)
         return frame
+
+
+class CameraRig:
+    """The cameras of a program, each with the model of its last CameraInfo."""
+
+    def __init__(self, survey: ProgramSurvey) -> None:
+        self._tree = survey.tree()
+        self._models = dict(survey.cameras)
+
+    def place(self, topic: str, model: CameraModel) -> Viewpoint:
+        """Set the model of a CameraInfo topic, and return the camera's viewpoint.
+
+        The reference of a right camera's offset differs between bags; see rig/stereo.py.
+        """
+        self._models[topic] = model
+        # Sorted by name, a left camera precedes its right one.
+        numbers = {name: number for number, name in enumerate(sorted(self._models))}
+        models = {numbers[name]: each for name, each in self._models.items()}
+        return viewpoints(self._tree, models)[0][numbers[topic]]
 
 
 def make_survey(program: Program) -> ProgramSurvey:
@@ -149,8 +168,7 @@ def _note(survey: ProgramSurvey, program: Program, due: Message, *, first: bool)
             for parent, child, link in decode_static(message):
                 survey.parents[frame_name(child)] = frame_name(parent)
                 if static:
-                    survey.fixed[frame_name(child)] = frame_name(parent)
-                    survey.links[frame_name(child)] = link
+                    survey.links[frame_name(child)] = (frame_name(parent), link)
     except Exception:  # noqa: BLE001, S110 - a recorder may have written any bytes; reported later
         pass
 

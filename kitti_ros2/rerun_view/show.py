@@ -15,20 +15,20 @@ from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
 from .blueprint import make_blueprint
-from .camera_rig import CameraRig
-from .entities import FRAME, TIME, Context, Curve, TimePoint
-from .program_survey import make_survey
+from .entities import FRAME, TIME, Context, TimePoint
+from .program_survey import CameraRig, make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
     from ..messages.cdr import Message
     from ..player.program import Program
-    from .entities import Shown
+    from .entities import EntityUpdate
 
 APPLICATION = 'kitti_ros2'
 
 _AHEAD = 32
+_CURVE_LENGTH = 1000
 
 
 @dataclass(frozen=True)
@@ -100,17 +100,8 @@ def show(
         shown.size_bytes,
         shown.losses,
         tuple(program.losses),
-        (*_unshown(program), *program.notes(), *notes),
+        (*shown.unsupported, *program.notes(), *notes),
     )
-
-
-def _unshown(program: Program) -> list[str]:
-    """List the topics with types missing from the table."""
-    return [
-        f'{outlet.topic}: {outlet.msgtype} is not shown'
-        for outlet in program.channels
-        if outlet.msgtype not in TABLE
-    ]
 
 
 class _StreamLogger:
@@ -124,9 +115,15 @@ class _StreamLogger:
             for index, outlet in enumerate(program.channels)
             if outlet.msgtype in TABLE
         }
+        self.unsupported = [
+            f'{outlet.topic}: {outlet.msgtype} is not shown'
+            for outlet in program.channels
+            if outlet.msgtype not in TABLE
+        ]
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
         self._keys: dict[int, Hashable] = {}
+        self._curves: dict[str, list[tuple[TimePoint, tuple[float, ...]]]] = {}
         self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
         self.size_bytes = 0
@@ -141,7 +138,7 @@ class _StreamLogger:
         outlet = self._program.channels[due.channel]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
-            updates = list(converter.convert(message, time))
+            updates = list(converter.convert(message))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
             self.losses[f'{outlet.topic}: {error}'] += 1
             return
@@ -150,17 +147,18 @@ class _StreamLogger:
         for update in updates:
             first = outlet.latched and update.path not in self._frames
             self._log(update, self.begin if first else time)
+            if update.scalars:
+                self._extend_curve(update, time)
 
     def finish(self) -> None:
         """Show the remaining updates of all converters."""
         for converter in self._converters.values():
             for update in converter.flush():
                 self._log(update, self.begin)
+        for path in list(self._curves):
+            self._send_curve(path)
 
-    def _log(self, update: Shown, time: TimePoint) -> None:
-        if isinstance(update, Curve):
-            self._send(update)
-            return
+    def _log(self, update: EntityUpdate, time: TimePoint) -> None:
         components = list(update.components)
         if self._frames.get(update.path) != update.frame:
             self._frames[update.path] = update.frame
@@ -174,14 +172,21 @@ class _StreamLogger:
             self._always.add(update.path)
             self._stream.log(update.path, *update.always, static=True)
 
-    def _send(self, curve: Curve) -> None:
-        stamps, frames = zip(*curve.times, strict=True)
-        columns = rr.Scalars.columns(scalars=np.array(curve.values).ravel())
+    def _extend_curve(self, update: EntityUpdate, time: TimePoint) -> None:
+        curve = self._curves.setdefault(update.path, [])
+        curve.append((time, update.scalars))
+        if len(curve) >= _CURVE_LENGTH:
+            self._send_curve(update.path)
+
+    def _send_curve(self, path: str) -> None:
+        times, values = zip(*self._curves.pop(path), strict=True)
+        stamps, frames = zip(*times, strict=True)
+        columns = rr.Scalars.columns(scalars=np.array(values).ravel())
         self._stream.send_columns(
-            curve.path,
+            path,
             indexes=[
                 rr.TimeColumn(TIME, timestamp=np.array(stamps, 'datetime64[ns]')),
                 rr.TimeColumn(FRAME, sequence=frames),
             ],
-            columns=columns.partition([len(values) for values in curve.values]),
+            columns=columns.partition([len(each) for each in values]),
         )

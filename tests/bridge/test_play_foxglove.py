@@ -133,7 +133,9 @@ def test_wrong_usage_is_one_line(recordings, capsys, words, said):
 
 def test_without_the_sdk_it_says_what_to_install(recordings, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'foxglove', None)
-    monkeypatch.delitem(sys.modules, 'foxglove.websocket', raising=False)
+    for name in list(sys.modules):
+        if name.startswith(('foxglove.', 'kitti_ros2.bridge.')):
+            monkeypatch.delitem(sys.modules, name)
     assert main(['play', str(recordings[Layout.RAW]), '--foxglove']) == 2
     complaint = capsys.readouterr().err
     assert len(complaint.splitlines()) == 1

@@ -28,7 +28,7 @@ def raw(recordings):
 
 
 def test_without_the_sdk_it_says_what_to_install(raw, tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.rerun_view.installed.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.cli.view_rerun.find_spec', lambda _: None)
     with pytest.raises(UsageError, match=r"pip install 'kitti_ros2\[rerun\]'") as caught:
         run_rerun(raw, {}, save=tmp_path / 'o.rrd')
     assert '\n' not in str(caught.value)

@@ -161,7 +161,7 @@ def test_the_stamp_of_scans_goes_with_ring_and_time_unless_asked_for(make):
 
 @pytest.mark.parametrize('period', ['0', '0.0001', '61', '1e9'])
 def test_a_period_out_of_range_is_refused(period):
-    with pytest.raises(UsageError, match=r'not within 0\.001 to 60 seconds'):
+    with pytest.raises(UsageError, match=r'not within 0\.001 to 60: Seconds'):
         make_settings({'period': period})
 
 

@@ -45,13 +45,12 @@ def player():
 
 @pytest.fixture
 def call(player):
-    services = {
-        name: (kind, handler) for name, kind, handler in controls._rosbag2_services(player, TYPES)
-    }
+    services = controls._rosbag2_services(player, TYPES)
 
     def call(name, **request):
         response = SimpleNamespace()
-        assert services[name][1](SimpleNamespace(**request), response) is response
+        handle = controls._handler(player, services[name][1])
+        assert handle(SimpleNamespace(**request), response) is response
         return vars(response)
 
     call.services = services
@@ -126,10 +125,12 @@ def frames_of_three():
 
     thread = threading.Thread(target=play)
     thread.start()
-    services = {name: act for name, _, act in controls._rosbag2_services(player, TYPES)}
+    services = controls._rosbag2_services(player, TYPES)
 
     def call(name, **request):
-        return vars(services[name](SimpleNamespace(**request), SimpleNamespace()))
+        response = SimpleNamespace()
+        services[name][1](SimpleNamespace(**request), response)
+        return vars(response)
 
     yield call, sent
     player.playback.stop()
@@ -166,9 +167,10 @@ def test_stop(call, player):
 def test_without_rosbag2_they_are_triggers(player, monkeypatch):
     monkeypatch.setattr(controls, '_PACKAGE', 'no_such_package')
     assert controls._rosbag2_types() is None
-    services = {name: act for name, _, act in controls._plain_services(player, None)}
+    services = controls._plain_services(player)
     player.playback.resume()
-    response = services['play_next'](None, SimpleNamespace(success=None, message=''))
+    response = SimpleNamespace(success=None, message='')
+    services['play_next'][1](None, response)
     assert not response.success
     assert set(services) == {'pause', 'resume', 'toggle_paused', 'play_next', 'stop'}
 

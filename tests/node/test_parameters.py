@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
-from kitti_ros2.node.parameters import PARAMETERS, given, to_parameters
+from kitti_ros2.node.parameters import PARAMETERS, descriptor, given, to_parameters
 from kitti_ros2.node.player import _LIVE, _OF_SOURCE
 from kitti_ros2.options.table import make_play_settings
 
@@ -37,7 +37,7 @@ def test_a_value_gets_the_declared_type_and_means_the_same(name, word, value):
 
 
 def test_parameters_are_described_with_their_ranges():
-    described = {each.name: each.descriptor() for each in PARAMETERS}
+    described = {each.name: descriptor(each) for each in PARAMETERS}
     assert all(each.description for each in described.values())
     rate = described['rate']
     assert not rate.read_only

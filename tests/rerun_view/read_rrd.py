@@ -43,7 +43,7 @@ class Rrd:
             self.timelines |= set(chunk.timeline_names)
             self._add(chunk)
         for rows in self.rows.values():
-            rows.sort(key=lambda row: (row.stamp_ns or -1, sorted(row.components)))
+            rows.sort(key=_order)
 
     def _add(self, chunk: Any) -> None:
         batch = chunk.to_record_batch()
@@ -70,6 +70,11 @@ class Rrd:
         """The only value there is."""
         ((_, value),) = self.having(entity, component)
         return value
+
+
+def _order(row: Row) -> tuple[int, list[str]]:
+    """By time; rows of one time are in chunks of any order."""
+    return -1 if row.stamp_ns is None else row.stamp_ns, sorted(row.components)
 
 
 def _small(name: str) -> bool:
