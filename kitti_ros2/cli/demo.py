@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputExistsError
+from ..options.read import ReadOptions
 from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
@@ -52,6 +53,6 @@ def run_demo(
         source = write_synthetic(recording, kind, options, progress=progress)
     code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
     if not quiet:
-        print_overview(overlook(bag))
+        print_overview(overlook(bag, ReadOptions()))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
     return code

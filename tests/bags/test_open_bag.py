@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 
 from kitti_ros2.bags import bag_files
@@ -18,6 +20,8 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 
 import foreign  # isort: skip
 
@@ -99,4 +103,16 @@ def test_a_command_opens_its_bag_once(tmp_path, recordings, monkeypatch, opened,
         convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
     name, *words = COMMANDS[command]
     assert main([name, str(path), *words]) == 0
+    assert opened == [path]
+
+
+@pytest.mark.parametrize('annotated', [False, True])
+def test_a_player_opens_its_bag_once(tmp_path, recordings, opened, annotated):
+    path = tmp_path / 'bag.mcap'
+    recording = open_recording(recordings[Layout.OBJECT])
+    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+    with closing(open_program(path, make_play_settings({'annotated': annotated}))) as program:
+        wanted = range(len(program.outlets))
+        fetched = [program.fetch(index, wanted) for index in range(len(program.stamps_ns))]
+    assert all(messages and not losses for messages, losses in fetched)
     assert opened == [path]
