@@ -13,7 +13,7 @@ from ..options.read import ReadOptions
 from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
-from .progress import count_progress
+from .progress import step_progress
 from .text import format_path
 from .to_bag import run_to_bag
 
@@ -49,7 +49,7 @@ def run_demo(
         shutil.rmtree(taken, ignore_errors=True)
     if kind is None:
         raise AssertionError('a given layout is never None')
-    with count_progress('making the street', frames, show=not quiet) as progress:
+    with step_progress('making the street', frames, show=not quiet) as progress:
         source = write_synthetic(recording, kind, options, progress=progress)
     code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
     if not quiet:

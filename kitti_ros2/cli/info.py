@@ -20,9 +20,8 @@ from ..model.text import one_line
 from ..options.table import make_settings
 from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_imports
-from .text import format_bytes, format_count, format_duration
+from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -16,10 +16,9 @@ from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_duration, format_path, say
+from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
