@@ -125,7 +125,10 @@ class BagProgram:
             UsageError: The selection matches none.
         """
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
-        own = self._own_frames(bag, every, stamps)
+        if self._numbered is None:
+            own = _frames_by_position(bag, every, stamps)
+        else:
+            own = self._numbered.frames_at(every, self._topics)
         begin = min(int(found[0]) for found in stamps.values() if len(found))
         start, end = selection.start, selection.end
         first, last = (
@@ -142,15 +145,6 @@ class BagProgram:
             # Messages before the last one of a frame are played with that frame.
             frames = np.minimum(frames, end.frame)
         return every[span], frames
-
-    def _own_frames(
-        self, bag: OpenBag, every: Int64Array, stamps: Mapping[str, Int64Array]
-    ) -> Int64Array:
-        """Return the (N,) frame of each message in order of time; frames may decrease."""
-        if self._numbered is not None:
-            return self._numbered.frames_at(every, self._topics)
-        reference = _reference(bag, stamps)
-        return nearest_frames(every, reference, np.arange(len(reference)))
 
     def notes(self) -> tuple[str, ...]:
         """See Program."""
@@ -246,8 +240,10 @@ def _due(outlet: int, message: BagMessage) -> Due:
     return Due(outlet, message.stamp_ns, data + filling(len(data)))
 
 
-def _reference(bag: OpenBag, stamps: Mapping[str, Int64Array]) -> Int64Array:
-    """Return the times of the frames: the stamps of the reference topic.
+def _frames_by_position(
+    bag: OpenBag, every: Int64Array, stamps: Mapping[str, Int64Array]
+) -> Int64Array:
+    """Return the (N,) frame of each of (N,) stamps: what is nearest in the reference topic.
 
     Scans written by to-bag and stamped at their start count as half-way to facing forward.
     """
@@ -256,9 +252,11 @@ def _reference(bag: OpenBag, stamps: Mapping[str, Int64Array]) -> Int64Array:
     scans = [topic for topic, msgtype in channels if msgtype == _SCAN]
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
-    chosen = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
-    # Images follow when the scanner faces forward: the mean of both is the middle of a frame.
-    return chosen + read_lead_ns(bag) // 2 if scans else chosen
+    reference = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
+    if scans:
+        # Images follow when the scanner faces forward: the mean of both is the middle of a frame.
+        reference = reference + read_lead_ns(bag) // 2
+    return nearest_frames(every, reference, np.arange(len(reference)))
 
 
 def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tuple[int, int]) -> int:

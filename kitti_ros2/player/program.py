@@ -20,7 +20,7 @@ from ..model.streams import Stream
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
 
-    from ..exporter.encode import Failure, Message
+    from ..exporter.encode import Failure
     from ..exporter.schedule import Schedule
     from ..messages.ros_types import Typestore
     from ..model.recording import Recording
@@ -164,8 +164,9 @@ class RecordingProgram:
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Due], list[Failure]]:
         entry = self._entries[index]
         messages, failures = self._encoder.encode(entry, wanted)
+        due = [Due(each.topic, each.stamp_ns, join(each.parts), each.key) for each in messages]
         # Small messages first: each waits for those before it.
-        due = sorted(map(_due, messages), key=lambda each: self.outlets[each.outlet].on_demand)
+        due.sort(key=lambda each: self.outlets[each.outlet].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
         return [*due, *(Due(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
 
@@ -186,10 +187,6 @@ class RecordingProgram:
 
     def close(self) -> None:
         """Do nothing: no file stays open between two samples."""
-
-
-def _due(message: Message) -> Due:
-    return Due(message.topic, message.stamp_ns, join(message.parts), message.key)
 
 
 def _loss(failure: Failure) -> Loss:
