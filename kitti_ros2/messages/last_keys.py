@@ -27,7 +27,3 @@ class LastKeys:
             return True
         self._keys[topic] = key
         return False
-
-    def clear(self) -> None:
-        """Forget all keys: each topic's next message is sent."""
-        self._keys.clear()

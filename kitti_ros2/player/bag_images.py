@@ -46,7 +46,11 @@ class BagImages:
 
     def __init__(self, bag: OpenBag, options: MessageOptions) -> None:
         self._images = options.images
-        self._labelled = _labelled(bag) if options.annotated else None
+        self._labelled: LabelledImages | None = None
+        if options.annotated:
+            from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
+
+            self._labelled = LabelledImages(bag)
         self._annotated: dict[str, str] = {}
         self._decoder: Decoder | None = None
 
@@ -101,12 +105,6 @@ class BagImages:
             return error
         except (struct.error, OverflowError) as error:
             return ValueError(f'a value is out of range for {IMAGE} ({error})')
-
-
-def _labelled(bag: OpenBag) -> LabelledImages:
-    from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
-
-    return LabelledImages(bag)
 
 
 def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types

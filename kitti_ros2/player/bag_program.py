@@ -92,15 +92,9 @@ class BagProgram:
     ) -> None:
         """Set topics, types, losses and outlets.
 
-        Args:
-            bag: The bag.
-            played: The chosen topics.
-            stamps: Log times by topic.
-            exact: Whether they were selected by their full names: one that cannot be read is then
-                an error.
-
         Raises:
-            BadBagError: None of them has messages, or one cannot be read.
+            BadBagError: No topic has messages, or one that is selected by its full name (exact)
+                cannot be read.
         """
         with open_messages(bag, played.read if exact else None) as messages:
             # The index also counts messages that are not CDR.

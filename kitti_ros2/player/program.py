@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
 
     from ..exporter.encode import Failure
-    from ..exporter.schedule import Schedule
     from ..messages.ros_types import Typestore
     from ..model.recording import Recording
     from ..model.samples import Int64Array
@@ -127,7 +126,12 @@ class RecordingProgram:
         schedule = make_schedule(recording, selection)
         self._encoder = Encoder(recording, schedule, messages, selection)
         self._entries = list(schedule)
-        self._latched = _latched_entries(schedule, self._encoder)
+        latched = {row.stream for row in self._encoder.table if row.latched}
+        self._latched = [  # the positions of the entries of each stream with a latched topic
+            np.flatnonzero(schedule.streams == code)
+            for code, stream in enumerate(Stream)
+            if stream in latched
+        ]
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.outlets: Sequence[Outlet] = [
@@ -192,10 +196,3 @@ class RecordingProgram:
 def _loss(failure: Failure) -> Loss:
     topics = ', '.join(failure.topics)
     return Loss(topics, len(failure.topics), f'{topics}: {describe_error(failure.error)}')
-
-
-def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
-    """Return the positions of the entries of each stream with a latched topic."""
-    streams = {row.stream for row in encoder.table if row.latched}
-    codes = [code for code, stream in enumerate(Stream) if stream in streams]
-    return [np.flatnonzero(schedule.streams == code) for code in codes]

@@ -254,7 +254,7 @@ class Session:
 
     def _jump(self, event: Jump) -> None:
         """Resend latched messages after a seek, and mark all markers as stale."""
-        self._last_keys.clear()
+        self._last_keys = LastKeys()
         self._stale = set(self._markers)
         self._frame = None
         self._transport.jump(event.stamp_ns)
