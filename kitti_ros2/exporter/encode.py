@@ -202,7 +202,7 @@ class Encoder:
                 continue
             key = row.change_key(sample) if row.change_key else None
             messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
-        return messages, failures + _lacking(sample)
+        return messages, failures + _missing_parts(sample)
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
@@ -251,7 +251,7 @@ def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
     return decoded
 
 
-def _lacking(sample: Sample) -> list[Failure]:
+def _missing_parts(sample: Sample) -> list[Failure]:
     """Return the missing parts of a calibration or description as failures.
 
     A camera's own part is counted with its camera_info.
