@@ -14,7 +14,7 @@ from ..report.page import make_page
 from ..report.publish import check_output, write_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
-from .progress import part_progress
+from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def run_report(
     if out.suffix.lower() not in _ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
     check_output(out, overwrite=overwrite)
-    with part_progress('reading', show=not quiet) as progress:
+    with step_progress('reading', show=not quiet) as progress:
         report = gather(src, options, progress)
     size = write_page(out, make_page(report), overwrite=overwrite)
     for finding in report.findings:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import bag_stamps, open_messages
+from ..bags.reader import open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
@@ -38,7 +38,7 @@ from .sync import default_tolerance_ns
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, OpenBag
     from ..drawing.pixels import Pixels as Picture
     from ..messages.pixels import Pixels
     from ..model.samples import Int64Array
@@ -55,7 +55,7 @@ class LabelledImages:
     """Draws the labels of a bag on its images; for one thread at a time.
 
     Args:
-        path: The bag.
+        bag: The bag; its files are open until close.
 
     Attributes:
         topics: By image topic the KITTI index of its camera.
@@ -66,16 +66,16 @@ class LabelledImages:
         BadBagError: It cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
-        survey = glance(path)
-        plan = _plan(path, survey)
-        self._plan, self._rigging = _rigged(path, plan, survey)
+    def __init__(self, bag: OpenBag) -> None:
+        survey = glance(bag)
+        plan = _plan(bag.path, survey)
+        self._plan, self._rigging = _rigged(bag.path, plan, survey)
         self.topics: Mapping[str, int] = {
             camera.topic: index for index, camera in self._plan.cameras.items()
         }
-        self._labels = _Labels(path, survey, _label_topic(plan))
+        self._labels = _Labels(bag, survey, _label_topic(plan))
         if plan.calibration == SOURCE:
-            self._labels.be_of_one_frame(path, self.topics)
+            self._labels.be_of_one_frame(self.topics)
         # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
@@ -110,6 +110,10 @@ class LabelledImages:
         annotate(picture, objects_of(labels, calibration), calibration, camera)
         return picture
 
+    def close(self) -> None:
+        """Close the files."""
+        self._labels.close()
+
     def _read_objects(self, place: int) -> FrameLabels:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
@@ -124,10 +128,10 @@ class LabelledImages:
 class _Labels:
     """Finds and reads the message of the labels' topic nearest to an image."""
 
-    def __init__(self, path: Path, survey: Survey, topic: str) -> None:
+    def __init__(self, bag: OpenBag, survey: Survey, topic: str) -> None:
         found = topic_of(survey, topic)
         self.topic = topic
-        self._path = path
+        self._bag = bag
         self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
         stamps, why_not_headers = found.stamps()
         self._by_log = why_not_headers is not None or len(found.header_ns) != found.count
@@ -138,11 +142,16 @@ class _Labels:
         self._iterator: Iterator[BagMessage] | None = None
         self._next = 0
 
-    def be_of_one_frame(self, path: Path, images: Collection[str]) -> None:
+    def be_of_one_frame(self, images: Collection[str]) -> None:
         """Match labels to one image of each camera only, as in KITTI's frames."""
-        stamps = bag_stamps(path)
+        stamps = self._bag.index.by_topic()
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._messages is not None:
+            self._messages.close()
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Return the index of the message of an image, None where none is near."""
@@ -172,7 +181,7 @@ class _Labels:
 
     def _message(self, place: int) -> BagMessage | None:
         if self._messages is None:
-            self._messages = open_messages(self._path, {self.topic})
+            self._messages = open_messages(self._bag, {self.topic})
         if self._iterator is None or place != self._next:
             log_ns = int(self._log_ns[place])
             self._iterator = self._messages.since(log_ns)

@@ -20,8 +20,7 @@ from ..model.streams import Stream
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Sequence
 
-    from ..exporter.encode import Failure, Message
-    from ..exporter.schedule import Schedule
+    from ..exporter.encode import Failure
     from ..messages.ros_types import Typestore
     from ..model.recording import Recording
     from ..model.samples import Int64Array
@@ -127,7 +126,12 @@ class RecordingProgram:
         schedule = make_schedule(recording, selection)
         self._encoder = Encoder(recording, schedule, messages, selection)
         self._entries = list(schedule)
-        self._latched = _latched_entries(schedule, self._encoder)
+        latched = {row.stream for row in self._encoder.table if row.latched}
+        self._latched = [  # the positions of the entries of each stream with a latched topic
+            np.flatnonzero(schedule.streams == code)
+            for code, stream in enumerate(Stream)
+            if stream in latched
+        ]
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.channels: Sequence[Outlet] = [
@@ -164,8 +168,9 @@ class RecordingProgram:
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Failure]]:
         entry = self._entries[index]
         messages, failures = self._encoder.encode(entry, wanted)
+        due = [Message(each.topic, each.stamp_ns, join(each.parts), each.key) for each in messages]
         # Small messages first: each waits for those before it.
-        due = sorted(map(_due, messages), key=lambda each: self.channels[each.channel].on_demand)
+        due.sort(key=lambda each: self.channels[each.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
         return [*due, *(Message(outlet, entry.stamp_ns, b'') for outlet in unmade)], failures
 
@@ -188,17 +193,6 @@ class RecordingProgram:
         """Do nothing: no file stays open between two samples."""
 
 
-def _due(message: Message) -> Message:
-    return Message(message.topic, message.stamp_ns, join(message.parts), message.key)
-
-
 def _loss(failure: Failure) -> Loss:
     topics = ', '.join(failure.topics)
     return Loss(topics, len(failure.topics), f'{topics}: {describe_error(failure.error)}')
-
-
-def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
-    """Return the positions of the entries of each stream with a latched topic."""
-    streams = {row.stream for row in encoder.table if row.latched}
-    codes = [code for code, stream in enumerate(Stream) if stream in streams]
-    return [np.flatnonzero(schedule.streams == code) for code in codes]

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
+from kitti_ros2.model.channels import Channel
 
 from kitti_ros2.bags import bag_files
 from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
@@ -19,6 +21,8 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 
 import foreign  # isort: skip
 
@@ -100,4 +104,16 @@ def test_a_command_opens_its_bag_once(tmp_path, recordings, monkeypatch, opened,
         convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
     name, *words = COMMANDS[command]
     assert main([name, str(path), *words]) == 0
+    assert opened == [path]
+
+
+@pytest.mark.parametrize('annotated', [False, True])
+def test_a_player_opens_its_bag_once(tmp_path, recordings, opened, annotated):
+    path = tmp_path / 'bag.mcap'
+    recording = open_recording(recordings[Layout.OBJECT])
+    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+    with closing(open_program(path, make_play_settings({'annotated': annotated}))) as program:
+        wanted = range(len(program.channels))
+        fetched = [program.fetch(index, wanted) for index in range(len(program.stamps_ns))]
+    assert all(messages and not losses for messages, losses in fetched)
     assert opened == [path]
