@@ -31,7 +31,7 @@ _IMPORTS = {
     'importer': 'model files options drawing kitti messages bags rig',
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
-    'player': 'model files options kitti messages bags exporter importer own_bags',
+    'player': 'model files options messages bags exporter importer own_bags',
     'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures',
     'bridge': 'model options messages player',
     'node': 'model options messages player',

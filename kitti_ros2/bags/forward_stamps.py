@@ -17,9 +17,9 @@ from .reader import open_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from pathlib import Path
 
     from ..messages.ros_types import String
+    from .reader import BagSource
 
 _STRING = 'std_msgs/msg/String'
 
@@ -68,16 +68,16 @@ class ForwardStamps:
         }
 
 
-def read_lead_ns(path: Path) -> int:
+def read_lead_ns(bag: BagSource) -> int:
     """Read the nanoseconds by which a bag's scan stamps precede facing forward (nominal period).
 
     The result is 0 for bags not written by to-bag, and if their description cannot be read.
 
     Raises:
-        BadBagError: The path holds no bag.
+        BadBagError: The bag cannot be read.
     """
     found = ForwardStamps()
-    with open_messages(path, {RECORDING}) as messages:
+    with open_messages(bag, {RECORDING}) as messages:
         if (RECORDING, _STRING) not in messages.channels:
             return 0
         for message in messages:

@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from ..model.containers import CONTAINERS
-from ..model.errors import BadBagError, UsageError
+from ..model.errors import BadBagError
 from ..model.yaml_text import load_yaml
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
-
-    from ..model.layouts import Layout
 
 _METADATA = 'metadata.yaml'
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
@@ -63,21 +61,6 @@ def looks_like_bag(path: Path) -> bool:
     if not path.is_dir():
         return path.exists()
     return (path / _METADATA).is_file() or any(_files(path).values())
-
-
-def is_bag(path: Path, layout: Layout | None) -> bool:
-    """Whether a path is a bag; else it is a KITTI folder.
-
-    Args:
-        path: As the user gave it.
-        layout: The requested layout; with one it is a KITTI folder.
-
-    Raises:
-        UsageError: There is no such path.
-    """
-    if not path.exists():
-        raise UsageError(f'{path}: no such file or folder; give a KITTI folder or a bag')
-    return layout is None and looks_like_bag(path)
 
 
 def locate_bag(path: Path) -> BagFiles:

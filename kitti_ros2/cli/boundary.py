@@ -75,7 +75,9 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
 
 def _run_and_flush(words: list[str]) -> int:
     """Run and flush, to detect a closed pipe here and not at exit."""
-    code = _run(words)
+    from .app import run
+
+    code = run(words)
     sys.stdout.flush()
     return code
 
@@ -93,12 +95,6 @@ def _mend_streams() -> None:
 def _terminate(*_: object) -> None:
     """Exit as Ctrl-C does: through the context managers that clean up."""
     sys.exit(EXIT_TERMINATED)
-
-
-def _run(words: list[str]) -> int:
-    from .app import run
-
-    return run(words)
 
 
 def _describe(error: KittiRos2Error | OSError) -> str:

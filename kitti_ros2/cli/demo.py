@@ -9,10 +9,11 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputExistsError
+from ..options.read import ReadOptions
 from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
-from .progress import count_progress
+from .progress import step_progress
 from .text import format_path
 from .to_bag import run_to_bag
 
@@ -48,10 +49,10 @@ def run_demo(
         shutil.rmtree(taken, ignore_errors=True)
     if kind is None:
         raise AssertionError('a given layout is never None')
-    with count_progress('making the street', frames, show=not quiet) as progress:
+    with step_progress('making the street', frames, show=not quiet) as progress:
         source = write_synthetic(recording, kind, options, progress=progress)
     code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
     if not quiet:
-        print_overview(overlook(bag))
+        print_overview(overlook(bag, ReadOptions()))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
     return code

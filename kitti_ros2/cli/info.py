@@ -9,21 +9,18 @@ import sys
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ..bags.locate import is_bag
+from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
-from ..kitti.layouts import open_recording
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
 from ..options.table import make_settings
 from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_imports
-from .text import format_bytes, format_count, format_duration
+from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +28,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
+    from ..options.read import ReadOptions
     from ..report.glances import LinkGlance
     from ..report.overview import Overview
 
@@ -49,7 +47,7 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
         The exit code: 1 where something is missing or damaged.
     """
     keep_imports()
-    overview = overlook(path, given)
+    overview = overlook(path, make_settings(given).read)
     if json:
         print_json(overview)
     else:
@@ -58,13 +56,13 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
     return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
 
-def overlook(path: Path, given: Mapping[str, object] = MappingProxyType({})) -> Overview:
+def overlook(path: Path, options: ReadOptions) -> Overview:
     """Return the overview of a bag, or of a KITTI folder."""
-    read = make_settings(given).read
-    if is_bag(path, read.layout):
-        with OpenBag(path) as bag:
-            return inspect_bag(bag)[0]
-    return inspect_recording(open_recording(path, read), path)
+    source = open_source(path, options)
+    if not isinstance(source, OpenBag):
+        return inspect_recording(source, path)
+    with source as bag:
+        return inspect_bag(bag)[0]
 
 
 def print_json(overview: Overview) -> None:

@@ -40,47 +40,44 @@ def conversion_progress(
         TextColumn('{task.fields[speed]}'),
         TimeRemainingColumn(),
     )
-    started = last = time.monotonic()
+    started = time.monotonic()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task('', total=samples, speed='')
 
         def update(done: int, size_bytes: int) -> None:
-            nonlocal last
-            now = time.monotonic()
-            if now - last < _REFRESH_S:
-                return
-            last = now
-            elapsed = now - started
+            elapsed = time.monotonic() - started
             rate = done / samples * frames / elapsed
             speed = f'{rate:5.0f} frames/s {size_bytes / elapsed / 1e6:6.0f} MB/s'
             bar.update(task, completed=done, speed=speed)
 
-        yield update
+        yield _seldom(update)
 
 
 @contextmanager
-def count_progress(title: str, total: int, *, show: bool) -> Iterator[Callable[[int], None]]:
-    """Yield a function to call with the number done."""
+def step_progress(
+    title: str, total: int | None = None, *, show: bool
+) -> Iterator[Callable[..., None]]:
+    """Yield a function to call with the steps done and, unless it is given here, their total."""
     if not show or not sys.stderr.isatty():
-        yield lambda _done: None
+        yield lambda *_: None
         return
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=total)
-        yield lambda done: bar.update(task, completed=done)
+        yield _seldom(lambda done, total=None: bar.update(task, completed=done, total=total))
 
 
-@contextmanager
-def part_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function to call with the number done and the total as far as it is known."""
-    if not show or not sys.stderr.isatty():
-        yield lambda _done, _total: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
+def _seldom(update: Callable[..., None]) -> Callable[..., None]:
+    """Limit the updates of a bar: most messages are small, and drawing takes longer."""
+    last = time.monotonic()
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    def limited(*values: int) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _REFRESH_S:
+            last = now
+            update(*values)
+
+    return limited

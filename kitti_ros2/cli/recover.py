@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING
 from ..bags.recover import recover
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
-from .progress import count_progress
+from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from ..bags.recover import RecoveryReport
-
-_PARTS = 1000
 
 
 def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, quiet: bool) -> int:
@@ -38,8 +35,8 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
     keep_imports()
     keep_freed_memory()
     started = time.monotonic()
-    with count_progress('', _PARTS, show=not quiet) as show:
-        report = recover(bag, out, storage, overwrite=overwrite, progress=_in_parts(show))
+    with step_progress('', show=not quiet) as progress:
+        report = recover(bag, out, storage, overwrite=overwrite, progress=progress)
     for loss in report.losses:
         complain(loss)
     if not quiet:
@@ -48,20 +45,6 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
         return EXIT_OK
     complain(f'kitti-ros2: {_lost(report)}, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
-
-
-def _in_parts(show: Callable[[int], None]) -> Callable[[int, int], None]:
-    """Return a progress function that updates only for each new part: most messages are small."""
-    last = 0
-
-    def update(done: int, expected: int) -> None:
-        nonlocal last
-        part = done * _PARTS // max(expected, 1)
-        if part != last:
-            last = part
-            show(part)
-
-    return update
 
 
 def _summarize(report: RecoveryReport, elapsed: float) -> None:

@@ -14,7 +14,7 @@ from ..report.gather import gather
 from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
-from .progress import part_progress
+from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def run_report(
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
     refusal = _KEEP_ALL_BUT_PAGES if overwrite else keep_all
     Staging(out, refusal).discard()  # raises now for what could not be written later
-    with part_progress('reading', show=not quiet) as progress:
+    with step_progress('reading', show=not quiet) as progress:
         report = gather(src, options, progress)
     with staged_file(out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..bags.writer import guess_storage
-from ..exporter.schedule import make_schedule
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
 from ..kitti.layouts import open_recording
@@ -16,10 +16,9 @@ from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_duration, format_path, say
+from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,20 +55,18 @@ def run_to_bag(
     refuse_inside(src, out)
     if settings.read.layout is None and not quiet:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')
-    schedule = make_schedule(recording, settings.selection)
     if settings.messages.images is not Images.COMPRESSED:
         keep_freed_memory()
     started = time.monotonic()
-    with conversion_progress(len(schedule), schedule.frames, show=not quiet) as progress:
-        report = convert(
-            recording,
-            out,
-            settings.messages,
-            settings.selection,
-            bag,
-            strict=settings.strict,
-            progress=progress,
-        )
+    report = convert(
+        recording,
+        out,
+        settings.messages,
+        settings.selection,
+        bag,
+        strict=settings.strict,
+        progress=partial(conversion_progress, show=not quiet),
+    )
     elapsed = time.monotonic() - started
     if not quiet:
         _summarize(report, elapsed, images=settings.messages.images, recording=recording)

@@ -18,10 +18,9 @@ from ..model.losses import Loss
 from ..options.table import make_import_options
 from ..own_bags.recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
-from .text import format_bytes, format_count, format_path, say
+from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -20,10 +20,9 @@ from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .losses import show_losses
 from .memory import keep_freed_memory, keep_imports
-from .progress import count_progress
-from .text import format_bytes, format_count, format_path, say
+from .progress import step_progress
+from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -138,7 +137,7 @@ def _draw(
     series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
     tally = _PictureTally()
     started = time.monotonic()
-    with count_progress('drawing', len(numbers), show=not quiet and not single) as progress:
+    with step_progress('drawing', len(numbers), show=not quiet and not single) as progress:
         pictures = tally.pictures(series, progress)
         rate_hz = settings.rate_hz or rate_of(source, numbers)
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)

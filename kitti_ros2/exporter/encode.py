@@ -17,13 +17,13 @@ from ..messages.naming import image_topic
 from ..messages.source import promise
 from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
 from ..model.errors import KittiRos2Error, describe_error
-from ..model.losses import Loss, format_numbers
+from ..model.losses import Loss
 from ..model.samples import Calibration, Description, FrameLabels, Scan
-from ..model.stamps import NS_PER_S
 from ..model.streams import CAMERA_NAMES, Stream
+from .turn_notes import turn_notes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from ..messages.pixels import Pixels
     from ..messages.topics import Topic
@@ -137,52 +137,16 @@ class Encoder:
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self._nominal)
         ]
-        found = (self._map_note(), self._compensation_note(), self._turn_note())
-        notes += [note for note in found if note]
-        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
-
-    def _map_note(self) -> str:
-        if not has_no_gravity(self._recording.start, self._rig.options.map) or not any(
-            row.stream in _IN_MAP for row in self.table
-        ):
-            return ''
-        return (
-            f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
-            f' layout has no gravity'
-        )
-
-    def _compensation_note(self) -> str:
-        turns, timed = self._recording.turns, self._rig.options.ring_and_time
-        if not timed or all(number in turns for number, _ in self._scans_due()):
-            return ''
-        return (
-            'points have ring but no time: KITTI has compensated these scans for motion,'
-            ' so all points of a scan are of one moment'
-        )
-
-    def _turn_note(self) -> str:
-        """Return a note on scans with a nominal turn on which their time or stamp depends."""
-        turns, timed = self._recording.turns, self._rig.options.ring_and_time
-        found = {
-            number: turns[number]
-            for number, stamp_ns in self._scans_due()
-            if number in turns and (timed or stamp_ns == turns[number].start_ns)
-        }
-        nominal = sorted(number for number, turn in found.items() if turn.nominal)
-        if not nominal:
-            return ''
-        return (
-            f'start and end of the turn are missing for scans {format_numbers(nominal)}: a nominal'
-            f' turn of {found[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
-            f' middle'
-        )
-
-    def _scans_due(self) -> Iterator[tuple[int, int]]:
-        """Yield file number and stamp of the scans to be encoded."""
+        options, in_map = self._rig.options, any(self._rows[stream] for stream in _IN_MAP)
+        if in_map and has_no_gravity(self._recording.start, options.map):
+            notes.append(
+                f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
+                f' layout has no gravity'
+            )
         if self._rows[Stream.SCAN]:
-            for entry in self._schedule:
-                if entry.stream is Stream.SCAN:
-                    yield entry.number, entry.stamp_ns
+            scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
+            notes += turn_notes(scans, self._recording.turns, timed=options.ring_and_time)
+        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
 
     def _labels_of(self, number: int) -> FrameLabels:
         """Read the labels of an image's frame; empty if the frame has none."""

@@ -9,10 +9,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from ..model.errors import UsageError
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Stream
+from .window import UNLIMITED, nothing_selected, select_window
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from ..model.losses import Loss
     from ..model.recording import Recording
     from ..model.samples import Int64Array, Turn
-    from ..options.selection import Bound, SelectionOptions
+    from ..options.selection import SelectionOptions
+    from .window import Window
 
 _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
@@ -170,22 +171,17 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         UsageError: A stream's name is unknown, or the selection is empty.
     """
     wanted = _wanted_streams(selection.streams)
-    numbers, moments = _window(recording, selection)
+    window = select_window(recording, selection)
     rows: list[_Row] = []
     for stream in [stream for stream in recording.streams if stream in wanted]:
         index = recording.streams[stream]
-        taken = _within(index.numbers, numbers) & _within(index.stamps_ns, moments)
+        taken = window.takes(index)
         rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
     if not len(stamps) and wanted <= set(ONCE):
         stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
-    nothing = f'{recording.name}: the selection takes no sample; {_extent(recording)}'
     if not len(stamps):
-        raise (
-            selection.reversed_error()
-            if _is_reversed(recording, selection)
-            else UsageError(nothing)
-        )
+        raise nothing_selected(recording, selection)
     first = int(stamps.min())
     present = {row[0] for row in rows}
     once = np.array([first], dtype=np.int64)
@@ -195,32 +191,24 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         if stream in wanted and stream not in present and _has_once(recording, stream, present)
     ]
     if not rows:
-        raise UsageError(nothing)
-    spans = {stream: _span(rows, stream, recording, numbers, moments) for stream in wanted}
+        raise nothing_selected(recording, selection)
+    spans = {stream: _span(rows, stream, recording, window) for stream in wanted}
     known = {stream: span for stream, span in spans.items() if span is not None}
     return _in_order(rows, known, recording)
 
 
 def _span(
-    rows: Sequence[_Row],
-    stream: Stream,
-    recording: Recording,
-    numbers: tuple[int, int],
-    moments: tuple[int, int],
+    rows: Sequence[_Row], stream: Stream, recording: Recording, window: Window
 ) -> tuple[int, int] | None:
     """Return the first and last selected file number of a stream, None if unknown."""
-    if moments == _ALL:
-        return numbers
+    if window.stamps_ns == UNLIMITED:
+        return window.numbers
     taken = [row[1] for row in rows if len(row[1]) and row[0] in recording.streams]
     own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
     basis = own or (taken if recording.common_numbers else [])
     if not basis:
         return None
     return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)
-
-
-def _within(values: Int64Array, bounds: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    return (values >= bounds[0]) & (values <= bounds[1])
 
 
 def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> bool:
@@ -254,55 +242,3 @@ def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
             known = ', '.join(['image', *(stream.value for stream in Stream)])
             raise UsageError(f'there is no stream {name!r}; choose from {known}')
     return wanted
-
-
-_ALL = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
-
-
-def _window(
-    recording: Recording, selection: SelectionOptions
-) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return (lowest, highest) file number and (lowest, highest) stamp of the selection."""
-    numbers, stamps = list(_ALL), list(_ALL)
-    for side, bound in enumerate((selection.start, selection.end)):
-        if bound is None:
-            continue
-        if bound.frame is not None and recording.common_numbers:
-            numbers[side] = bound.frame
-        else:
-            stamps[side] = _bound_ns(recording, bound, side)
-    return (numbers[0], numbers[1]), (stamps[0], stamps[1])
-
-
-def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
-    if bound.stamp_ns is not None:
-        return bound.stamp_ns
-    if bound.offset_ns is not None:
-        first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
-        return first + bound.offset_ns
-    # Streams without a common frame number are cut where the reference stream has that frame.
-    reference = next(s for s in (Stream.SCAN, *_STREAMS) if s in recording.streams)
-    index = recording.streams[reference]
-    frame = bound.frame or 0
-    position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
-    if position < 0:
-        return _ALL[0]
-    return int(index.stamps_ns[position]) if position < len(index) else _ALL[1]
-
-
-def _is_reversed(recording: Recording, selection: SelectionOptions) -> bool:
-    """Whether the end, of another kind than the start, is before it, both in the recording."""
-    if selection.start is None or selection.end is None:
-        return False
-    first = _bound_ns(recording, selection.start, 0)
-    last = _bound_ns(recording, selection.end, 1)
-    return _ALL[0] < last < first < _ALL[1]
-
-
-def _extent(recording: Recording) -> str:
-    """Describe the available samples, for errors."""
-    parts = [
-        f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
-        for stream, index in recording.streams.items()
-    ]
-    return f'it holds frames {", ".join(parts)}'

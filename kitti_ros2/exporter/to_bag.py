@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from ..bags.writer import open_bag
 from ..files.workers import ordered_map, worker_count
+from ..messages.last_keys import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error
 from ..model.losses import Loss
@@ -18,7 +20,8 @@ from .encode import Encoder
 from .schedule import make_schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from ..bags.writer import BagWriter
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
 
+ShowProgress: TypeAlias = 'Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]'
 _BATCH = 8  # samples, about a frame
 
 
@@ -64,7 +68,7 @@ def convert(
     bag: BagOptions,
     *,
     strict: bool = False,
-    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+    progress: ShowProgress = lambda _samples, _frames: nullcontext(lambda _done, _bytes: None),
 ) -> ExportReport:
     """Write a recording to a bag.
 
@@ -75,7 +79,8 @@ def convert(
         selection: The part of the recording to convert.
         bag: Container, compression, splitting.
         strict: Stop at the first loss, and remove the output.
-        progress: Called with the samples done and the bytes written so far.
+        progress: Called with the number of samples and frames; returns a context with a function
+            that is called with the samples done and the bytes written so far.
 
     Raises:
         UsageError: The selection is empty, or an option is invalid for the output.
@@ -89,7 +94,10 @@ def convert(
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
-    with open_bag(out, bag, TYPESTORE, source_metadata=source) as writer:
+    with (
+        progress(len(schedule), schedule.frames) as show,
+        open_bag(out, bag, TYPESTORE, source_metadata=source) as writer,
+    ):
         channels = _Channels(writer, encoder.table)
         workers, batch = 1, _BATCH
         if messages.images is not Images.COMPRESSED:  # decoding is long enough to share it out
@@ -97,7 +105,7 @@ def convert(
         outcomes = ordered_map(encoder.encode, schedule, workers, batch)
         for done, outcome in enumerate(outcomes, 1):
             tally.take(*outcome, channels)
-            progress(done, tally.size_bytes)
+            show(done, tally.size_bytes)
         for loss in recording.late_losses:
             tally.lose_unnamed(loss)
     return ExportReport(
@@ -136,17 +144,15 @@ class _ExportTally:
         self.size_bytes = 0
         self._strict = strict
         self._losses: Counter[tuple[str, str]] = Counter()
-        self._last_keys: dict[int, Hashable] = {}
+        self._last_keys = LastKeys()
 
     def take(self, messages: list[Message], losses: list[Loss], channels: _Channels) -> None:
         """Write messages, except repeated ones; count losses."""
         for loss in losses:
             self.lose(loss)
         for message in messages:
-            if message.key is not None:
-                if self._last_keys.get(message.channel) == message.key:
-                    continue
-                self._last_keys[message.channel] = message.key
+            if self._last_keys.repeats(message.channel, message.key):
+                continue
             channels.write(message)
             self.counts[message.channel] += 1
             self.size_bytes += sum(map(len, message.parts))

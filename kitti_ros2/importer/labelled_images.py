@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.decoding import Decoder
-from ..bags.reader import OpenBag, bag_stamps, open_messages
+from ..bags.reader import open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
     from pathlib import Path
 
-    from ..bags.reader import BagMessage
+    from ..bags.reader import BagMessage, OpenBag
     from ..drawing.pixels import Pixels as Picture
     from ..messages.pixels import Pixels
     from ..model.samples import Int64Array
@@ -55,7 +55,7 @@ class LabelledImages:
     """Draws the labels of a bag on its images; for one thread at a time.
 
     Args:
-        path: The bag.
+        bag: The bag; its files are open until close.
 
     Attributes:
         topics: By image topic the KITTI index of its camera.
@@ -66,17 +66,16 @@ class LabelledImages:
         BadBagError: It cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
-        with OpenBag(path) as bag:  # the labels keep its files open
-            survey = glance(bag)
-            plan, labels = _plan(path, survey)
-            self._plan, self._rigging = _rigged(path, plan, labels, survey)
-            self.topics: Mapping[str, int] = {
-                camera.topic: index for index, camera in self._plan.cameras.items()
-            }
-            self._labels = _Labels(bag, survey, labels)
-            if plan.calibration == SOURCE:
-                self._labels.be_of_one_frame(bag_stamps(bag), self.topics)
+    def __init__(self, bag: OpenBag) -> None:
+        survey = glance(bag)
+        plan, labels = _plan(bag.path, survey)
+        self._plan, self._rigging = _rigged(bag.path, plan, labels, survey)
+        self.topics: Mapping[str, int] = {
+            camera.topic: index for index, camera in self._plan.cameras.items()
+        }
+        self._labels = _Labels(bag, survey, labels)
+        if plan.calibration == SOURCE:
+            self._labels.be_of_one_frame(bag.index.by_topic(), self.topics)
         # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_KEPT)(self._read_objects)
@@ -111,6 +110,10 @@ class LabelledImages:
         annotate(picture, objects_of(labels, calibration), calibration, camera)
         return picture
 
+    def close(self) -> None:
+        """Close the files."""
+        self._labels.close()
+
     def _read_objects(self, place: int) -> FrameLabels:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
@@ -141,6 +144,11 @@ class _Labels:
         """Match labels to one image of each camera only, as in KITTI's frames."""
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._messages is not None:
+            self._messages.close()
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Return the index of the message of an image, None where none is near."""

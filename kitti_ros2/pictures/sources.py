@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..bags.locate import is_bag
+from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
 from ..importer.survey import look
-from ..kitti.layouts import open_recording
 from ..own_bags.numbering import number_bag
 from ..own_bags.recording import BagRecording
 from .bag_frames import BagFrames
@@ -33,11 +32,12 @@ def open_frames(path: Path, options: ReadOptions) -> FrameSource:
         UsageError: The path does not exist.
         KittiRos2Error: The source cannot be read, or contains nothing to draw.
     """
-    if is_bag(path, options.layout):
-        with OpenBag(path) as bag:  # the frames keep its files open until they are closed
-            survey = look([bag])
-            return open_bag_frames(bag, survey, open_own_recording(bag, survey))
-    return RecordingFrames(open_recording(path, options))
+    source = open_source(path, options)
+    if not isinstance(source, OpenBag):
+        return RecordingFrames(source)
+    with source as bag:  # the frames keep its files open until they are closed
+        survey = look([bag])
+        return open_bag_frames(bag, survey, open_own_recording(bag, survey))
 
 
 def open_bag_frames(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decoded and annotated image topics, made from the images of a bag.
+"""Decoded and annotated sensor_msgs/Image topics, made from the images of a bag.
 
 By the convention of image_transport, IMAGE/compressed is the CompressedImage of the Image IMAGE.
 A topic with another name is decoded to TOPIC/raw.
@@ -21,9 +21,8 @@ from .bag_topics import IMAGE, ImageTopics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from ..bags.message_source import BagMessage
+    from ..bags.reader import BagMessage, OpenBag
     from ..importer.labelled_images import LabelledImages
     from ..messages.pixels import Pixels
     from ..messages.ros_types import Typestore
@@ -35,24 +34,28 @@ _DEPTH = '/compressedDepth'
 
 
 class BagImages:
-    """The ImageMaker that follows the message options; for one thread at a time.
+    """Makes the image topics that the message options request; for one thread at a time.
 
     Args:
-        path: The bag.
+        bag: The bag; its files are open until close.
         options: images and annotated.
 
     Raises:
         UsageError: Annotated images are requested, but the data they need is missing from the bag.
     """
 
-    def __init__(self, path: Path, options: MessageOptions) -> None:
+    def __init__(self, bag: OpenBag, options: MessageOptions) -> None:
         self._images = options.images
-        self._labelled = _labelled(path) if options.annotated else None
+        self._labelled: LabelledImages | None = None
+        if options.annotated:
+            from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
+
+            self._labelled = LabelledImages(bag)
         self._annotated: dict[str, str] = {}
         self._decoder: Decoder | None = None
 
     def topics(self, types: Mapping[str, str]) -> ImageTopics:
-        """See ImageMaker."""
+        """Choose the topics to make for a bag, given its message types by topic."""
         compressed = sorted(topic for topic, msgtype in types.items() if msgtype == COMPRESSED)
         pictures = [topic for topic in compressed if not topic.endswith(_DEPTH)]
         decoded = {_decoded_name(topic): topic for topic in pictures}
@@ -77,7 +80,7 @@ class BagImages:
     def make(
         self, message: BagMessage, names: Sequence[str], typestore: Typestore
     ) -> list[bytes | ValueError]:
-        """See ImageMaker."""
+        """Make the CDR of each of the named topics from a message, or the error."""
         self._decoder = self._decoder or Decoder(typestore)
         try:
             image = self._decoder(message)
@@ -85,6 +88,11 @@ class BagImages:
         except ValueError as error:
             return [error] * len(names)
         return [self._made(name, image, pixels, message.stamp_ns) for name in names]
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._labelled is not None:
+            self._labelled.close()
 
     def _made(self, name: str, image: Any, pixels: Pixels, log_ns: int) -> bytes | ValueError:  # noqa: ANN401 - of the bag's types
         stamp_ns = stamp_ns_of(image.header)
@@ -97,12 +105,6 @@ class BagImages:
             return error
         except (struct.error, OverflowError) as error:
             return ValueError(f'a value is out of range for {IMAGE} ({error})')
-
-
-def _labelled(path: Path) -> LabelledImages:
-    from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
-
-    return LabelledImages(path)
 
 
 def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types

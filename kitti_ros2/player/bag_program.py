@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bags.forward_stamps import read_lead_ns
-from ..bags.reader import index_bag, open_messages
+from ..bags.reader import open_messages, opened
 from ..exporter.schedule import nearest_frames, never_falling
 from ..messages.cdr import Message, filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..model.losses import Loss
 from ..own_bags.numbering import BY_POSITION, number_bag
-from .bag_topics import AsItIs, choose_topics, define_images
+from .bag_topics import ImageTopics, choose_topics, define_images
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-    from pathlib import Path
 
-    from ..bags.message_source import BagMessage, BagMessages
+    from ..bags.reader import BagMessage, BagMessages, BagSource, OpenBag
     from ..messages.ros_types import Typestore
     from ..model.channels import Channel
     from ..model.samples import Int64Array
     from ..options.selection import Bound, SelectionOptions
-    from .bag_topics import ImageMaker
+    from .bag_images import BagImages
+    from .bag_topics import PlayedTopics
 
 _SCAN = 'sensor_msgs/msg/PointCloud2'
 _OF_CAMERA = frozenset(
@@ -42,11 +42,11 @@ class BagProgram:
     the one with most messages; frames count from 0.
 
     Args:
-        path: An .mcap, .db3 or .bag file, or a rosbag2 directory.
+        source: The bag; the program keeps its files open until it is closed.
         selection: Topics, and the first and last moment, both included.
         reserved: Maps a topic and its type to the reason why the player itself publishes that
             topic, or to an empty string; the bag's messages of a reserved topic are skipped.
-        images: Makes image topics that the bag does not contain.
+        images: Makes image topics that the bag does not contain; None makes none.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -57,45 +57,60 @@ class BagProgram:
 
     def __init__(
         self,
-        path: Path,
+        source: BagSource,
         selection: SelectionOptions,
         reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
-        images: ImageMaker | None = None,
+        images: BagImages | None = None,
     ) -> None:
         if selection.streams:
             raise UsageError('a bag has topics, no streams; choose by topics')
-        self._path = path
-        bag_index = index_bag(path)
-        stamps = bag_index.by_topic()
-        self._images = images or AsItIs()
-        counts = {key: sum(map(len, found)) for key, found in bag_index.stamps.items()}
-        played = choose_topics(path, counts, selection.topics, reserved, self._images)
-        self._notes = played.notes
-        wanted = played.read if {*played.names} == {*selection.topics} else None
-        self.name = path.name
-        # An unreadable topic is an error only if it is selected by its full name.
-        with open_messages(path, wanted) as messages:
+        self._images = images
+        with opened(source) as bag:
+            self._path = bag.path
+            self.name = bag.path.name
+            counts = {key: sum(map(len, found)) for key, found in bag.index.stamps.items()}
+            made = ImageTopics() if images is None else images.topics(dict(counts.keys()))
+            played = choose_topics(bag.path, counts, selection.topics, reserved, made)
+            self._notes = played.notes
+            stamps = bag.index.by_topic()
+            self._open(bag, played, stamps, exact={*played.names} == {*selection.topics})
+            self._numbered = number_bag(bag, stamps)
+            self.stamps_ns, self.frames = self._select(bag, selection, stamps)
+            self._latched = self._read_latched(bag)
+            self._messages: BagMessages = open_messages(bag, self._topics)
+        self._iterator: Iterator[BagMessage] | None = None
+        self._next = 0
+
+    def _open(
+        self,
+        bag: OpenBag,
+        played: PlayedTopics,
+        stamps: Mapping[str, Int64Array],
+        *,
+        exact: bool,
+    ) -> None:
+        """Set topics, types, losses and outlets.
+
+        Raises:
+            BadBagError: No topic has messages, or one that is selected by its full name (exact)
+                cannot be read.
+        """
+        with open_messages(bag, played.read if exact else None) as messages:
             # The index also counts messages that are not CDR.
             read = {topic for topic, _ in messages.channels if len(stamps.get(topic, ()))}
             self._topics = frozenset(read & played.read)
             if not self._topics:
-                raise BadBagError(path, 'holds no message of these topics', 'one at least')
+                raise BadBagError(bag.path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
-            self.losses = tuple(dict.fromkeys((*bag_index.findings, *messages.findings)))
+            self.losses = tuple(dict.fromkeys((*bag.index.findings, *messages.findings)))
             self.channels: Sequence[Channel] = played.channels(messages, self._topics)
         self._index = {outlet.topic: index for index, outlet in enumerate(self.channels)}
         self._made = played.made(self.channels)
         if self._made:
             define_images(self.typestore)
-        self._numbered = number_bag(path, stamps)
-        self.stamps_ns, self.frames = self._select(selection, stamps)
-        self._latched = self._read_latched(int(self.stamps_ns[-1]))
-        self._messages: BagMessages | None = None
-        self._iterator: Iterator[BagMessage] | None = None
-        self._next = 0
 
     def _select(
-        self, selection: SelectionOptions, stamps: Mapping[str, Int64Array]
+        self, bag: OpenBag, selection: SelectionOptions, stamps: Mapping[str, Int64Array]
     ) -> tuple[Int64Array, Int64Array]:
         """Return the ascending stamps and the frames of the selected messages, (N,) each.
 
@@ -103,7 +118,10 @@ class BagProgram:
             UsageError: The selection matches none.
         """
         every = np.sort(np.concatenate([stamps[topic] for topic in self._topics]))
-        own = self._own_frames(every, stamps)
+        if self._numbered is None:
+            own = _frames_by_position(bag, every, stamps)
+        else:
+            own = self._numbered.frames_at(every, self._topics)
         begin = min(int(found[0]) for found in stamps.values() if len(found))
         start, end = selection.start, selection.end
         first, last = (
@@ -120,14 +138,6 @@ class BagProgram:
             # Messages before the last one of a frame are played with that frame.
             frames = np.minimum(frames, end.frame)
         return every[span], frames
-
-    def _own_frames(self, every: Int64Array, stamps: Mapping[str, Int64Array]) -> Int64Array:
-        """Return the (N,) frame of each message in order of time; frames may decrease."""
-        numbered = self._numbered
-        if numbered is None:
-            reference = _reference(self._path, stamps)
-            return nearest_frames(every, reference, np.arange(len(reference)))
-        return numbered.frames_at(every, self._topics)
 
     def notes(self) -> tuple[str, ...]:
         """See Program."""
@@ -150,14 +160,13 @@ class BagProgram:
             due.append(_unmade(outlet, message) if skipped else _due(outlet, message))
         made = self._made.get(message.topic, ())
         due += [_unmade(each, message) for each in made if each not in wanted]
-        asked = [each for each in made if each in wanted]
-        if not asked:
-            return due, []
-        images, losses = self._make(message, asked)
+        images, losses = self._make(message, [each for each in made if each in wanted])
         return due + images, losses
 
     def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Message], list[Loss]]:
         """Make the images of some outlets from a message."""
+        if self._images is None or not made:
+            return [], []
         names = [self.channels[outlet].topic for outlet in made]
         images = self._images.make(message, names, self.typestore)
         due, losses = [], []
@@ -181,14 +190,14 @@ class BagProgram:
         return [message for messages in last.values() for message in messages]
 
     def close(self) -> None:
-        """Release the files; another thread may have opened them."""
-        self._iterator = self._messages = None
+        """Close the files; does nothing if they are closed."""
+        self._messages.close()
+        if self._images is not None:
+            self._images.close()
 
     def _read(self, index: int) -> BagMessage | None:
         """Read the message at a position; seek in the bag if it is not the next one."""
         if self._iterator is None or index != self._next:
-            if self._messages is None:
-                self._messages = open_messages(self._path, self._topics)
             stamp = self.stamps_ns[index]
             self._iterator = self._messages.since(int(stamp))
             for _ in range(index - int(np.searchsorted(self.stamps_ns, stamp))):
@@ -198,15 +207,15 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        findings = self._messages.findings if self._messages is not None else ()
-        new = [finding for finding in findings if finding not in self.losses]
+        new = [finding for finding in self._messages.findings if finding not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
-    def _read_latched(self, last_ns: int) -> list[Message]:
+    def _read_latched(self, bag: OpenBag) -> list[Message]:
+        last_ns = int(self.stamps_ns[-1])
         topics = [outlet.topic for outlet in self.channels if outlet.latched]
         if not topics:
             return []
-        with open_messages(self._path, topics) as messages:
+        with open_messages(bag, topics) as messages:
             return [
                 _due(self._index[message.topic], message)
                 for message in messages
@@ -224,19 +233,23 @@ def _due(outlet: int, message: BagMessage) -> Message:
     return Message(outlet, message.stamp_ns, (data + filling(len(data)),))
 
 
-def _reference(path: Path, stamps: Mapping[str, Int64Array]) -> Int64Array:
-    """Return the times of the frames: the stamps of the reference topic.
+def _frames_by_position(
+    bag: OpenBag, every: Int64Array, stamps: Mapping[str, Int64Array]
+) -> Int64Array:
+    """Return the (N,) frame of each of (N,) stamps: what is nearest in the reference topic.
 
     Scans written by to-bag and stamped at their start count as half-way to facing forward.
     """
-    with open_messages(path) as messages:
+    with open_messages(bag) as messages:
         channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
     scans = [topic for topic, msgtype in channels if msgtype == _SCAN]
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
-    chosen = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
-    # Images follow when the scanner faces forward: the mean of both is the middle of a frame.
-    return chosen + read_lead_ns(path) // 2 if scans else chosen
+    reference = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]
+    if scans:
+        # Images follow when the scanner faces forward: the mean of both is the middle of a frame.
+        reference = reference + read_lead_ns(bag) // 2
+    return nearest_frames(every, reference, np.arange(len(reference)))
 
 
 def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tuple[int, int]) -> int:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from ..messages.ros_types import TYPESTORE
 from ..messages.topics import match_names
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
-    from ..bags.message_source import BagMessage, BagMessages
+    from ..bags.reader import BagMessages
     from ..messages.ros_types import Typestore
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -37,32 +37,6 @@ class ImageTopics:
     sources: Mapping[str, str] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
-
-
-class ImageMaker(Protocol):
-    """Makes sensor_msgs/Image messages from the images of a bag."""
-
-    def topics(self, types: Mapping[str, str]) -> ImageTopics:
-        """Choose the topics to make for a bag, given its message types by topic."""
-
-    def make(
-        self, message: BagMessage, names: Sequence[str], typestore: Typestore
-    ) -> list[bytes | ValueError]:
-        """Make the CDR of each of the named topics from a message, or the error."""
-
-
-class AsItIs:
-    """The ImageMaker that makes nothing: a bag is played as it is."""
-
-    @staticmethod
-    def topics(types: Mapping[str, str]) -> ImageTopics:  # noqa: ARG004 - see ImageMaker
-        """Return none."""
-        return ImageTopics()
-
-    @staticmethod
-    def make(*_: object) -> list[bytes | ValueError]:
-        """Return nothing."""
-        return []
 
 
 @dataclass(frozen=True)
@@ -121,7 +95,7 @@ def choose_topics(
     counts: Mapping[tuple[str, str], int],
     patterns: tuple[str, ...],
     reserved: Callable[[str, str], str],
-    images: ImageMaker,
+    made: ImageTopics,
 ) -> PlayedTopics:
     """Choose the topics of a bag to play.
 
@@ -130,12 +104,11 @@ def choose_topics(
         counts: Message counts by topic and type.
         patterns: Requested names, wildcards allowed; none selects all.
         reserved: Maps a topic and its type to the reason for skipping it, or to an empty string.
-        images: Makes image topics that the bag does not contain.
+        made: Image topics to be made.
 
     Raises:
         UsageError: The patterns match nothing, or only skipped topics.
     """
-    made = images.topics(dict(counts.keys()))
     reasons = {key: why for key in counts if (why := reserved(*key))}
     names = {topic for topic, _ in counts} | {*made.sources}
     wanted = match_names(sorted(names - made.hidden), patterns)

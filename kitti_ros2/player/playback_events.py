@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     import threading
@@ -45,25 +45,15 @@ class Idle:
 Event: TypeAlias = 'Send | Jump | Tick | Idle'
 
 
-class PlaybackClock(Protocol):
-    """A steady clock that can wait."""
-
-    def now_ns(self) -> int:
-        """Return monotonic time in nanoseconds."""
-
-    def wait(self, condition: threading.Condition, seconds: float | None) -> None:
-        """Wait for a notification or a timeout; the condition is held."""
-
-
 class SteadyClock:
-    """The monotonic clock of the machine."""
+    """The monotonic clock of the machine, with a wait."""
 
     @staticmethod
     def now_ns() -> int:
-        """See PlaybackClock."""
+        """Return monotonic time in nanoseconds."""
         return time.monotonic_ns()
 
     @staticmethod
     def wait(condition: threading.Condition, seconds: float | None) -> None:
-        """See PlaybackClock."""
+        """Wait for a notification or a timeout; the condition is held."""
         condition.wait(seconds)

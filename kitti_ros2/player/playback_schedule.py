@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..model.samples import Int64Array
     from ..options.playback import PlaybackOptions
-    from .playback_events import Event, PlaybackClock
+    from .playback_events import Event
 
 _SECOND = 1_000_000_000
 _LONG_WAIT_NS = 4_000_000
@@ -40,7 +40,7 @@ class PlaybackSchedule:
         stamps_ns: Int64Array,
         frames: Int64Array,
         options: PlaybackOptions,
-        clock: PlaybackClock | None = None,
+        clock: SteadyClock | None = None,
     ) -> None:
         self._stamps: list[int] = stamps_ns.tolist()
         numbers, starts = np.unique(frames, return_index=True)

@@ -18,7 +18,6 @@ from ..model.streams import Stream
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
-    from ..exporter.schedule import Schedule
     from ..messages.ros_types import Typestore
     from ..model.channels import Channel
     from ..model.recording import Recording
@@ -87,7 +86,12 @@ class RecordingProgram:
         schedule = make_schedule(recording, selection)
         self._encoder = Encoder(recording, schedule, messages, selection)
         self._entries = list(schedule)
-        self._latched = _latched_entries(schedule, self._encoder)
+        latched = {row.stream for row in self._encoder.table if row.latched}
+        self._latched = [  # the positions of the entries of each stream with a latched topic
+            np.flatnonzero(schedule.streams == code)
+            for code, stream in enumerate(Stream)
+            if stream in latched
+        ]
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.channels: Sequence[Channel] = self._encoder.table
@@ -156,10 +160,3 @@ def _by_reason(losses: Iterable[Loss]) -> dict[str, Loss]:
         reason: Loss(', '.join(names), len(names), f'{", ".join(names)}: {reason}')
         for reason, names in topics.items()
     }
-
-
-def _latched_entries(schedule: Schedule, encoder: Encoder) -> list[Int64Array]:
-    """Return the positions of the entries of each stream with a latched topic."""
-    streams = {row.stream for row in encoder.table if row.latched}
-    codes = [code for code, stream in enumerate(Stream) if stream in streams]
-    return [np.flatnonzero(schedule.streams == code) for code in codes]

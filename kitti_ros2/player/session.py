@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..messages.cdr import restamp_message
+from ..messages.last_keys import LastKeys
 from ..messages.markers import encode_clear
 from ..messages.naming import FrameNames
 from ..options.playback import Stamps
@@ -20,7 +21,7 @@ from .read_ahead import ReadAhead
 from .transport import Reception, SubscriberWait
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable
 
     from ..messages.cdr import Message
     from ..options.table import PlaySettings
@@ -106,7 +107,7 @@ class Session:
         self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
         self._done: Callable[[BaseException | None], None] = lambda _: None
         self._complaints: set[str] = set()
-        self._keys: dict[int, Hashable] = {}
+        self._last_keys = LastKeys()
         self._markers = [
             index for index, each in enumerate(program.channels) if each.msgtype == _MARKERS
         ]
@@ -215,10 +216,8 @@ class Session:
     def _publish(self, message: Message, stamp_ns: int, due_ns: int) -> int:
         """Publish a message unless it is unchanged; return the number published."""
         outlet = message.channel
-        if message.key is not None:
-            if self._keys.get(outlet) == message.key:
-                return 0
-            self._keys[outlet] = message.key
+        if self._last_keys.repeats(outlet, message.key):
+            return 0
         self._stale.discard(outlet)
         if outlet in self._transport.complaints:
             self.counts.failures += 1
@@ -256,7 +255,7 @@ class Session:
 
     def _jump(self, event: Jump) -> None:
         """Resend latched messages after a seek, and mark all markers as stale."""
-        self._keys.clear()
+        self._last_keys = LastKeys()
         self._stale = set(self._markers)
         self._frame = None
         self._transport.jump(event.stamp_ns)

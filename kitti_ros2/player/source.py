@@ -7,9 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bags.locate import is_bag
+from ..bags.open_source import open_source
+from ..bags.reader import OpenBag
 from ..files.workers import worker_count
-from ..kitti.layouts import open_recording
 from ..messages.diagnostics import DIAGNOSTICS
 from ..model.errors import UsageError
 from ..model.streams import Stream
@@ -48,14 +48,16 @@ def open_program(
         OSError: The same.
     """
     path = Path(source).expanduser()
-    if is_bag(path, settings.read.layout):
-        images = BagImages(path, settings.messages) if isinstance(settings, PlaySettings) else None
-        return BagProgram(path, settings.selection, reserved, images)
-    workers = worker_count(_MOST_WORKERS)
-    recording = open_recording(path, settings.read)
-    if settings.messages.annotated and Stream.LABELS not in recording.streams:
+    opened = open_source(path, settings.read)
+    if isinstance(opened, OpenBag):
+        with opened as bag:  # the program keeps its files open until it is closed
+            playing = isinstance(settings, PlaySettings)
+            images = BagImages(bag, settings.messages) if playing else None
+            return BagProgram(bag, settings.selection, reserved, images)
+    if settings.messages.annotated and Stream.LABELS not in opened.streams:
         raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
-    return RecordingProgram(recording, settings.messages, settings.selection, workers)
+    workers = worker_count(_MOST_WORKERS)
+    return RecordingProgram(opened, settings.messages, settings.selection, workers)
 
 
 def publishes_clock(settings: PlaySettings) -> bool:

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..bags.locate import is_bag
+from ..bags.open_source import open_source
 from ..bags.reader import OpenBag, bag_stamps
 from ..importer.survey import look
-from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
@@ -66,10 +65,11 @@ def gather(
         UsageError: The path does not exist.
         KittiRos2Error: The path cannot be read.
     """
-    if is_bag(path, options.layout):
-        with OpenBag(path) as bag:
-            return _gather_bag(bag, _Steps(progress))
-    return _gather_recording(open_recording(path, options), path, _Steps(progress))
+    source = open_source(path, options)
+    if not isinstance(source, OpenBag):
+        return _gather_recording(source, path, _Steps(progress))
+    with source as bag:
+        return _gather_bag(bag, _Steps(progress))
 
 
 class _Steps:

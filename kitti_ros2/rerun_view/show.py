@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
+from ..messages.last_keys import LastKeys
 from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
@@ -19,7 +20,7 @@ from .entities import FRAME, TIME, Context, TimePoint
 from .program_survey import CameraRig, make_survey
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Callable, Mapping
 
     from ..messages.cdr import Message
     from ..player.program import Program
@@ -122,7 +123,7 @@ class _StreamLogger:
         ]
         self._frames: dict[str, str] = {}
         self._always: set[str] = set()
-        self._keys: dict[int, Hashable] = {}
+        self._last_keys = LastKeys()
         self._curves: dict[str, list[tuple[TimePoint, tuple[float, ...]]]] = {}
         self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames[0]))
         self.messages = 0
@@ -132,9 +133,8 @@ class _StreamLogger:
     def take(self, due: Message, time: TimePoint) -> None:
         """Show a message unless it is unchanged; count it as a loss if it cannot be decoded."""
         converter = self._converters.get(due.channel)
-        if converter is None or (due.key is not None and self._keys.get(due.channel) == due.key):
+        if converter is None or self._last_keys.repeats(due.channel, due.key):
             return
-        self._keys[due.channel] = due.key
         outlet = self._program.channels[due.channel]
         try:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)

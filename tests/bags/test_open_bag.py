@@ -7,6 +7,8 @@ A command opens its bag, surveys it, makes its plan and reads its description on
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 
 from kitti_ros2.bags import bag_files
@@ -24,7 +26,9 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.own_bags import recorded_layout
+from kitti_ros2.player.source import open_program
 
 import foreign  # isort: skip
 
@@ -151,6 +155,19 @@ def test_a_command_reads_its_bag_once(
 
 def test_labels_are_drawn_from_one_opening(tmp_path, opened, passes):
     path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth()[:3])
-    LabelledImages(path)
+    with OpenBag(path) as bag:
+        LabelledImages(bag)
     assert opened == [path]
     assert passes == ['survey', 'plan']
+
+
+@pytest.mark.parametrize('annotated', [False, True])
+def test_a_player_opens_its_bag_once(tmp_path, recordings, opened, annotated):
+    path = tmp_path / 'bag.mcap'
+    recording = open_recording(recordings[Layout.OBJECT])
+    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+    with closing(open_program(path, make_play_settings({'annotated': annotated}))) as program:
+        wanted = range(len(program.channels))
+        fetched = [program.fetch(index, wanted) for index in range(len(program.stamps_ns))]
+    assert all(messages and not losses for messages, losses in fetched)
+    assert opened == [path]

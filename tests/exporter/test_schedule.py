@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kitti_ros2.cli import main
+from kitti_ros2.exporter import schedule as schedules
 from kitti_ros2.exporter.schedule import make_schedule
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.source import open_program
 
 from builders import SMALL  # isort: skip
 
@@ -114,3 +118,16 @@ def test_bounds_from_text(text, bound):
 def test_what_is_no_bound(text):
     with pytest.raises(UsageError, match='invalid start or end'):
         Bound.parse(text)
+
+
+@pytest.mark.parametrize('use', ['to-bag', 'play'])
+def test_the_schedule_of_a_run_is_made_once(recordings, tmp_path, monkeypatch, use):
+    made = []
+    original = schedules._in_order
+    monkeypatch.setattr(schedules, '_in_order', lambda *rows: made.append(rows) or original(*rows))
+    source = recordings[Layout.OBJECT]
+    if use == 'to-bag':
+        assert main(['to-bag', '-q', str(source), str(tmp_path / 'o.mcap')]) == 0
+    else:
+        open_program(source, make_play_settings({})).close()
+    assert len(made) == 1

@@ -96,7 +96,7 @@ def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch
         'parse_description',
         lambda text, bag: read.append(bag) or parse(text, bag),
     )
-    assert overlook(path).losses == ()
+    assert overlook(path, ReadOptions()).losses == ()
     assert len(read) == 1
     assert gather(path, ANY).frames == SMALL.frames
     assert len(read) == 2

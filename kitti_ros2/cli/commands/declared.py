@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of commands from their declarations in options/."""
+"""Options of commands: from their declarations in options/, and one that several have."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from ...options.declare import Option
+
+QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses.')]
 
 Command = TypeVar('Command', bound='Callable[..., int]')
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ...model.layouts import LAYOUT_NAMES
-from .shared import QuietOption
+from .declared import QuietOption
 
 
 def demo(

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.containers import CONTAINER_NAMES
-from .shared import QuietOption
+from .declared import QuietOption
 
 
 def recover(

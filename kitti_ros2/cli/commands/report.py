@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .declared import chosen, takes
-from .shared import QuietOption
+from .declared import QuietOption, chosen, takes
 
 
 @takes('SOURCE')

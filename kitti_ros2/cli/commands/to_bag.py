@@ -8,8 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.containers import FILE_NAMES
-from .declared import chosen, takes
-from .shared import QuietOption
+from .declared import QuietOption, chosen, takes
 
 
 @takes('TO_BAG')

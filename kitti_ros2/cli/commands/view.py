@@ -8,8 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.errors import UsageError
-from .declared import chosen, takes
-from .shared import QuietOption
+from .declared import QuietOption, chosen, takes
 
 _COMMON = ('layout', 'sequence', 'overwrite')
 """Options of pictures and of Rerun."""

@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The window of a selection: the file numbers and stamps from its start to its end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..model.errors import UsageError
+from ..model.streams import Stream
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from ..model.recording import Recording, StreamIndex
+    from ..options.selection import Bound, SelectionOptions
+
+UNLIMITED = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
+
+
+class Window(NamedTuple):
+    """Limits of file numbers and stamps, both included.
+
+    Attributes:
+        numbers: Lowest and highest file number.
+        stamps_ns: Lowest and highest stamp.
+    """
+
+    numbers: tuple[int, int]
+    stamps_ns: tuple[int, int]
+
+    def takes(self, index: StreamIndex) -> npt.NDArray[np.bool_]:
+        """Return (N,) bool: which samples of a stream are inside."""
+        (first, last), (begin_ns, end_ns) = self
+        numbers = (index.numbers >= first) & (index.numbers <= last)
+        return numbers & (index.stamps_ns >= begin_ns) & (index.stamps_ns <= end_ns)
+
+
+def select_window(recording: Recording, selection: SelectionOptions) -> Window:
+    """Return the window of a selection in a recording."""
+    numbers, stamps = list(UNLIMITED), list(UNLIMITED)
+    for side, bound in enumerate((selection.start, selection.end)):
+        if bound is None:
+            continue
+        if bound.frame is not None and recording.common_numbers:
+            numbers[side] = bound.frame
+        else:
+            stamps[side] = _bound_ns(recording, bound, side)
+    return Window((numbers[0], numbers[1]), (stamps[0], stamps[1]))
+
+
+def nothing_selected(recording: Recording, selection: SelectionOptions) -> UsageError:
+    """Return the error for a selection without samples: empty, or its end is before its start."""
+    start, end = selection.start, selection.end
+    if start is not None and end is not None:
+        first, last = _bound_ns(recording, start, 0), _bound_ns(recording, end, 1)
+        # Start and end are of different kinds, both inside the recording.
+        if UNLIMITED[0] < last < first < UNLIMITED[1]:
+            return selection.reversed_error()
+    extent = ', '.join(
+        f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
+        for stream, index in recording.streams.items()
+    )
+    return UsageError(f'{recording.name}: the selection takes no sample; it holds frames {extent}')
+
+
+def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
+    """Return the first (side 0) or last (side 1) stamp within a bound."""
+    if bound.stamp_ns is not None:
+        return bound.stamp_ns
+    if bound.offset_ns is not None:
+        first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
+        return first + bound.offset_ns
+    # Streams without a common frame number are cut where the reference stream has that frame.
+    reference = next(s for s in (Stream.SCAN, *Stream) if s in recording.streams)
+    index = recording.streams[reference]
+    frame = bound.frame or 0
+    position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
+    if position < 0:
+        return UNLIMITED[0]
+    return int(index.stamps_ns[position]) if position < len(index) else UNLIMITED[1]
