@@ -10,7 +10,7 @@ format is "ENCODING; png compressed ..." where others write just "png".
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -101,6 +101,15 @@ def decode_pixels(message: ImageMsg) -> Pixels:
     if encoding.conversion:
         return _converted(_upper_bits(values), encoding.conversion)
     return values if encoding.channels == 1 else _upper_bits(values)
+
+
+def pixels_of(message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+    """Decode an Image or CompressedImage; see decode_pixels and decode_compressed_pixels.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    return (decode_compressed_pixels if hasattr(message, 'format') else decode_pixels)(message)
 
 
 def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:

@@ -14,9 +14,9 @@ from ..bags.summary import TopicSummary, summarize_topic
 from ..exporter.schedule import frames_of
 from ..messages.camera_info import CameraInfo, encode_camera_info, image_frame_camera
 from ..messages.cdr import deserialize
+from ..messages.moment import make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.source import RECORDING
-from ..messages.topics import make_rig
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import KittiRos2Error
 from ..model.geometry import rotation_to_rpy
