@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -62,29 +62,19 @@ def encode_scan(
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
-    more: dict[str, npt.NDArray[np.generic]] = {}
+    more = {} if labels is None else _label_fields(labels)
     order: npt.NDArray[np.intp] | None = None
     if ring_and_time:
-        more['ring'] = rings(points)
-    if ring_and_time and scan.turn is not None:
-        more['time'] = seconds = times(points, scan.turn, stamp_ns)
-        more[FILE_INDEX] = np.arange(len(points))
-        order = seconds.argsort(kind='stable')
-    if labels is not None:
-        classes = (labels & 0xFFFF).astype(np.uint16)
-        more['label'], more['instance'] = classes, (labels >> 16).astype(np.uint16)
-        more['rgb'] = packed_colors(classes)
+        more = _ring_and_time(points, scan.turn, stamp_ns) | more
+        order = more['time'].argsort(kind='stable') if 'time' in more else None
     point = _point((*_XYZI, *more))
     data = points.reshape(-1).view(np.uint8)
     if more:
         rich = np.empty(len(points), dtype=point)
-        for index, name in enumerate(_XYZI):
-            rich[name] = points[:, index]
-        for name, values in more.items():
+        for name, values in (*zip(_XYZI, points.T, strict=True), *more.items()):
             rich[name] = values
-        if order is not None:
-            # Whole points are moved, which is faster than field by field.
-            rich = rich.view(f'V{point.itemsize}')[order].view(point)
+        # Whole points are moved, which is faster than field by field.
+        rich = rich if order is None else rich.view(f'V{point.itemsize}')[order].view(point)
         data = rich.view(np.uint8)
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
@@ -97,6 +87,22 @@ def encode_scan(
         data=data,
         is_dense=bool(np.isfinite(points).all()),
     )
+
+
+def _ring_and_time(
+    points: Float32Array, turn: Turn | None, stamp_ns: int
+) -> dict[str, npt.NDArray[Any]]:
+    found: dict[str, npt.NDArray[Any]] = {'ring': rings(points)}
+    if turn is not None:
+        found['time'] = times(points, turn, stamp_ns)
+        found[FILE_INDEX] = np.arange(len(points))
+    return found
+
+
+def _label_fields(labels: npt.NDArray[np.uint32]) -> dict[str, npt.NDArray[Any]]:
+    classes = (labels & 0xFFFF).astype(np.uint16)
+    instances = (labels >> 16).astype(np.uint16)
+    return {'label': classes, 'instance': instances, 'rgb': packed_colors(classes)}
 
 
 def decode_scan(message: PointCloud2) -> Scan:

@@ -106,6 +106,51 @@ class Topic:
         return messages
 
 
+def _calibration_key(calibration: Calibration) -> Hashable:
+    return tuple(file.text for file in calibration.files)
+
+
+_MOST_FILES = 100
+"""Above the number of text files of any recording, so that late subscribers get them all."""
+
+STRING = 'std_msgs/msg/String'
+_TF = 'tf2_msgs/msg/TFMessage'
+_IMAGE = 'sensor_msgs/msg/Image'
+_files = (convert.make_files, convert.read_text)
+_source = (convert.make_source, convert.read_text)
+_every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
+_last: dict[str, Any] = {'latched': True, 'depth': 1}
+_ROWS = (
+    Topic('/tf_static', _TF, Stream.CALIBRATION, convert.make_static,
+          change_key=_calibration_key, **_last),
+    Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **_every),
+    Topic(RECORDING, STRING, Stream.RECORDING, convert.make_description,
+          convert.read_description, **_last),
+    Topic(FILES, STRING, Stream.RECORDING, *_files, **_every),
+    Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, convert.make_path,
+          **_last),
+    Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE,
+          convert.make_odometry, convert.read_odometry),
+    Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, convert.make_imu),
+    Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, convert.make_fix),
+    Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS,
+          convert.make_velocity),
+    Topic('/kitti/source/oxts', STRING, Stream.OXTS, *_source, restores=True),
+    Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN,
+          convert.make_scan, convert.read_scan, restores=True),
+    Topic(SWEEP, STRING, Stream.SCAN, convert.make_sweep),
+    Topic('/kitti/labels/detections', 'vision_msgs/msg/Detection3DArray', Stream.LABELS,
+          convert.make_detections),
+    Topic('/kitti/labels/boxes_2d', 'vision_msgs/msg/Detection2DArray', Stream.LABELS,
+          convert.make_boxes_2d),
+    Topic('/kitti/labels/markers', 'visualization_msgs/msg/MarkerArray', Stream.LABELS,
+          convert.make_markers),
+    Topic('/kitti/source/labels', STRING, Stream.LABELS, *_source, restores=True),
+)  # fmt: skip
+"""The rows of all recordings."""
+_TF_ROW = Topic('/tf', _TF, Stream.POSE, convert.make_tf)
+
+
 def make_table(
     cameras: Mapping[int, str], image_topic: str, options: MessageOptions
 ) -> list[Topic]:
@@ -116,38 +161,7 @@ def make_table(
         image_topic: One of naming.IMAGE_TOPICS.
         options: Of the messages.
     """
-    every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
-    own: dict[str, Any] = {'restores': True}
-    last: dict[str, Any] = {'latched': True, 'depth': 1}
-    rows = [
-        Topic('/tf_static', _TF, Stream.CALIBRATION, convert.make_static,
-              change_key=_calibration_key, **last),
-        Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **every),
-        Topic(RECORDING, STRING, Stream.RECORDING, convert.make_description,
-              convert.read_description, **last),
-        Topic(FILES, STRING, Stream.RECORDING, *_files, **every),
-        Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, convert.make_path,
-              **last),
-        Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE,
-              convert.make_odometry, convert.read_odometry),
-        Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, convert.make_imu),
-        Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, convert.make_fix),
-        Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS,
-              convert.make_velocity),
-        Topic('/kitti/source/oxts', STRING, Stream.OXTS, *_source, **own),
-        Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN,
-              convert.make_scan, convert.read_scan, **own),
-        Topic(SWEEP, STRING, Stream.SCAN, convert.make_sweep),
-        Topic('/kitti/labels/detections', 'vision_msgs/msg/Detection3DArray', Stream.LABELS,
-              convert.make_detections),
-        Topic('/kitti/labels/boxes_2d', 'vision_msgs/msg/Detection2DArray', Stream.LABELS,
-              convert.make_boxes_2d),
-        Topic('/kitti/labels/markers', 'visualization_msgs/msg/MarkerArray', Stream.LABELS,
-              convert.make_markers),
-        Topic('/kitti/source/labels', STRING, Stream.LABELS, *_source, **own),
-    ]  # fmt: skip
-    if options.publish_tf:
-        rows.append(Topic('/tf', _TF, Stream.POSE, convert.make_tf))
+    rows = [*_ROWS, *([_TF_ROW] if options.publish_tf else [])]
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
     return [replace(row, name=rename_topic(row.name, options.preset)) for row in rows]
@@ -221,17 +235,3 @@ def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
 def unmatched(table: list[Topic], patterns: tuple[str, ...]) -> list[str]:
     """Return the patterns that match no row."""
     return [each for each in patterns if not any(fnmatchcase(row.name, each) for row in table)]
-
-
-_MOST_FILES = 100
-"""Above the number of text files of any recording, so that late subscribers get them all."""
-
-STRING = 'std_msgs/msg/String'
-_TF = 'tf2_msgs/msg/TFMessage'
-_IMAGE = 'sensor_msgs/msg/Image'
-_files = (convert.make_files, convert.read_text)
-_source = (convert.make_source, convert.read_text)
-
-
-def _calibration_key(calibration: Calibration) -> Hashable:
-    return tuple(file.text for file in calibration.files)
