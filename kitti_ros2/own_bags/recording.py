@@ -120,14 +120,14 @@ class BagRecording:
         try:
             if stream is Stream.LABELS and self._tracklets:
                 return labels_of_tracklets(self._tracklets.get(number, []), names.RAW_TRACKLETS)
-            return self._decoded(stream, number)
+            return self._sample(stream, number)
         except BadFileError:
             raise
         except Exception as error:
             what = f'the message of frame {number}: {error}'
             raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
 
-    def _decoded(self, stream: Stream, number: int) -> Sample:
+    def _sample(self, stream: Stream, number: int) -> Sample:
         decode = decoders()[self._topics[stream]]
         found: Any = decode(self._message(stream, number), self._origin)
         if stream is Stream.OXTS:
@@ -136,7 +136,7 @@ class BagRecording:
         return sample
 
     def calibration(self, number: int) -> Calibration:
-        """Return the calibration valid for a frame; its lacks list the missing parts."""
+        """Return the calibration valid for a frame; missing lists its missing parts."""
         return self._calibration_cached(number if self.layout.traits.calibration_per_frame else 0)
 
     def _choose(self) -> dict[Stream, str]:

@@ -198,7 +198,7 @@ class _Writer:
             self._lose(message, f'names {path}, which has another stamp')
             return None
         data = text.text.encode()
-        return _File(stream, owner[1], path, lambda: data, *_origin(message))
+        return _File(stream, owner[1], path, lambda: data, message.topic, message.stamp_ns)
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = own_topics()[message.topic].stream
@@ -210,7 +210,7 @@ class _Writer:
         path = self._blueprint.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, Origin(path))
         content = partial(self._content, sample, number, path)
-        return _File(stream, number, path, content, *_origin(message))
+        return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
         folder = self._blueprint.folders.get(stream)
@@ -294,7 +294,3 @@ class _Writer:
         written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
         numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
         return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
-
-
-def _origin(message: BagMessage) -> tuple[str, int]:
-    return message.topic, message.stamp_ns
