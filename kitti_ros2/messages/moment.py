@@ -72,6 +72,11 @@ class Moment:
     pixels: Callable[[Image], Pixels] = decode_png
     labels: Callable[[], FrameLabels] = FrameLabels
 
+    @property
+    def at_imu(self) -> tuple[int, str]:
+        """Stamp and frame of the messages of a packet."""
+        return self.stamp_ns, self.rig.frames.imu
+
 
 @dataclass(frozen=True)
 class Origin:

@@ -29,12 +29,26 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..model.errors import BadFileError, UsageError
+from ..model.samples import Description
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Preset
-from . import conversions as convert
+from . import row_encoders as encoders
 from .cdr import BULK_TAIL, Parts, serialize
+from .image import decode_compressed, decode_image
 from .naming import IMAGE_TOPICS, rename_topic
-from .source import CALIBRATION, FILES, RECORDING, SWEEP
+from .oxts import encode_fix, encode_imu, encode_velocity
+from .pose import decode_odometry
+from .scan import decode_scan
+from .source import (
+    CALIBRATION,
+    FILES,
+    RECORDING,
+    SWEEP,
+    decode_description,
+    decode_text,
+    encode_description,
+    encode_sweep,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
@@ -58,7 +72,7 @@ class Topic:
         name: Topic name.
         msgtype: Message type, such as sensor_msgs/msg/Imu.
         stream: The stream of its samples.
-        encode: Sample to message; see conversions.
+        encode: Sample to message; see row_encoders.
         decode: Message, of the bag's types, to the sample or the part of it that it contains.
         latched: Whether it is transient local, for late subscribers.
         depth: The history depth of its publisher.
@@ -116,39 +130,43 @@ _MOST_FILES = 100
 STRING = 'std_msgs/msg/String'
 _TF = 'tf2_msgs/msg/TFMessage'
 _IMAGE = 'sensor_msgs/msg/Image'
-_files = (convert.make_files, convert.read_text)
-_source = (convert.make_source, convert.read_text)
+_files: tuple[Encode, Decode] = (encoders.make_files, lambda message, _: decode_text(message))
+_source: tuple[Encode, Decode] = (encoders.make_source, lambda message, _: decode_text(message))
 _every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
-    Topic('/tf_static', _TF, Stream.CALIBRATION, convert.make_static,
+    Topic('/tf_static', _TF, Stream.CALIBRATION, encoders.make_static,
           change_key=_calibration_key, **_last),
     Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **_every),
-    Topic(RECORDING, STRING, Stream.RECORDING, convert.make_description,
-          convert.read_description, **_last),
+    Topic(RECORDING, STRING, Stream.RECORDING,
+          lambda description, _: encode_description(dict(description.values)),
+          lambda message, _: Description(decode_description(message)), **_last),
     Topic(FILES, STRING, Stream.RECORDING, *_files, **_every),
-    Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, convert.make_path,
+    Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, encoders.make_path,
           **_last),
     Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE,
-          convert.make_odometry, convert.read_odometry),
-    Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS, convert.make_imu),
-    Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS, convert.make_fix),
+          encoders.make_odometry,
+          lambda message, origin: decode_odometry(message, origin.base_t_imu)),
+    Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS,
+          lambda packet, moment: encode_imu(packet, *moment.at_imu)),
+    Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS,
+          lambda packet, moment: encode_fix(packet, *moment.at_imu)),
     Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS,
-          convert.make_velocity),
+          lambda packet, moment: encode_velocity(packet, *moment.at_imu)),
     Topic('/kitti/source/oxts', STRING, Stream.OXTS, *_source, restores=True),
     Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN,
-          convert.make_scan, convert.read_scan, restores=True),
-    Topic(SWEEP, STRING, Stream.SCAN, convert.make_sweep),
+          encoders.make_scan, lambda message, _: decode_scan(message), restores=True),
+    Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
     Topic('/kitti/labels/detections', 'vision_msgs/msg/Detection3DArray', Stream.LABELS,
-          convert.make_detections),
+          encoders.make_detections),
     Topic('/kitti/labels/boxes_2d', 'vision_msgs/msg/Detection2DArray', Stream.LABELS,
-          convert.make_boxes_2d),
+          encoders.make_boxes_2d),
     Topic('/kitti/labels/markers', 'visualization_msgs/msg/MarkerArray', Stream.LABELS,
-          convert.make_markers),
+          encoders.make_markers),
     Topic('/kitti/source/labels', STRING, Stream.LABELS, *_source, restores=True),
 )  # fmt: skip
 """The rows of all recordings."""
-_TF_ROW = Topic('/tf', _TF, Stream.POSE, convert.make_tf)
+_TF_ROW = Topic('/tf', _TF, Stream.POSE, encoders.make_tf)
 
 
 def make_table(
@@ -171,23 +189,21 @@ def _camera_rows(
     stream: Stream, camera: str, image_topic: str, options: MessageOptions
 ) -> list[Topic]:
     image = f'{camera}/{image_topic}'
-    rows = [
-        Topic(
-            f'{camera}/camera_info',
-            'sensor_msgs/msg/CameraInfo',
-            stream,
-            convert.make_camera_info,
-        )
-    ]
+    info = 'sensor_msgs/msg/CameraInfo'
+    rows = [Topic(f'{camera}/camera_info', info, stream, encoders.make_camera_info)]
+    pair: tuple[Encode, Decode]
     if options.images is not Images.RAW:
         compressed = 'sensor_msgs/msg/CompressedImage'
-        pair = convert.make_compressed, convert.read_compressed
+        pair = (
+            encoders.make_compressed,
+            lambda message, origin: decode_compressed(message, origin.path),
+        )
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
     if options.images is not Images.COMPRESSED:
-        pair = convert.make_image, convert.read_image
+        pair = encoders.make_image, lambda message, _: decode_image(message)
         rows.append(Topic(image, _IMAGE, stream, *pair, restores=True))
     if options.annotated:
-        rows.append(Topic(f'{camera}/annotated', _IMAGE, stream, convert.make_annotated))
+        rows.append(Topic(f'{camera}/annotated', _IMAGE, stream, encoders.make_annotated))
     return rows
 
 

@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The conversions of the table's rows: a sample to its messages (make), a message back (read).
+"""The encoders of the table's rows: a sample and its moment to messages.
 
-make returns a message of a rosbags class or a serialised one, a list of several, or None if the
+They return a message of a rosbags class or a serialised one, a list of several, or None if the
 sample has no data for it.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,41 +17,33 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..model.errors import MissingDataError
 from ..model.labels import cuboids_of, identified
-from ..model.samples import Description
 from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
-from .image import decode_compressed, decode_image, encode_compressed, encode_pixels
+from .image import encode_compressed, encode_pixels
 from .map_frame import place_pose, place_trajectory
 from .markers import encode_markers
 from .moment import LABELLED_CAMERA
 from .mounts import with_nominal_mounts
-from .oxts import encode_fix, encode_imu, encode_velocity
-from .pose import decode_odometry, encode_odometry, encode_path, encode_tf
-from .scan import decode_scan, encode_scan
-from .source import (
-    decode_description,
-    decode_text,
-    encode_description,
-    encode_sweep,
-    encode_text,
-)
+from .pose import encode_odometry, encode_path, encode_tf
+from .scan import encode_scan
+from .source import encode_text
 from .transforms import encode_static, static_links
 
 if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.samples import (
         Calibration,
+        Description,
         FrameLabels,
         Image,
         OxtsPacket,
         Pose,
         Scan,
-        TextFile,
         Trajectory,
     )
     from .cdr import Parts
-    from .moment import Moment, Origin
+    from .moment import Moment
 
 
 def make_static(calibration: Calibration, moment: Moment) -> object:
@@ -71,21 +63,6 @@ def make_source(sample: FrameLabels | OxtsPacket, moment: Moment) -> object | No
     return None if sample.source is None else encode_text(sample.source)
 
 
-def read_text(message: Any, origin: Origin) -> TextFile:  # noqa: ANN401, ARG001 - of the bag's types
-    """Read the text of a file or of a sample, verbatim."""
-    return decode_text(message)
-
-
-def make_description(description: Description, moment: Moment) -> object:  # noqa: ARG001
-    """Make a String of the values of a description."""
-    return encode_description(dict(description.values))
-
-
-def read_description(message: Any, origin: Origin) -> Description:  # noqa: ANN401, ARG001
-    """Read the values of a description; its files have a topic of their own."""
-    return Description(decode_description(message))
-
-
 def make_path(trajectory: Trajectory, moment: Moment) -> object | None:
     """Make the Path of all poses in map."""
     if not trajectory.world_T_imu:
@@ -101,31 +78,11 @@ def make_odometry(pose: Pose, moment: Moment) -> object:
     return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
 
 
-def read_odometry(message: Any, origin: Origin) -> Pose:  # noqa: ANN401 - of the bag's types
-    """Read the pose of imu_link in map."""
-    return decode_odometry(message, origin.base_t_imu)
-
-
 def make_tf(pose: Pose, moment: Moment) -> object:
     """Make the transform map -> base_link."""
     frames = (moment.rig.frames.map, moment.rig.frames.base)
     placed = place_pose(pose, moment.rig.map_T_world)
     return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
-
-
-def make_imu(packet: OxtsPacket, moment: Moment) -> object:
-    """Make the Imu of a packet."""
-    return encode_imu(packet, moment.stamp_ns, moment.rig.frames.imu)
-
-
-def make_fix(packet: OxtsPacket, moment: Moment) -> object:
-    """Make the NavSatFix of a packet."""
-    return encode_fix(packet, moment.stamp_ns, moment.rig.frames.imu)
-
-
-def make_velocity(packet: OxtsPacket, moment: Moment) -> object:
-    """Make the TwistStamped of a packet."""
-    return encode_velocity(packet, moment.stamp_ns, moment.rig.frames.imu)
 
 
 def make_scan(scan: Scan, moment: Moment) -> object:
@@ -140,34 +97,14 @@ def make_scan(scan: Scan, moment: Moment) -> object:
     )
 
 
-def read_scan(message: Any, origin: Origin) -> Scan:  # noqa: ANN401, ARG001 - of the bag's types
-    """Read the points of a scan, and their labels if the message has them."""
-    return decode_scan(message)
-
-
-def make_sweep(scan: Scan, moment: Moment) -> object | None:  # noqa: ARG001
-    """Make a String of start and end of a scan's sweep."""
-    return encode_sweep(scan)
-
-
 def make_compressed(image: Image, moment: Moment) -> object:
     """Make the CompressedImage of an image: the bytes of its file."""
     return encode_compressed(image, moment.stamp_ns, _image_frame(moment))
 
 
-def read_compressed(message: Any, origin: Origin) -> Image:  # noqa: ANN401 - of the bag's types
-    """Read the file of an image."""
-    return decode_compressed(message, origin.path)
-
-
 def make_image(image: Image, moment: Moment) -> object:
     """Make the Image of an image's pixels."""
     return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment))
-
-
-def read_image(message: Any, origin: Origin) -> Image:  # noqa: ANN401, ARG001 - of the bag's types
-    """Read an image of the same pixels, in a PNG file of its own."""
-    return decode_image(message)
 
 
 def make_annotated(image: Image, moment: Moment) -> object:
