@@ -28,16 +28,6 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, CameraCalibration
 
-__all__ = [
-    'CameraInfo',
-    'CameraModel',
-    'camera_model',
-    'encode_camera_info',
-    'image_frame_camera',
-    'projection',
-    'rectified_offset',
-]
-
 _SINGULAR = 1e-9
 _ROTATION = 1e-3
 _LARGEST = 1e9

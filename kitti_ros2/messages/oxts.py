@@ -52,7 +52,7 @@ from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
-    from .header import Vector3
+    from .ros_types import Vector3
 
 _UNKNOWN = np.zeros(9)
 """All zeros: covariance unknown (Imu.msg)."""

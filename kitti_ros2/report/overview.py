@@ -12,7 +12,7 @@ import numpy as np
 from ..bags.reader import bag_stamps, open_messages, opened, summarize_bag
 from ..bags.summary import TopicSummary, summarize_topic
 from ..exporter.schedule import frames_of
-from ..messages.camera_info import CameraInfo, encode_camera_info, image_frame_camera
+from ..messages.camera_info import encode_camera_info, image_frame_camera
 from ..messages.cdr import deserialize
 from ..messages.moment import make_rig
 from ..messages.mounts import with_nominal_mounts
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource, BagSummary
     from ..kitti.recording import KittiRecording
+    from ..messages.ros_types import CameraInfo
     from ..model.geometry import Transform
     from ..model.losses import Loss
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.messages.header import Point, Quaternion, Vector3, make_header, make_pose
+from kitti_ros2.messages.header import make_header, make_pose
 from kitti_ros2.messages.pose import (
     encode_odometry,
     encode_path,
@@ -17,7 +17,7 @@ from kitti_ros2.messages.pose import (
     poses_of,
     poses_of_link,
 )
-from kitti_ros2.messages.ros_types import PoseStamped, TFMessage
+from kitti_ros2.messages.ros_types import Point, PoseStamped, Quaternion, TFMessage, Vector3
 from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.samples import Pose, Trajectory
