@@ -114,23 +114,14 @@ def _restore(
         opened(source) as bag,
         open_messages(bag, _topics(blueprint.topics)) as messages,
     ):
-        report = _write(bag, messages, blueprint, stage, progress)
+        writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+        files = ordered_map(writer.write, writer.files(), worker_count())
+        for done, written in enumerate(files, 1):
+            writer.take(written)
+            progress(done, writer.size_bytes)
+        report = writer.report(stage)
         damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
     return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
-
-
-def _write(
-    bag: OpenBag,
-    messages: BagMessages,
-    blueprint: Blueprint,
-    stage: Path,
-    progress: Callable[[int, int], None],
-) -> ImportReport:
-    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
-    for done, written in enumerate(ordered_map(writer.write, writer.files(), worker_count()), 1):
-        writer.take(written)
-        progress(done, writer.size_bytes)
-    return writer.report(stage)
 
 
 class _Writer:
