@@ -40,7 +40,9 @@ FILE_INDEX = 'file_index'
 """The field with a point's index in KITTI's file, in clouds that to-bag sorted by time."""
 
 
-def read_points(message: PointCloud2, intensity_scale: float = 1.0) -> Float32Array:
+def read_points(
+    message: PointCloud2, order: npt.NDArray[np.intp] | None, intensity_scale: float = 1.0
+) -> Float32Array:
     """Read the points of a cloud as they are stored.
 
     Fields are found by name and may have any type, order, offset, padding and byte order; rows
@@ -49,12 +51,12 @@ def read_points(message: PointCloud2, intensity_scale: float = 1.0) -> Float32Ar
 
     Args:
         message: Organised or not. row_step is ignored for a single row.
+        order: The result of file_order for the message.
         intensity_scale: The result of guess_intensity_scale for the stream.
 
     Returns:
-        (N, 4) float32 x y z reflectance, in the message's frame and row by row; clouds that to-bag
-        sorted by time: in the order of their file. A view of the message if it has this format
-        already, as KITTI's does.
+        (N, 4) float32 x y z reflectance, in the message's frame and row by row, or in the order. A
+        view of the message if it has this format already, as KITTI's does.
 
     Raises:
         ValueError: x, y or z is missing; a field cannot be read; the data are too short.
@@ -70,24 +72,24 @@ def read_points(message: PointCloud2, intensity_scale: float = 1.0) -> Float32Ar
         for column, name in enumerate(_XYZ):
             points[..., column] = cloud[name]
         points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
-    order = file_order(message)
-    return points.reshape(-1, 4) if order is None else points.reshape(-1, 4)[order]
+    points = points.reshape(-1, 4)
+    return points if order is None else points.take(order, axis=0)
 
 
 def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
     """Decode the points of any cloud; also return how many were dropped as not finite.
 
-    As read_points, and reflectance is clipped to 0..1; it is 0 where it is NaN.
+    As read_points, in the order of the file if to-bag sorted the cloud by time. Reflectance is
+    clipped to 0..1; it is 0 where it is NaN.
 
     Raises:
         ValueError: As read_points.
     """
-    points = read_points(message, intensity_scale)
-    finite = np.isfinite(points[:, :3]).all(axis=1)
-    reflectance = points[:, 3]
-    if finite.all() and ((reflectance >= 0) & (reflectance <= 1)).all():
+    points = read_points(message, file_order(message), intensity_scale)
+    x, y, z, reflectance = points.T
+    if np.isfinite(points).all() and ((reflectance >= 0) & (reflectance <= 1)).all():
         return points, 0
-    kept = points[finite]
+    kept = points[np.isfinite(x) & np.isfinite(y) & np.isfinite(z)]
     reflectance = kept[:, 3]
     np.clip(reflectance, 0, 1, out=reflectance)
     reflectance[np.isnan(reflectance)] = 0

@@ -134,7 +134,7 @@ def decode_scan(message: PointCloud2) -> Scan:
         labels = read_field(message, 'label').astype(np.uint32)
         labels |= read_field(message, 'instance').astype(np.uint32) << np.uint32(16)
         labels = labels if order is None else labels[order]
-    return Scan(read_points(message), labels=labels)
+    return Scan(read_points(message, order), labels=labels)
 
 
 def _point(names: Sequence[str]) -> np.dtype[np.void]:
