@@ -296,9 +296,7 @@ def test_an_image_is_decoded_once(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap')
     decoded = []
     decode = bag_images.pixels_of
-    monkeypatch.setattr(
-        bag_images, 'pixels_of', lambda image: decoded.append(1) or decode(image)
-    )
+    monkeypatch.setattr(bag_images, 'pixels_of', lambda image: decoded.append(1) or decode(image))
     found, _ = images(played(bag, annotated=True))
     assert len(found) == 4
     assert len(decoded) == 10
