@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from ..files.png.decode import decode_png
 from ..messages.map_frame import has_no_gravity
+from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
 from ..messages.source import promise
-from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
+from ..messages.topics import make_table, select_topics, unmatched
 from ..model.errors import KittiRos2Error, MissingDataError
 from ..model.losses import format_numbers
 from ..model.samples import Calibration, Description, FrameLabels, Scan

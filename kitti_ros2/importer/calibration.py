@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.camera_info import CameraModel, camera_model
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, CameraCalibration
-from ..rig.camera_info import CameraModel, camera_model
 from ..rig.stereo import angle_of, viewpoints
 
 if TYPE_CHECKING:

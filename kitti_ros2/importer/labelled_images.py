@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from ..bags.reader import bag_stamps, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.label_file import labels_of_text
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.layouts import Layout
@@ -37,6 +36,7 @@ from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
+    from pathlib import Path
 
     from ..bags.reader import BagMessage, BagMessages
     from ..drawing.pixels import Pixels as Picture
@@ -113,8 +113,7 @@ class LabelledImages:
     def _read_objects(self, place: int) -> FrameLabels:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
-            text = decode_text(message)
-            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+            return labels_of_text(decode_text(message))
         cuboids, _ = self._rigging.cuboids(message)
         return FrameLabels(
             cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]

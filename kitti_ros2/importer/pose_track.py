@@ -1,53 +1,27 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vehicle's pose at each frame: messages -> a track of poses -> KITTI's camera poses."""
+"""The vehicle's pose at each frame: a track of poses -> KITTI's camera poses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..messages.header import stamp_ns_of, transform_of
-from ..messages.ros_types import TFMessage
-from ..messages.transforms import decode_static
 from ..model.geometry import Transform
 from ..model.stamps import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from ..messages.header import Header, Pose
-    from ..messages.ros_types import Odometry, Path, PoseStamped
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
 
 MAX_GAP_NS = NS_PER_S + NS_PER_S // 2
 """Poses once a second, unevenly, still make a track. Further apart they say little of what was
 between: in a bend of 0.2 rad/s at 10 m/s the straight line of these 1.5 s is 0.6 m off."""
-
-
-_FARTHEST_M = 1e9
-
-
-@dataclass(frozen=True, eq=False)
-class StampedPose:
-    """A pose in a message.
-
-    Attributes:
-        parent: The frame it is given in.
-        child: The frame whose pose it is, None where the message does not name it.
-        parent_T_child: The pose.
-        stamp_ns: Nanoseconds.
-    """
-
-    parent: str
-    child: str | None
-    parent_T_child: Transform
-    stamp_ns: int
 
 
 class PoseTrack:
@@ -147,71 +121,3 @@ def camera_poses(
         None if pose is None else (first_cam0_t_near @ (near @ pose @ body_t_cam0)).matrix()[:3]
         for pose in poses
     ]
-
-
-def poses_from_odometry(message: Odometry) -> list[StampedPose]:
-    """Decode the pose of a nav_msgs/Odometry.
-
-    Raises:
-        ValueError: It is invalid: NaN, or an orientation of all zeros.
-    """
-    child = _frame(message.child_frame_id) or None
-    return [_stamped(message.header, child, message.pose.pose)]
-
-
-def poses_from_pose_stamped(message: PoseStamped) -> list[StampedPose]:
-    """Decode the pose of a geometry_msgs/PoseStamped, which does not name the child frame.
-
-    Raises:
-        ValueError: It is invalid.
-    """
-    return [_stamped(message.header, None, message.pose)]
-
-
-def poses_from_path(message: Path) -> list[StampedPose]:
-    """Decode the poses of a nav_msgs/Path, each with its own stamp.
-
-    Raises:
-        ValueError: One of them is invalid.
-    """
-    return [
-        _stamped(stamped.header, None, stamped.pose, message.header.frame_id)
-        for stamped in message.poses
-    ]
-
-
-def poses_from_tf(message: TFMessage, links: Collection[tuple[str, str]]) -> list[StampedPose]:
-    """Decode the poses of some links (parent, child) in a tf2_msgs/TFMessage.
-
-    Raises:
-        ValueError: One of them is invalid.
-    """
-    wanted = [
-        stamped
-        for stamped in message.transforms
-        if (_frame(stamped.header.frame_id), _frame(stamped.child_frame_id)) in links
-    ]
-    decoded = decode_static(TFMessage(wanted))
-    return [
-        StampedPose(_frame(parent), _frame(child), _checked(transform), stamp_ns_of(stamped.header))
-        for stamped, (parent, child, transform) in zip(wanted, decoded, strict=True)
-    ]
-
-
-def _stamped(
-    header: Header, child: str | None, pose: Pose, default_parent: str = ''
-) -> StampedPose:
-    transform = _checked(transform_of(pose))
-    parent = _frame(header.frame_id) or _frame(default_parent)
-    return StampedPose(parent, child, transform, stamp_ns_of(header))
-
-
-def _checked(transform: Transform) -> Transform:
-    if not (np.abs(transform.matrix()) <= _FARTHEST_M).all():
-        raise ValueError('a pose of NaN, of an impossible place or of an orientation of all zeros')
-    return transform
-
-
-def _frame(name: str) -> str:
-    """Return a frame's name without the leading slash of ROS 1, which tf2 does not allow."""
-    return name.lstrip('/')

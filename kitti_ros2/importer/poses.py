@@ -8,21 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
+from ..messages.pose import poses_of, poses_of_link
 from ..model.errors import UsageError
 from . import survey as types
 from .frames import topic_of
-from .pose_track import (
-    PoseTrack,
-    StampedPose,
-    camera_poses,
-    poses_from_odometry,
-    poses_from_path,
-    poses_from_pose_stamped,
-    poses_from_tf,
-)
+from .pose_track import PoseTrack, camera_poses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from ..bags.reader import BagSource
     from ..kitti.writer import LayoutWriter
@@ -32,10 +25,7 @@ if TYPE_CHECKING:
     from .report import LossTally
     from .survey import Survey
 
-_SINGLE: dict[str, Callable[[Any], list[StampedPose]]] = {
-    types.ODOMETRY: poses_from_odometry,
-    types.POSE: poses_from_pose_stamped,
-}
+_SINGLE = (types.ODOMETRY, types.POSE)
 
 
 def read_track(
@@ -49,7 +39,7 @@ def read_track(
     if plan.pose is None:
         return None
     topic = topic_of(survey, plan.pose.topic)
-    found: list[StampedPose] = []
+    found: list[tuple[int, Transform]] = []
     reason = ''
     with open_messages(bags, {topic.name}) as messages:
         decode = Decoder(messages.typestore)
@@ -63,23 +53,26 @@ def read_track(
             if message.msgtype == types.PATH:
                 found.clear()  # each path repeats the earlier poses: the last one has all
             found.extend(poses)
-    stamps = [pose.stamp_ns for pose in found]
+    stamps = [stamp_ns for stamp_ns, _ in found]
     if topic.msgtype in _SINGLE and len(found) == topic.count:
         stamps = topic.stamps()[0].tolist()
     if not found:
         raise UsageError(f'{topic.name}: holds no pose of {plan.pose.body}{reason}')
-    return PoseTrack(stamps, [pose.parent_T_child for pose in found])
+    return PoseTrack(stamps, [pose for _, pose in found])
 
 
-def _poses(decoded: Any, msgtype: str, plan: PosePlan, survey: Survey) -> list[StampedPose]:  # noqa: ANN401
-    if msgtype in _SINGLE:
-        return _SINGLE[msgtype](decoded)
-    if msgtype == types.PATH:
-        return poses_from_path(decoded)
+def _poses(
+    decoded: Any,  # noqa: ANN401 - of the bag's types
+    msgtype: str,
+    plan: PosePlan,
+    survey: Survey,
+) -> list[tuple[int, Transform]]:
+    if msgtype in (*_SINGLE, types.PATH):
+        return poses_of(decoded)
     if msgtype in types.TF_TYPES:
         links = [link for link in survey.moving if link[1] == plan.body]
         wanted = [link for link in links if link[0] == plan.world] or links
-        return poses_from_tf(decoded, wanted[:1])
+        return poses_of_link(decoded, wanted[0]) if wanted else []
     raise UsageError(
         f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
     )

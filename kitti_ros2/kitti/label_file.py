@@ -20,6 +20,7 @@ Object files have two decimals, tracking files six.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.boxes import DONT_CARE, Box, is_absurd
@@ -29,7 +30,6 @@ from .text_file import Lines, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from pathlib import Path
 
     from ..model.samples import TextFile
 
@@ -82,6 +82,11 @@ def frame_labels(
             error = BadFileError(path, found, 'positive sizes', line=row + 1)
             missing[str(row)] = f'{error}; it gets no marker and no 3D detection'
     return FrameLabels(boxes=boxes, source=source, missing=missing)
+
+
+def labels_of_text(source: TextFile) -> FrameLabels:
+    """Return the labels of a frame whose lines are all of a text."""
+    return frame_labels(parse_labels(source.text, source.name), source, Path(source.name))
 
 
 def parse_box(line: str) -> Box:

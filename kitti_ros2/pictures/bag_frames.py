@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from ..bags.reader import path_of
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..importer.apply_calibration import Rigging
-from ..importer.cuboids import ABSURD
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan
 from ..importer.labels import class_name, own_number
@@ -24,7 +22,8 @@ from ..importer.poses import read_track
 from ..importer.report import LossTally, damage
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
-from ..kitti.label_file import frame_labels, parse_labels
+from ..kitti.label_file import labels_of_text
+from ..messages.detections import ABSURD
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform
@@ -158,8 +157,7 @@ class BagFrames:
                 points[:, :3] = self._velo_t_scan.apply(points[:, :3])
             return points
         if stream is Stream.LABELS and self._own_lines:
-            text = decode_text(message)
-            return frame_labels(parse_labels(text.text, text.name), text, Path(text.name))
+            return labels_of_text(decode_text(message))
         if stream is Stream.LABELS:
             cuboids, left_out = self._rigging.cuboids(message)
             missing = {}

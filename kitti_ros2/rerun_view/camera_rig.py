@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..rig.stereo import viewpoints
 
 if TYPE_CHECKING:
-    from ..rig.camera_info import CameraModel
+    from ..messages.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
     from .program_survey import ProgramSurvey
 

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.camera_info import camera_model
 from ..messages.header import peek_header
 from ..messages.transforms import decode_static
-from ..rig.camera_info import camera_model
 from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..messages.camera_info import CameraModel
     from ..model.geometry import Transform
     from ..player.program import Message, Program
-    from ..rig.camera_info import CameraModel
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
