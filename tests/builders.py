@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,3 +34,14 @@ def one_line(text: str) -> str:
     assert lines[0].startswith('kitti-ros2: ')
     assert 'Traceback' not in text
     return lines[0]
+
+
+def boxes_2d_in(message: Any) -> list[tuple[str, str, tuple[float, float, float, float]]]:
+    """Id, class and (left, top, right, bottom) of each detection of a Detection2DArray."""
+    found = []
+    for detection in message.detections:
+        place, box = detection.bbox.center.position, detection.bbox
+        half = box.size_x / 2, box.size_y / 2
+        bounds = place.x - half[0], place.y - half[1], place.x + half[0], place.y + half[1]
+        found.append((detection.id, detection.results[0].hypothesis.class_id, bounds))
+    return found

@@ -13,9 +13,7 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.camera_info import decode_camera_info
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.oxts import decode_fix
 from kitti_ros2.messages.source import decode_sweep
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.streams import Stream
@@ -87,7 +85,7 @@ def project(static, info, points):
         parent, transform = up[frame]
         chain = transform if chain is None else transform @ chain
         frame = parent
-    _, _, r, p = decode_camera_info(info)
+    r, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
     seen = chain.inverse().apply(points[:, :3].astype(np.float64)) @ r.T
     return np.column_stack([seen, np.ones(len(seen))]) @ p.T, seen[:, 2]
 
@@ -164,8 +162,7 @@ def test_first_packet_of_drive_0001(real_kitti, tmp_path):
     found = read(run(real_kitti / 'raw', tmp_path / 'o.mcap', '0001').path)
     stamp, fix = found['/kitti/oxts/fix'][0]
     assert stamp == 1317042145964389445
-    place = decode_fix(fix)
-    assert (place['lat'], place['lon'], place['alt']) == (
+    assert (fix.latitude, fix.longitude, fix.altitude) == (
         49.015003823272,
         8.4342971002335,
         116.43032836914,

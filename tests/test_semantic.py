@@ -16,8 +16,8 @@ from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.scan import decode_points, decode_scan
-from kitti_ros2.messages.semantic import COLORS, packed_colors
+from kitti_ros2.messages.clouds import read_field
+from kitti_ros2.messages.scan import COLORS, decode_scan, packed_colors
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -78,15 +78,15 @@ def test_labels_become_fields_when_asked_for(sequence, tmp_path):
     for number, message in enumerate(found):
         assert [field.name for field in message.fields][4:] == ['label', 'instance', 'rgb']
         scan = open_recording(sequence).read(Stream.SCAN, number)
-        assert decode_scan(message).points.tobytes() == scan.points.tobytes()
+        back = decode_scan(message)
+        assert back.points.tobytes() == scan.points.tobytes()
         path = sequence / 'sequences' / '00' / 'labels' / f'{number:06d}.label'
-        cloud = decode_points(message)
+        classes = read_field(message, 'label')
         if number in {1, 3}:
-            assert not cloud['label'].any()
+            assert not classes.any()
             continue
-        values = cloud['label'].astype(np.uint32) | (cloud['instance'].astype(np.uint32) << 16)
-        assert values.astype('<u4').tobytes() == path.read_bytes()
-        assert cloud['rgb'].tobytes() == packed_colors(cloud['label']).tobytes()
+        assert back.labels.astype('<u4').tobytes() == path.read_bytes()
+        assert read_field(message, 'rgb').tobytes() == packed_colors(classes).tobytes()
     assert [loss.count for loss in report.losses] == [1, 1]
     assert '000001.label' in report.losses[0].message
     assert '000003.label: no such file' in report.losses[1].message
@@ -108,6 +108,5 @@ def test_real_semantickitti(real_kitti, tmp_path):
     root = real_kitti / 'semantickitti' / 'unknown_sequence'
     assert guess_layout(root) is Layout.ODOMETRY
     _, [message] = clouds(root, tmp_path / 'o.mcap', semantic=True)
-    cloud = decode_points(message)
-    values = cloud['label'].astype('<u4') | (cloud['instance'].astype('<u4') << 16)
-    assert values.tobytes() == (root / 'labels' / '000000.label').read_bytes()
+    labels = decode_scan(message).labels.astype('<u4')
+    assert labels.tobytes() == (root / 'labels' / '000000.label').read_bytes()

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from ..files.png.decode import decode_png
 from ..messages.cdr import Message
 from ..messages.map_frame import has_no_gravity
+from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
 from ..messages.source import promise
-from ..messages.topics import Moment, make_rig, make_table, select_topics, unmatched
+from ..messages.topics import make_table, select_topics, unmatched
 from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import Loss
 from ..model.samples import Calibration, Description, FrameLabels, Scan

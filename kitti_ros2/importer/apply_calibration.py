@@ -13,7 +13,9 @@ import numpy as np
 from ..files.png.encode import encode_png
 from ..files.png.header import parse_image
 from ..messages.clouds import decode_cloud
-from ..messages.pixels import decode_compressed_pixels, decode_pixels, png_of, size_of
+from ..messages.detections import ABSURD, cuboids_of_detections, has_scores
+from ..messages.marker_boxes import cuboids_of_markers
+from ..messages.pixels import pixels_of, png_of, size_of
 from ..messages.source import decode_text
 from ..model.errors import BadFileError, UsageError
 from ..model.geometry import Transform
@@ -26,16 +28,15 @@ from ..rig.tf_tree import FrameTree
 from . import survey as types
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations
-from .cuboids import ABSURD, cuboids_of_detections, cuboids_of_markers, has_scores
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import TF, UNKNOWN_OCCLUSION
 from .report import undecoded
 
 if TYPE_CHECKING:
+    from ..messages.camera_info import CameraModel
     from ..messages.pixels import Pixels
     from ..model.boxes import Box, Cuboid
-    from ..rig.camera_info import CameraModel
     from .plan import CameraPlan, Plan
     from .survey import Survey
 
@@ -176,8 +177,7 @@ class Rigging:
         Raises:
             ValueError: As png.
         """
-        compressed = hasattr(message, 'format')
-        pixels = decode_compressed_pixels(message) if compressed else decode_pixels(message)
+        pixels = pixels_of(message)
         self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
         rectifier = self._rectifiers.get(camera)
         return pixels if rectifier is None else rectifier.apply(pixels)

@@ -22,8 +22,8 @@ from ..rig.stereo import angle_of, viewpoints
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from ..messages.camera_info import CameraModel
     from ..model.geometry import Float64Array
-    from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
     from ..rig.tf_tree import FrameTree
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
+from ..messages.camera_info import camera_model
 from ..messages.source import CALIBRATION
 from ..model.errors import BadFileError, MissingDataError, UsageError
-from ..rig.camera_info import camera_model
 from . import survey as types
 from .calibration import make_calibration
 from .frames import topic_of
@@ -23,8 +23,8 @@ from .plan import NONE, SOURCE, TF
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from ..messages.camera_info import CameraModel
     from ..model.samples import Calibration, TextFile
-    from ..rig.camera_info import CameraModel
     from ..rig.tf_tree import FrameTree
     from .plan import CameraPlan, Plan
     from .survey import Survey

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.oxts import has_fix, has_orientation, make_packet
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .frames import topic_of
-from .oxts import has_fix, has_orientation, make_packet
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,11 +7,12 @@ What else differs between layouts is in LayoutTraits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..model.errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
 from ..model.layouts import Layout
+from ..model.streams import Stream
 from ..options.read import ReadOptions
 from . import names
 from .object import ObjectRecording
@@ -25,7 +26,7 @@ from .write_raw import RawWriter
 from .write_tracking import TrackingWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from .recording import KittiRecording
@@ -105,10 +106,13 @@ class LayoutFiles:
     Attributes:
         find: Lists the recordings at a path.
         write: Makes a writer below a root folder for a recording of a name.
+        line_folders: By line stream (see LayoutTraits) the folder of its text file, or the name of
+            the file without suffix.
     """
 
     find: Callable[[Path], list[Candidate]]
     write: Callable[[Path, str, WriteOptions], LayoutWriter]
+    line_folders: Mapping[Stream, str] = field(default_factory=dict)
 
 
 LAYOUTS = {
@@ -119,10 +123,18 @@ LAYOUTS = {
         find_object, lambda root, name, options: ObjectWriter(root, name, **vars(options))
     ),
     Layout.ODOMETRY: LayoutFiles(
-        find_odometry, lambda root, name, _: OdometryWriter(root, names.parse_sequence(name))
+        find_odometry,
+        lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
+        {Stream.POSE: names.POSES},
     ),
     Layout.TRACKING: LayoutFiles(
-        find_tracking, lambda root, name, _: TrackingWriter(root, names.parse_sequence(name))
+        find_tracking,
+        lambda root, name, _: TrackingWriter(root, names.parse_sequence(name)),
+        {
+            Stream.OXTS: names.OXTS,
+            Stream.POSE: names.OXTS,
+            Stream.LABELS: names.TRACKING_LABELS,
+        },
     ),
 }
 

@@ -26,6 +26,8 @@ RAW_DATE = re.compile(r'\d{4}_\d{2}_\d{2}')
 TIMESTAMPS = 'timestamps.txt'
 TIMESTAMPS_START = 'timestamps_start.txt'
 TIMESTAMPS_END = 'timestamps_end.txt'
+RAW_LABEL_STAMPS = f'{RAW_IMAGES[2]}/{TIMESTAMPS}'
+"""The stamps of tracklets in a drive without scans."""
 DATAFORMAT = 'dataformat.txt'
 CALIB_CAM_TO_CAM = 'calib_cam_to_cam.txt'
 CALIB_VELO_TO_CAM = 'calib_velo_to_cam.txt'

@@ -187,8 +187,8 @@ class RawRecording(KittiRecording):
             return
         # An unreadable folder of scans does not change the stamps of the labels.
         scanned = Stream.SCAN in self.streams or Stream.SCAN in self._unread
-        folder = names.RAW_SCANS if scanned else names.RAW_IMAGES[2]
-        path = self.drive / folder / names.TIMESTAMPS
+        scan_stamps = f'{names.RAW_SCANS}/{names.TIMESTAMPS}'
+        path = self.drive / (scan_stamps if scanned else names.RAW_LABEL_STAMPS)
         stamps, _ = self._stamps(path) if STORE.is_file(path) else (None, '')
         numbers = np.array(sorted(self._cuboids), dtype=np.int64)
         if self._stampless:

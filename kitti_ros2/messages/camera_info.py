@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration -> sensor_msgs/CameraInfo.
+"""Calibration -> sensor_msgs/CameraInfo; any CameraInfo -> a camera model.
 
 One rule: P (after R) projects points given in header.frame_id, exactly as KITTI's own P does.
 
@@ -15,7 +15,8 @@ One rule: P (after R) projects points given in header.frame_id, exactly as KITTI
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,15 +28,9 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, CameraCalibration
 
-__all__ = [
-    'CameraInfo',
-    'decode_camera_info',
-    'encode_camera_info',
-    'image_frame_camera',
-    'projection',
-    'rectified_offset',
-]
-
+_SINGULAR = 1e-9
+_ROTATION = 1e-3
+_LARGEST = 1e9
 LEFT_OF = {1: 0, 3: 2}
 """The left camera of each right camera's stereo pair."""
 
@@ -104,8 +99,103 @@ def encode_camera_info(
     )
 
 
-def decode_camera_info(
-    message: CameraInfo,
-) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return K (3, 3), D (n,), R (3, 3) and P (3, 4) of a CameraInfo."""
-    return message.k.reshape(3, 3), message.d, message.r.reshape(3, 3), message.p.reshape(3, 4)
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A camera model from a CameraInfo, in pixels of the published images.
+
+    Attributes:
+        frame: Optical frame (x right, y down, z forward).
+        size: (width, height).
+        k: (3, 3) of the unrectified image.
+        d: (n,) distortion.
+        r: (3, 3) optical to rectified frame.
+        p: (3, 4), projects points of the rectified frame.
+        model: Name of the distortion model.
+    """
+
+    frame: str
+    size: tuple[int, int]
+    k: Float64Array
+    d: Float64Array
+    r: Float64Array
+    p: Float64Array
+    model: str = 'plumb_bob'
+
+    @property
+    def offset(self) -> Float64Array:
+        """(3,) metres that P's fourth column adds to points of the rectified frame."""
+        return np.asarray(np.linalg.solve(self.p[:, :3], self.p[:, 3]), np.float64)
+
+
+def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's types
+    """Make the model of a sensor_msgs/CameraInfo.
+
+    P, R or K of zeros is missing: P is then K, R the identity, K the left part of P. Binning and a
+    region of interest transform K and P to the published pixels: first the region's corner is
+    subtracted, in pixels of the full resolution, then all is divided (CameraInfo.msg, and as
+    image_geometry does it).
+
+    Raises:
+        ValueError: It has no size or no calibration, or its region leaves the image.
+    """
+    if not message.width or not message.height:
+        raise ValueError('a CameraInfo without width and height')
+    k, p = _matrix(message.k, 3), _matrix(message.p, 4)
+    if not p[:, :3].any():
+        p = np.column_stack([k, np.zeros(3)])
+    if not k.any():
+        k = p[:, :3].copy()
+    for name, matrix in (('K', k), ('P', p)):
+        if not _is_projection(matrix):
+            raise ValueError(f'a CameraInfo that is not calibrated: {name} is {matrix.tolist()}')
+    d = np.array(message.d, dtype=np.float64).ravel()
+    if not (np.abs(d) <= _LARGEST).all():
+        raise ValueError(f'a CameraInfo that is not calibrated: D is {d.tolist()}')
+    size, to_published = _published(message)
+    return CameraModel(
+        frame=message.header.frame_id.lstrip('/'),
+        size=size,
+        k=to_published @ k,
+        d=d,
+        r=_rectifying(_matrix(message.r, 3)),
+        p=to_published @ p,
+        model=message.distortion_model or 'plumb_bob',
+    )
+
+
+def _is_projection(matrix: Float64Array) -> bool:
+    """Whether a K or P is valid: finite numbers of limited size, focal lengths > 0, invertible."""
+    if not (np.abs(matrix) <= _LARGEST).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        return False
+    return bool(abs(np.linalg.det(matrix[:, :3])) >= _SINGULAR)
+
+
+def _matrix(numbers: Any, columns: int) -> Float64Array:  # noqa: ANN401 - a list or an array
+    return np.array(numbers, dtype=np.float64).reshape(3, columns)
+
+
+def _rectifying(r: Float64Array) -> Float64Array:
+    if not r.any():
+        return np.eye(3)
+    off = np.abs(r @ r.T - np.eye(3)).max()
+    if not off < _ROTATION or np.linalg.det(r) < 0:
+        raise ValueError(f'a CameraInfo whose R is no rotation: {r.tolist()}')
+    return r
+
+
+def _published(message: Any) -> tuple[tuple[int, int], Float64Array]:  # noqa: ANN401
+    """Return the size of the published images, and (3, 3) from full-resolution pixels to theirs."""
+    roi = message.roi
+    width, height = roi.width or message.width, roi.height or message.height
+    if roi.x_offset + width > message.width or roi.y_offset + height > message.height:
+        raise ValueError(
+            f'a CameraInfo of {message.width} x {message.height} pixels, whose region of'
+            f' {width} x {height} begins at {roi.x_offset}, {roi.y_offset}'
+        )
+    columns, rows = max(message.binning_x, 1), max(message.binning_y, 1)
+    scale = np.diag([1 / columns, 1 / rows, 1.0])
+    shift = np.array([[1.0, 0, -roi.x_offset], [0, 1, -roi.y_offset], [0, 0, 1]])
+    size = width // columns, height // rows
+    if not all(size):
+        raise ValueError(f'a CameraInfo whose binning of {columns} x {rows} leaves no pixel')
+    return size, scale @ shift

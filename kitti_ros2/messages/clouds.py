@@ -8,12 +8,11 @@ estimated once, from a few clouds of a stream, and applied to all of them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .ros_types import PointField
-from .scan import FILE_INDEX, file_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,49 +36,64 @@ _XYZ = ('x', 'y', 'z')
 _INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
 _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
+FILE_INDEX = 'file_index'
+"""The field with a point's index in KITTI's file, in clouds that to-bag sorted by time."""
 
 
-def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
-    """Decode the points of a cloud; also return how many were dropped as not finite.
+def read_points(
+    message: PointCloud2, order: npt.NDArray[np.intp] | None, intensity_scale: float = 1.0
+) -> Float32Array:
+    """Read the points of a cloud as they are stored.
 
     Fields are found by name and may have any type, order, offset, padding and byte order; rows
     follow each other. Reflectance is intensity, else reflectivity, reflectance or i, divided by
-    intensity_scale and clipped to 0..1; it is 0 where there is none or it is NaN.
+    intensity_scale; it is 0 where there is none.
 
     Args:
         message: Organised or not. row_step is ignored for a single row.
+        order: The result of file_order for the message.
         intensity_scale: The result of guess_intensity_scale for the stream.
 
     Returns:
-        (N, 4) float32 x y z reflectance, in the message's frame and row by row (clouds that to-bag
-        sorted by time: in the order of their file), and the count of dropped points. A view of the
-        message if it has this format already, as KITTI's does.
+        (N, 4) float32 x y z reflectance, in the message's frame and row by row, or in the order. A
+        view of the message if it has this format already, as KITTI's does.
 
     Raises:
         ValueError: x, y or z is missing; a field cannot be read; the data are too short.
     """
     if not message.width * message.height:
-        return np.empty((0, 4), dtype=np.float32), 0
+        return np.empty((0, 4), dtype=np.float32)
     cloud = _fields_of(message, _chosen(message))
+    if intensity_scale == 1.0 and cloud.dtype == _KITTI_POINT and cloud.flags.c_contiguous:
+        return cloud.reshape(-1).view('<f4').reshape(-1, 4)
     reflectance = _intensity_of(cloud)
-    if intensity_scale == 1.0:
-        points = _as_they_are(cloud)
-        if points is not None:
-            return points, 0
     points = np.empty((*cloud.shape, 4), dtype=np.float32)
     with np.errstate(over='ignore', invalid='ignore'):
         for column, name in enumerate(_XYZ):
             points[..., column] = cloud[name]
         points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
     points = points.reshape(-1, 4)
-    order = _file_order(message)
-    if order is not None:
-        points = points[order]
-    if reflectance is not None:
-        _clip(points[:, 3])
-    finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
-    kept = int(np.count_nonzero(finite))
-    return (points if kept == len(points) else points[finite]), len(points) - kept
+    return points if order is None else points.take(order, axis=0)
+
+
+def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
+    """Decode the points of any cloud; also return how many were dropped as not finite.
+
+    As read_points, in the order of the file if to-bag sorted the cloud by time. Reflectance is
+    clipped to 0..1; it is 0 where it is NaN.
+
+    Raises:
+        ValueError: As read_points.
+    """
+    points = read_points(message, file_order(message), intensity_scale)
+    x, y, z, reflectance = points.T
+    if np.isfinite(points).all() and ((reflectance >= 0) & (reflectance <= 1)).all():
+        return points, 0
+    kept = points[np.isfinite(x) & np.isfinite(y) & np.isfinite(z)]
+    reflectance = kept[:, 3]
+    np.clip(reflectance, 0, 1, out=reflectance)
+    reflectance[np.isnan(reflectance)] = 0
+    return kept, len(points) - len(kept)
 
 
 def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
@@ -127,13 +141,30 @@ def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
     return next((name for name in cloud.dtype.names or () if name not in _XYZ), None)
 
 
-def _file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
-    """Return indices that put points in the order of their file, None if they are in order."""
+def file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
+    """Return indices that put points in the order of their file.
+
+    None without the field file_index, or if it does not contain each index once.
+    """
     field = next((field for field in message.fields if field.name == FILE_INDEX), None)
     if field is None or field.datatype != PointField.UINT32:
         return None
+    places = read_field(message, FILE_INDEX)
+    order = np.full(len(places), -1, dtype=np.intp)
+    inside = places < len(places)
+    order[places[inside]] = np.flatnonzero(inside)
+    return order if (order >= 0).all() else None
+
+
+def read_field(message: PointCloud2, name: str) -> npt.NDArray[Any]:
+    """Read one field of all points, (N,), row by row.
+
+    Raises:
+        ValueError: It cannot be read.
+    """
+    field = next(field for field in message.fields if field.name == name)
     _check_field(field, message.point_step)
-    return file_order(_fields_of(message, {FILE_INDEX: field})[FILE_INDEX].reshape(-1))
+    return _fields_of(message, {name: field})[name].reshape(-1)
 
 
 def _chosen(message: PointCloud2) -> dict[str, PointField]:
@@ -199,19 +230,3 @@ def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArr
         strides=(row_step, message.point_step),
     )
     return cloud
-
-
-def _as_they_are(cloud: npt.NDArray[np.void]) -> Float32Array | None:
-    """Return a (N, 4) view of a cloud that needs no conversion, None for any other."""
-    if cloud.dtype != _KITTI_POINT or not cloud.flags.c_contiguous:
-        return None
-    points: Float32Array = cloud.reshape(-1).view('<f4').reshape(-1, 4)
-    reflectance = points[:, 3]
-    unclipped = reflectance.min() >= 0 and reflectance.max() <= 1
-    return points if unclipped and np.isfinite(points).all() else None
-
-
-def _clip(reflectance: Float32Array) -> None:
-    """Clip to 0..1 in place; NaN becomes 0."""
-    np.clip(reflectance, 0, 1, out=reflectance)
-    reflectance[np.isnan(reflectance)] = 0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels -> vision_msgs/Detection3DArray and Detection2DArray: the data, for programs.
+"""Labels -> vision_msgs/Detection3DArray and Detection2DArray; any Detection3DArray -> boxes.
 
 A detection's id is the track id, or the box's place in its file; the same box has the same id in
 both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
@@ -10,19 +10,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..model.boxes import Cuboid
+from ..model.geometry import Transform
 from .cdr_writer import CdrWriter
 from .header import pose_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from ..model.boxes import Box, Cuboid
+    from ..model.boxes import Box
     from .cdr import Parts
+
+ABSURD = 'without a possible size, place or score'
 
 _TRUTH_SCORE = 1.0
 _UNKNOWN = (0.0,) * 36
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NO_TURN = 0.0
+_TRUTH_SCORES = frozenset({0.0, 1.0})
+_FARTHEST_M = 1e5  # from the scanner; no sensor sees it, and no box is so large
 
 
 def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Parts:
@@ -60,23 +68,102 @@ def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: s
     return (cdr.finish(),)
 
 
-def decode_boxes_2d(message: Any) -> list[tuple[str, str, tuple[float, float, float, float]]]:  # noqa: ANN401
-    """(id, class, (left, top, right, bottom)) of each detection; the inverse of encode_boxes_2d."""
-    found = []
-    for detection in message.detections:
-        place, box = detection.bbox.center.position, detection.bbox
-        bounds = (
-            place.x - box.size_x / 2,
-            place.y - box.size_y / 2,
-            place.x + box.size_x / 2,
-            place.y + box.size_y / 2,
-        )
-        found.append((detection.id, detection.results[0].hypothesis.class_id, bounds))
-    return found
-
-
 def _add_result(cdr: CdrWriter, kind: str, score: float | None, pose: tuple[float, ...]) -> None:
     """Write the results of a detection: one ObjectHypothesisWithPose."""
     cdr.uint32(1)
     cdr.text(kind)
     cdr.float64((_TRUTH_SCORE if score is None else score, *pose, *_UNKNOWN))
+
+
+def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether a Detection3DArray holds predictions: scores that are all 0 or 1 are ground truth."""
+    return any(
+        _score(result) not in _TRUTH_SCORES
+        for detection in getattr(message, 'detections', ())
+        for result in detection.results
+    )
+
+
+def cuboids_of_detections(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    to_velo: Mapping[str, Transform],
+    *,
+    scores: bool = False,
+) -> tuple[list[Cuboid], list[str]]:
+    """Decode a vision_msgs/Detection3DArray to boxes in velo_link; also why others were skipped.
+
+    The result with the best score is used. The definitions of ROS 1 and of Foxy are supported: a
+    result without hypothesis, its id the class, no id or a tracking_id of the detection.
+
+    Args:
+        message: Of the bag's own types.
+        to_velo: velo_T_frame by frame name.
+        scores: Whether the recording has scores, even if these look like ground truth.
+
+    Raises:
+        ValueError: A box is in a frame that is not joined.
+    """
+    scores = scores or has_scores(message)
+    cuboids = []
+    for detection in message.detections:
+        best = max(detection.results, key=_score, default=None)
+        frame = detection.header.frame_id or message.header.frame_id
+        identity = getattr(detection, 'id', '') or getattr(detection, 'tracking_id', '')
+        size = detection.bbox.size
+        cuboids.append(
+            Cuboid(
+                '' if best is None else _class(best),
+                identity,
+                place_in_velo(detection.bbox.center, frame, to_velo),
+                (size.x, size.y, size.z),
+                _score(best) if scores and best is not None else None,
+            )
+        )
+    return possible(cuboids)
+
+
+def place_in_velo(
+    pose: Any,  # noqa: ANN401 - of the bag's types
+    frame: str,
+    to_velo: Mapping[str, Transform],
+) -> Transform:
+    """Convert a Pose in a frame to velo_link; an orientation of zeros is no rotation, as in RViz.
+
+    A pose that is not finite becomes NaN.
+
+    Raises:
+        ValueError: The frame is not joined.
+    """
+    name = frame.lstrip('/')
+    if name not in to_velo:
+        raise ValueError(f'a box in frame {name!r}, which no static transform joins to the scans')
+    p, q = pose.position, pose.orientation
+    place, xyzw = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+    if not np.isfinite([*place, *xyzw]).all():
+        found = Transform(np.full((3, 3), np.nan), np.full(3, np.nan))
+    elif xyzw.any():
+        found = Transform.from_quaternion(xyzw, place)
+    else:
+        found = Transform.from_translation(place)
+    return to_velo[name] @ found
+
+
+def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
+    """Return the boxes with a possible size, place and score, and ABSURD for each of the others."""
+    kept = [
+        each
+        for each in cuboids
+        if (np.abs([*each.velo_T_box.matrix().ravel(), *each.size_lwh]) < _FARTHEST_M).all()
+        and min(each.size_lwh) > 0
+        and (each.score is None or np.isfinite(each.score))
+    ]
+    return kept, [ABSURD] * (len(cuboids) - len(kept))
+
+
+def _score(result: Any) -> float:  # noqa: ANN401 - of the bag's types
+    return float(getattr(getattr(result, 'hypothesis', result), 'score', 1.0))
+
+
+def _class(result: Any) -> str:  # noqa: ANN401 - of the bag's types
+    hypothesis = getattr(result, 'hypothesis', result)
+    return str(getattr(hypothesis, 'class_id', getattr(hypothesis, 'id', '')))

@@ -18,25 +18,6 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
 
-__all__ = [
-    'Header',
-    'Point',
-    'Pose',
-    'Quaternion',
-    'Time',
-    'Vector3',
-    'body_after_header',
-    'make_header',
-    'make_pose',
-    'make_quaternion',
-    'make_vector3',
-    'peek_header',
-    'pose_numbers',
-    'stamp_ns_of',
-    'transform_of',
-    'vector_of',
-]
-
 
 _ENCAPSULATION = 4
 _HEADER_HEAD = 12

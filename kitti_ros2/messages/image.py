@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes); -> sensor_msgs/Image (pixels)."""
+"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes) and sensor_msgs/Image (pixels)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files.png.decode import decode_png
+from ..files.png.encode import encode_png
+from ..files.png.header import parse_image
+from ..model.samples import Image
 from .header import make_header
+from .pixels import decode_pixels
 from .ros_types import CompressedImage, ImageMsg
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
+    from pathlib import PurePath
 
-    from ..model.samples import Image
+    import numpy.typing as npt
 
 _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'bgr8'}
 
@@ -26,18 +29,13 @@ def encode_compressed(image: Image, stamp_ns: int, frame_id: str) -> CompressedI
     return CompressedImage(make_header(stamp_ns, frame_id), 'png', data)
 
 
-def decode_compressed(message: CompressedImage) -> bytes:
-    """Return the file's bytes of an image made by encode_compressed."""
-    return message.data.tobytes()
-
-
-def encode_image(image: Image, stamp_ns: int, frame_id: str) -> ImageMsg:
-    """Decode to pixels: mono8 or mono16 of a grey PNG, bgr8 of a colour one.
+def decode_compressed(message: CompressedImage, path: PurePath) -> Image:
+    """Decode an image made by encode_compressed; path is its place, for errors.
 
     Raises:
-        ValueError: The PNG cannot be decoded.
+        BadFileError: It is empty, not a PNG, truncated or damaged.
     """
-    return encode_pixels(decode_png(image), stamp_ns, frame_id)
+    return parse_image(message.data.tobytes(), str(path))
 
 
 def encode_pixels(
@@ -53,3 +51,14 @@ def encode_pixels(
         step=pixels[0].nbytes,
         data=pixels.reshape(-1).view(np.uint8),
     )
+
+
+def decode_image(message: ImageMsg) -> Image:
+    """Decode any Image to a PNG file of its pixels.
+
+    Raises:
+        ValueError: As decode_pixels.
+    """
+    pixels = decode_pixels(message)
+    height, width = pixels.shape[:2]
+    return Image(encode_png(pixels), width, height, 1 if pixels.ndim == 2 else 3)

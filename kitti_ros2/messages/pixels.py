@@ -10,16 +10,12 @@ format is "ENCODING; png compressed ..." where others write just "png".
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
+from ..files.picture_headers import PNG_SIGNATURE, jpeg_size, png_chunks, png_size
 from ..files.png.decode import inflated
-
-try:
-    from isal.isal_zlib import crc32  # the CRC of zlib, many times faster
-except ImportError:  # optional
-    from zlib import crc32
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -28,12 +24,9 @@ if TYPE_CHECKING:
 
     Pixels: TypeAlias = npt.NDArray[np.uint8 | np.uint16]
 
-_PNG = b'\x89PNG\r\n\x1a\n'
 _JPEG = b'\xff\xd8\xff'
 _JPEG_END = b'\xff\xd9'
 _PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
-_CHUNK = struct.Struct('>I4s')
-_CHUNK_CRC_BYTES = 4
 _PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0)}
 """Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
 
@@ -43,11 +36,6 @@ MOST_PIXELS = 2**26
 _TRAILING_BYTES = 52
 _DEPTH_HEAD_BYTES = 12
 _SMALLEST_MOSAIC = 3
-_PNG_SIZE = struct.Struct('>16xII')
-# ITU T.81, B.1.1.3 and B.2.2: frame headers are C0 to CF without C4, C8 and CC.
-_JPEG_SEGMENT = struct.Struct('>BBH')
-_JPEG_SIZE = struct.Struct('>BHH')
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 class _Encoding(NamedTuple):
@@ -101,6 +89,15 @@ def decode_pixels(message: ImageMsg) -> Pixels:
     if encoding.conversion:
         return _converted(_upper_bits(values), encoding.conversion)
     return values if encoding.channels == 1 else _upper_bits(values)
+
+
+def pixels_of(message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+    """Decode an Image or CompressedImage; see decode_pixels and decode_compressed_pixels.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    return (decode_compressed_pixels if hasattr(message, 'format') else decode_pixels)(message)
 
 
 def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
@@ -168,7 +165,7 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
 
     kind = picture_kind(message)
     data = message.data.tobytes()
-    width, height = (_png_size if kind == 'PNG' else _jpeg_size)(data)
+    width, height = (png_size if kind == 'PNG' else jpeg_size)(data)
     if width * height > MOST_PIXELS:
         raise ValueError(f'a {kind} of {width} x {height} pixels')
     file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
@@ -195,10 +192,10 @@ def picture_kind(message: CompressedImage) -> str:
     """
     kind = _kind_of(message)
     if not kind:
-        start = message.data[: len(_PNG)].tobytes()
+        start = message.data[: len(PNG_SIGNATURE)].tobytes()
         raise ValueError(f'neither PNG nor JPEG: format {message.format!r}, data {start!r}')
     data = message.data.tobytes()
-    whole = _JPEG_END in data if kind == 'JPEG' else _chunks(data) is not None
+    whole = _JPEG_END in data if kind == 'JPEG' else png_chunks(data) is not None
     if not whole:
         raise ValueError(f'the {kind} is cut after {len(data)} bytes')
     return kind
@@ -210,28 +207,8 @@ def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
         size = int(message.width), int(message.height)
     else:
         data = message.data.tobytes()
-        size = _png_size(data) if data.startswith(_PNG) else _jpeg_size(data)
+        size = png_size(data) if data.startswith(PNG_SIGNATURE) else jpeg_size(data)
     return size if all(size) else None
-
-
-def _png_size(data: bytes) -> tuple[int, int]:
-    """Return (width, height); zeros if the header is truncated."""
-    return _PNG_SIZE.unpack_from(data) if len(data) >= _PNG_SIZE.size else (0, 0)
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """Return (width, height); zeros without a frame header."""
-    offset = 2
-    while offset + _JPEG_SEGMENT.size + _JPEG_SIZE.size <= len(data):
-        mark, kind, length = _JPEG_SEGMENT.unpack_from(data, offset)
-        if mark != 0xFF:
-            break
-        if kind in _JPEG_FRAMES:
-            _, height, width = _JPEG_SIZE.unpack_from(data, offset + _JPEG_SEGMENT.size)
-            return width, height
-        # Fill bytes before a marker, and markers without a segment, are one and two bytes.
-        offset += 1 if kind == 0xFF else 2 + length
-    return 0, 0
 
 
 def png_of(message: CompressedImage) -> bytes | None:
@@ -246,7 +223,7 @@ def png_of(message: CompressedImage) -> bytes | None:
     if _kind_of(message) != 'PNG' or _mosaic(message.format):
         return None
     png = message.data.tobytes()
-    chunks = _chunks(png)
+    chunks = png_chunks(png)
     if chunks is None or len(png) < _PNG_HEADER.size:
         return None
     kinds, end = chunks
@@ -263,12 +240,12 @@ def _kind_of(message: CompressedImage) -> str:
     Raises:
         ValueError: A depth image: a header of 12 bytes, then a PNG or run lengths.
     """
-    head = message.data[: _DEPTH_HEAD_BYTES + len(_PNG)].tobytes()
-    if head.startswith(_PNG):
+    head = message.data[: _DEPTH_HEAD_BYTES + len(PNG_SIGNATURE)].tobytes()
+    if head.startswith(PNG_SIGNATURE):
         return 'PNG'
     if head.startswith(_JPEG):
         return 'JPEG'
-    if head.endswith(_PNG) or 'compressedDepth' in message.format:
+    if head.endswith(PNG_SIGNATURE) or 'compressedDepth' in message.format:
         raise ValueError(f'a depth image (format {message.format!r}), which is no picture')
     return ''
 
@@ -282,30 +259,3 @@ def _mosaic(format_: str) -> str:
     encoding, semicolon, _ = format_.partition(';')
     mosaic = bool(semicolon) and encoding.startswith('bayer_') and encoding in _ENCODINGS
     return _ENCODINGS[encoding].conversion if mosaic else ''
-
-
-def _chunks(png: bytes) -> tuple[set[bytes], int] | None:
-    """Return the kinds of a PNG's chunks and the end of the last one, None if it is truncated.
-
-    Raises:
-        ValueError: The checksum of a chunk is wrong.
-    """
-    view = memoryview(png)
-    kinds: set[bytes] = set()
-    offset, kind = len(_PNG), b''
-    while kind != b'IEND':
-        if offset + _CHUNK.size > len(png):
-            return None
-        length, kind = _CHUNK.unpack_from(png, offset)
-        kinds.add(kind)
-        end = offset + _CHUNK.size + length
-        crc = view[end : end + _CHUNK_CRC_BYTES]
-        if len(crc) == _CHUNK_CRC_BYTES and crc32(view[offset + 4 : end]) != int.from_bytes(
-            crc, 'big'
-        ):
-            name = kind.decode('ascii', 'replace')
-            raise ValueError(
-                f'the PNG is damaged: its {name} at byte {offset} has a wrong checksum'
-            )
-        offset = end + _CHUNK_CRC_BYTES
-    return (kinds, offset) if offset <= len(png) else None

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pose <-> nav_msgs/Odometry and tf2_msgs/TFMessage; Trajectory -> nav_msgs/Path."""
+"""Pose <-> nav_msgs/Odometry; Pose -> tf2_msgs/TFMessage; Trajectory -> nav_msgs/Path.
+
+The poses of any Odometry, PoseStamped, Path or TFMessage are read with their stamps.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.samples import Pose, Trajectory
-from .header import make_header, make_pose, make_vector3, transform_of, vector_of
+from .header import make_header, make_pose, make_vector3, stamp_ns_of, transform_of, vector_of
 from .ros_types import (
     Odometry,
     Path,
@@ -19,10 +22,12 @@ from .ros_types import (
     Twist,
     TwistWithCovariance,
 )
-from .transforms import make_transform
+from .transforms import decode_static, make_transform
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
+
+_FARTHEST_M = 1e9
 
 
 def encode_odometry(
@@ -87,6 +92,43 @@ def encode_path(
         )
     ]
     return Path(make_header(stamp_ns, frame_id), poses)
+
+
+def poses_of(message: Odometry | PoseStamped | Path) -> list[tuple[int, Transform]]:
+    """Decode the poses of any Odometry, PoseStamped or Path: stamp (nanoseconds) and pose of each.
+
+    Raises:
+        ValueError: One of them is invalid: NaN, or an orientation of all zeros.
+    """
+    return [
+        (stamp_ns_of(each.header), _checked(transform_of(getattr(each.pose, 'pose', each.pose))))
+        for each in getattr(message, 'poses', [message])
+    ]
+
+
+def poses_of_link(message: TFMessage, link: tuple[str, str]) -> list[tuple[int, Transform]]:
+    """Decode the transforms of a link (parent, child) in a TFMessage: stamp and parent_T_child.
+
+    Raises:
+        ValueError: One of them is invalid.
+    """
+    # ROS 1 begins names with a slash, which tf2 does not allow.
+    wanted = [
+        each
+        for each in message.transforms
+        if (each.header.frame_id.lstrip('/'), each.child_frame_id.lstrip('/')) == link
+    ]
+    decoded = decode_static(TFMessage(wanted))
+    return [
+        (stamp_ns_of(each.header), _checked(transform))
+        for each, (*_, transform) in zip(wanted, decoded, strict=True)
+    ]
+
+
+def _checked(transform: Transform) -> Transform:
+    if not (np.abs(transform.matrix()) <= _FARTHEST_M).all():
+        raise ValueError('a pose of NaN, of an impossible place or of an orientation of all zeros')
+    return transform
 
 
 def _covariance(sigma: float | None) -> Float64Array:

@@ -4,27 +4,41 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..model.samples import Scan
 from ..model.stamps import NS_PER_S
+from .clouds import FILE_INDEX, file_order, read_field, read_points
 from .header import make_header
 from .ros_types import PointCloud2, PointField
-from .semantic import packed_colors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from ..model.samples import Float32Array, Turn
 
+_KINDS = dict.fromkeys(('x', 'y', 'z', 'intensity', 'time', 'rgb'), '<f4')
+_KINDS |= {'ring': '<u2', 'label': '<u2', 'instance': '<u2', FILE_INDEX: '<u4'}
 _DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16, '<u4': PointField.UINT32}
-_KINDS = {datatype: kind for kind, datatype in _DATATYPES.items()}
 _XYZI = ('x', 'y', 'z', 'intensity')
-_XYZI_BYTES = 16
-FILE_INDEX = 'file_index'
-"""The field with a point's index in KITTI's file, in clouds sorted by time."""
+
+# Class to 0xRRGGBB; source: color_map of semantic-kitti.yaml in semantic-kitti-api.
+COLORS = {
+    0: 0x000000, 1: 0xFF0000, 10: 0x6496F5, 11: 0x64E6F5, 13: 0x6450FA, 15: 0x1E3C96,
+    16: 0x0000FF, 18: 0x501EB4, 20: 0x0000FF, 30: 0xFF1E1E, 31: 0xFF28C8, 32: 0x961E5A,
+    40: 0xFF00FF, 44: 0xFF96FF, 48: 0x4B004B, 49: 0xAF004B, 50: 0xFFC800, 51: 0xFF7832,
+    52: 0xFF9600, 60: 0x96FFAA, 70: 0x00AF00, 71: 0x873C00, 72: 0x96F050, 80: 0xFFF096,
+    81: 0xFF0000, 99: 0x32FFFF, 252: 0x6496F5, 253: 0xFF28C8, 254: 0xFF1E1E, 255: 0x961E5A,
+    256: 0x0000FF, 257: 0x6450FA, 258: 0x501EB4, 259: 0x0000FF,
+}  # fmt: skip
+_OTHER_CLASS = 0x808080
+
+_COLOR_TABLE = np.full(1 << 16, _OTHER_CLASS, dtype=np.uint32)
+_COLOR_TABLE[list(COLORS)] = list(COLORS.values())
 
 
 def encode_scan(
@@ -48,29 +62,20 @@ def encode_scan(
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
     """
     points = np.ascontiguousarray(scan.points, dtype='<f4')
-    more: list[tuple[str, str, npt.NDArray[np.generic]]] = []
+    more = {} if labels is None else _label_fields(labels)
     order: npt.NDArray[np.intp] | None = None
     if ring_and_time:
-        more.append(('ring', '<u2', rings(points)))
-    if ring_and_time and scan.turn is not None:
-        seconds = times(points, scan.turn, stamp_ns)
-        order = seconds.argsort(kind='stable')
-        more += [('time', '<f4', seconds), (FILE_INDEX, '<u4', np.arange(len(points)))]
-    if labels is not None:
-        classes = (labels & 0xFFFF).astype(np.uint16)
-        more += [('label', '<u2', classes), ('instance', '<u2', (labels >> 16).astype(np.uint16))]
-        more += [('rgb', '<f4', packed_colors(classes))]
-    point = np.dtype(
-        [*((name, '<f4') for name in _XYZI), *((name, kind) for name, kind, _ in more)]
-    )
+        more = _ring_and_time(points, scan.turn, stamp_ns) | more
+        order = more['time'].argsort(kind='stable') if 'time' in more else None
+    point = _point((*_XYZI, *more))
     data = points.reshape(-1).view(np.uint8)
     if more:
         rich = np.empty(len(points), dtype=point)
-        for index, name in enumerate(_XYZI):
-            rich[name] = points[:, index]
-        for name, _, values in more:
+        for name, values in (*zip(_XYZI, points.T, strict=True), *more.items()):
             rich[name] = values
-        data = _taken(rich, order).view(np.uint8)
+        # Whole points are moved, which is faster than field by field.
+        rich = rich if order is None else rich.view(f'V{point.itemsize}')[order].view(point)
+        data = rich.view(np.uint8)
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
         height=1,
@@ -84,72 +89,56 @@ def encode_scan(
     )
 
 
+def _ring_and_time(
+    points: Float32Array, turn: Turn | None, stamp_ns: int
+) -> dict[str, npt.NDArray[Any]]:
+    found: dict[str, npt.NDArray[Any]] = {'ring': rings(points)}
+    if turn is not None:
+        found['time'] = times(points, turn, stamp_ns)
+        found[FILE_INDEX] = np.arange(len(points))
+    return found
+
+
+def _label_fields(labels: npt.NDArray[np.uint32]) -> dict[str, npt.NDArray[Any]]:
+    classes = (labels & 0xFFFF).astype(np.uint16)
+    instances = (labels >> 16).astype(np.uint16)
+    return {'label': classes, 'instance': instances, 'rgb': packed_colors(classes)}
+
+
 def decode_scan(message: PointCloud2) -> Scan:
-    """Decode a cloud made by encode_scan, in the file's order; a view if the step is 16.
+    """Decode a cloud made by encode_scan, in the file's order: points and SemanticKITTI labels.
+
+    The points are a view of the message if its step is 16. ring and time follow from the points,
+    start and end of the sweep are not in the message.
 
     Raises:
-        ValueError: The cloud has other fields, or its points have no order.
+        ValueError: The cloud has other fields or data of another length, or file_index does not
+            contain each index once.
     """
-    cloud = decode_points(message)
-    if cloud.dtype.names is None or cloud.dtype.names[:4] != _XYZI:
-        raise ValueError(f'a cloud of fields {cloud.dtype.names}')
-    if message.point_step == _XYZI_BYTES:
-        return Scan(message.data.view('<f4').reshape(-1, 4))
-    return Scan(np.column_stack([cloud[name] for name in _XYZI]))
-
-
-def decode_points(message: PointCloud2) -> npt.NDArray[np.void]:
-    """Decode all fields of a cloud made by encode_scan, in the file's order: (N,) structured.
-
-    A view if the message has this order.
-
-    Raises:
-        ValueError: A field is of another type, the data are of another length, or file_index does
-            not contain each index once.
-    """
-    if any(field.datatype not in _KINDS or field.count != 1 for field in message.fields):
-        raise ValueError('a cloud with fields other than single float32, uint16 and uint32')
+    names = tuple(field.name for field in message.fields)
+    found = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    known = names[:4] == _XYZI and _KINDS.keys() >= set(names)
+    made = _fields(_point(names)) if known else []
+    if message.is_bigendian or found != [
+        (field.name, field.offset, field.datatype, field.count) for field in made
+    ]:
+        raise ValueError(f'a cloud of fields {names}, or with other types or offsets')
     count = message.width * message.height
     if len(message.data) != count * message.point_step:
         raise ValueError(f'a cloud of {count} points with {len(message.data)} bytes of data')
-    points: npt.NDArray[np.void] = message.data.view(
-        np.dtype(
-            {
-                'names': [field.name for field in message.fields],
-                'formats': [_KINDS[field.datatype] for field in message.fields],
-                'offsets': [field.offset for field in message.fields],
-                'itemsize': message.point_step,
-            }
-        )
-    )
-    if FILE_INDEX not in (points.dtype.names or ()):
-        return points
-    places = points[FILE_INDEX]
-    order = file_order(places) if places.dtype == np.uint32 else None
-    if order is None:
+    order = file_order(message)
+    if order is None and FILE_INDEX in names:
         raise ValueError(f'a cloud whose {FILE_INDEX} does not give each place once')
-    return _taken(points, order)
+    labels = None
+    if 'label' in names and 'instance' in names:
+        labels = read_field(message, 'label').astype(np.uint32)
+        labels |= read_field(message, 'instance').astype(np.uint32) << np.uint32(16)
+        labels = labels if order is None else labels[order]
+    return Scan(read_points(message, order), labels=labels)
 
 
-def file_order(places: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp] | None:
-    """Return indices that put points in the order of their file; None unless each is there once.
-
-    Args:
-        places: (N,) the field file_index.
-    """
-    order = np.full(len(places), -1, dtype=np.intp)
-    inside = places < len(places)
-    order[places[inside]] = np.flatnonzero(inside)
-    return order if (order >= 0).all() else None
-
-
-def _taken(
-    points: npt.NDArray[np.void], order: npt.NDArray[np.intp] | None
-) -> npt.NDArray[np.void]:
-    """Reorder points; whole points are moved, which is faster than field by field."""
-    if order is None:
-        return points
-    return points.view(f'V{points.dtype.itemsize}')[order].view(points.dtype)
+def _point(names: Sequence[str]) -> np.dtype[np.void]:
+    return np.dtype([(name, _KINDS[name]) for name in names])
 
 
 def _fields(point: np.dtype[np.void]) -> list[PointField]:
@@ -191,3 +180,8 @@ def times(points: Float32Array, turn: Turn, stamp_ns: int) -> Float32Array:
     azimuth = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]), nan=0.0).astype(np.float64)
     turned = np.clip(0.5 - azimuth / (2 * np.pi), 0.0, 1.0)
     return ((turned * turn.length_ns + (turn.start_ns - stamp_ns)) / NS_PER_S).astype(np.float32)
+
+
+def packed_colors(classes: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+    """Return (N,) float32 with the bits 0x00RRGGBB, the format of the field rgb in PCL and RViz."""
+    return _COLOR_TABLE[classes].view(np.float32)

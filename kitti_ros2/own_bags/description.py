@@ -12,7 +12,9 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from ..kitti import names
-from ..messages.source import RECORDING, decode_description
+from ..messages.moment import Origin
+from ..messages.source import RECORDING
+from ..messages.topics import decoders
 from ..model.errors import BadBagError
 from ..model.layouts import Layout
 from ..model.streams import Stream
@@ -81,7 +83,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
         BadBagError: It names folders outside of its root.
     """
     try:
-        values: dict[str, Any] = decode_description(message)
+        values: Mapping[str, Any] = decoders()[RECORDING](message, Origin(path)).values
         entries = values['files']
         if any('numbers' not in entry for entry in entries.values()):
             raise EarlierVersionError(path)

@@ -13,16 +13,15 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..kitti import names
+from ..messages.source import SWEEP
+from ..messages.topics import own_topics
 from ..model.layouts import Layout
 from ..model.streams import Stream
-from .topics import own_topics
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from .description import RecordingDescription
-
-_SWEEP = '/kitti/source/sweep'
 
 
 def without_absent_streams(
@@ -66,7 +65,7 @@ def _of_raw(
     drive, streams = PurePosixPath(description.name), _streams(topics)
     carrying = [folder for folder in description.folders.values() if folder.carried]
     expected = [folder.path.parent / names.TIMESTAMPS for folder in carrying]
-    if _SWEEP in topics:
+    if SWEEP in topics:
         scans = drive / names.RAW_SCANS
         expected += [scans / names.TIMESTAMPS_START, scans / names.TIMESTAMPS_END]
     elif not set(expected).intersection(found):

@@ -9,45 +9,33 @@ identified by the stamps in their headers, and texts by the names in them.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..bags.reader import open_messages
+from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
-from ..importer.survey import LABEL_LINES, MARKERS, STRING, TF_TYPES
+from ..importer.survey import MARKERS, STRING, TF_TYPES
 from ..kitti import names
-from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..messages.header import peek_header
-from ..messages.source import decode_text
-from ..messages.topics import LABELLED_CAMERA
-from ..model.errors import BadFileError
+from ..messages.moment import Origin
+from ..messages.topics import decoders, own_topics
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import ScanStamp
-from .folders import Folder
 from .recorded_layout import find_blueprint
-from .topics import own_topics
+from .stamp_numbers import StampNumbers, row_frames
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping
+    from collections.abc import Collection, Mapping
 
     from ..bags.reader import BagSource
-    from ..model.boxes import Cuboid
     from ..model.samples import Int64Array, TextFile
     from .recorded_layout import Blueprint
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """The remark on a bag that was not written by to-bag."""
 
-OXTS_LINES = '/kitti/source/oxts'
-_LINES = frozenset({OXTS_LINES, LABEL_LINES})
-_LINE_FOLDERS = {
-    Stream.OXTS: (names.OXTS,),
-    Stream.POSE: (names.POSES, names.OXTS),
-    Stream.LABELS: (names.TRACKING_LABELS,),
-}
 _HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
 
 
@@ -180,7 +168,7 @@ def number_bag(
             for row in own_topics().values()
             if row.stream in FRAME_STREAMS or row.stream in blueprint.folders
         }
-        mapped = _Numbers(blueprint)
+        mapped = StampNumbers(blueprint)
         found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
         if by_header and not _is_numbered(found):
             found = _by_header(bag, mapped, streams)
@@ -195,92 +183,8 @@ def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
     return any(each.stream in FRAME_STREAMS and each.is_numbered for each in topics.values())
 
 
-class _Numbers:
-    """Maps stamps to file numbers, by stream."""
-
-    def __init__(self, blueprint: Blueprint) -> None:
-        self.blueprint = blueprint
-        self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
-
-    def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
-        """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
-        known, numbers = self._pairs(stream)
-        first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
-        turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
-        found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
-        is_known = after > first
-        found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
-        return found
-
-    def _pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
-        """Return stamps, ascending, and the number of each."""
-        if stream not in self._sorted:
-            mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
-            pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
-            table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-            self._sorted[stream] = (table[:, 0], table[:, 1])
-        return self._sorted[stream]
-
-
-def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
-    """Add a substitute for the folder of a stream stored as lines of a common file."""
-    if stream in blueprint.folders:
-        return blueprint
-    if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
-        folder = blueprint.folders[Stream.OXTS]
-    elif blueprint.layout.traits.tracklets:
-        numbers = tuple(sorted(tracklets_of(blueprint)))
-        path = _folder_of_tracklets(blueprint)
-        folder = Folder(path, names.RAW_DIGITS, names.BIN, numbers, numbers)
-    else:
-        times = (path.parent for path in blueprint.texts if path.name == names.TIMES)
-        path = next(times, PurePosixPath()) / names.SCANS
-        numbers = tuple(_lines(blueprint, stream))
-        folder = Folder(path, names.FRAME_DIGITS, names.BIN, numbers, numbers)
-    return replace(blueprint, folders={**blueprint.folders, stream: folder})
-
-
-def _folder_of_tracklets(blueprint: Blueprint) -> PurePosixPath:
-    """Return the folder whose stamps tracklets use: see RawRecording."""
-    scans = blueprint.folders.get(Stream.SCAN)
-    if scans is not None and scans.numbers:
-        return scans.path
-    drives = (path.parent for path in blueprint.texts if path.name == names.RAW_TRACKLETS)
-    drive = next(drives, PurePosixPath())
-    return drive / names.RAW_IMAGES[LABELLED_CAMERA] / names.RAW_DATA
-
-
-def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
-    """Return the boxes of a raw drive by frame, from the tracklets in its bag; {} if invalid."""
-    for path, text in blueprint.texts.items():
-        if path.name == names.RAW_TRACKLETS:
-            try:
-                return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
-            except BadFileError:
-                break  # to-bag has reported it, and made no labels of it
-    return {}
-
-
-def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
-    """Return the frames with lines in the common file of a stream, ascending."""
-    for folder in _LINE_FOLDERS[stream] if stream in blueprint.layout.traits.line_streams else ():
-        for path, text in blueprint.texts.items():
-            if folder in {path.parent.name, path.stem}:
-                lines = text.splitlines()
-                return sorted({*_rows(lines)}) if stream is Stream.LABELS else range(len(lines))
-    return ()
-
-
-def _rows(lines: Iterable[str]) -> Iterator[int]:
-    """Yield the frame at the beginning of each row of a tracking label file."""
-    for line in lines:
-        word = line.split(maxsplit=1)[0] if line.strip() else ''
-        if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
-            yield int(word)
-
-
 def _by_log(
-    mapped: _Numbers, topics: Mapping[str, tuple[Stream, Int64Array]]
+    mapped: StampNumbers, topics: Mapping[str, tuple[Stream, Int64Array]]
 ) -> dict[str, NumberedTopic]:
     """Number by log time, which is the sample's own stamp in a bag written by to-bag."""
     return {
@@ -290,7 +194,7 @@ def _by_log(
 
 
 def _by_header(
-    bag: BagSource, mapped: _Numbers, streams: Mapping[str, Stream]
+    bag: BagSource, mapped: StampNumbers, streams: Mapping[str, Stream]
 ) -> dict[str, NumberedTopic]:
     """Number by the stamps in headers, and by the names in texts."""
     found: dict[str, list[tuple[int, int, int]]] = {}
@@ -298,9 +202,10 @@ def _by_header(
         for message in messages:
             stamp_ns, number = message.stamp_ns, UNKNOWN
             try:
-                if message.topic in _LINES:
-                    text: Any = messages.typestore.deserialize_cdr(message.data, message.msgtype)
-                    number = _named(decode_text(text), mapped.blueprint, streams[message.topic])
+                if own_topics()[message.topic].is_frame_text:
+                    decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
+                    text = decoders()[message.topic](decoded, Origin(path_of(bag)))
+                    number = _named(text, mapped.blueprint, streams[message.topic])
                 elif message.msgtype not in _HEADLESS:
                     stamp_ns, _ = peek_header(message.data)
                 else:
@@ -312,7 +217,7 @@ def _by_header(
     topics = {}
     for name, rows in found.items():
         log_ns, stamps_ns, numbers = np.array(rows, dtype=np.int64).T
-        if name not in _LINES:
+        if not own_topics()[name].is_frame_text:
             order = np.argsort(stamps_ns, kind='stable')
             numbers[order] = mapped.of(streams[name], stamps_ns[order])
         topics[name] = NumberedTopic(streams[name], log_ns, stamps_ns, numbers)
@@ -322,6 +227,10 @@ def _by_header(
 def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
     """Return the frame of a text, by the name of its file or by its first column."""
     if stream in blueprint.layout.traits.line_streams:
-        return next(_rows(text.text.splitlines()), UNKNOWN) if stream is Stream.LABELS else UNKNOWN
+        return (
+            next(row_frames(text.text.splitlines()), UNKNOWN)
+            if stream is Stream.LABELS
+            else UNKNOWN
+        )
     stem = PurePosixPath(text.name).stem
     return int(stem) if stem.isdecimal() else UNKNOWN

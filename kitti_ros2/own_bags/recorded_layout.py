@@ -19,7 +19,9 @@ from ..importer.report import LossTally, damage
 from ..kitti import names
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
-from ..messages.source import CALIBRATION, FILES, RECORDING, decode_text
+from ..messages.moment import Origin
+from ..messages.source import CALIBRATION, FILES, RECORDING
+from ..messages.topics import STRING, decoders, own_topics
 from ..model.errors import BadBagError
 from ..model.losses import Loss
 from ..model.streams import Clock, Stream
@@ -27,7 +29,6 @@ from ..options.read import ScanStamp
 from .description import EarlierVersionError, UndescribedError, parse_description
 from .earlier_descriptions import implied_texts, without_absent_streams
 from .source_texts import TEXT_FILE, TextFiles
-from .topics import own_topics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,8 +47,6 @@ __all__ = [
     'find_blueprint',
     'read_blueprint',
 ]
-
-_STRING = 'std_msgs/msg/String'
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,7 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
             topics = frozenset(topic for topic, _ in messages.channels)
             unread = tuple(loss for _, loss in messages.left_out if loss.stream in own_topics())
             damaged: dict[str, int | None] = dict.fromkeys(messages.losses, 0)
-            is_own = (RECORDING, _STRING) in messages.channels
+            is_own = (RECORDING, STRING) in messages.channels
         if not is_own:
             return None
         with open_messages(bag, {RECORDING, FILES, CALIBRATION} & topics) as messages:
@@ -224,7 +223,7 @@ class _Source:
         self._found: list[tuple[str, int, TextFile]] = []
         decode = Decoder(messages.typestore)
         for message in messages:
-            if message.msgtype != _STRING:
+            if message.msgtype != STRING:
                 continue
             try:
                 decoded = decode(message)
@@ -234,7 +233,8 @@ class _Source:
             if message.topic == RECORDING:
                 self._description = parse_description(decoded, path)
             else:
-                self._found.append((message.topic, message.stamp_ns, decode_text(decoded)))
+                text = decoders()[message.topic](decoded, Origin(path))
+                self._found.append((message.topic, message.stamp_ns, text))
 
     def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
         """Make the layout and its text files; invalid or missing ones are losses."""

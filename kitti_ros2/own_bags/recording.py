@@ -18,19 +18,15 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN
-from ..files.png.header import parse_image
 from ..importer.report import damage
-from ..importer.survey import CLOUD, COMPRESSED, DETECTIONS, IMAGE, LABEL_LINES, MARKERS, ODOMETRY
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text
 from ..kitti.oxts_file import parse_packet
 from ..kitti.tracklet_file import labels_of_tracklets
-from ..messages.image import decode_compressed
+from ..messages.moment import Origin
 from ..messages.naming import FrameNames, base_t_imu
-from ..messages.pose import decode_odometry
-from ..messages.scan import decode_scan
-from ..messages.source import decode_text
+from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
@@ -38,26 +34,22 @@ from ..model.samples import Calibration
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
-from .numbering import OXTS_LINES, tracklets_of
 from .places import PlacedMessages, places_of
+from .stamp_numbers import tracklets_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
     from pathlib import PurePosixPath
 
     from ..bags.reader import BagMessage, BagSource
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
-    from ..model.geometry import Transform
     from ..model.losses import Loss
     from ..model.recording import Start
-    from ..model.samples import FrameLabels, Image, OxtsPacket, Pose, Sample, Scan
+    from ..model.samples import Sample
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
     from .places import Place
-
-_LARGE = (CLOUD, COMPRESSED, IMAGE)
-"""Types with messages of a megabyte, in order of preference; they are read one by one."""
 
 _EXPECTED = 'the data of the frame'
 
@@ -91,9 +83,7 @@ class BagRecording:
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
         self._face_forward()
         large = {
-            stream: name
-            for stream, name in self._topics.items()
-            if survey.topics[name].msgtype in _LARGE
+            stream: name for stream, name in self._topics.items() if own_topics()[name].on_demand
         }
         self.cameras = {
             stream.camera: _camera_name(name, stream.camera)
@@ -127,40 +117,43 @@ class BagRecording:
         Raises:
             KittiRos2Error: Its message is missing or cannot be decoded.
         """
-        readers: dict[Stream, Callable[[int], Sample]] = {
-            Stream.SCAN: self._scan,
-            Stream.OXTS: self._packet,
-            Stream.POSE: self._pose,
-            Stream.LABELS: self._labels,
-        }
         try:
-            if stream.camera is not None:
-                return self._image(stream, number)
-            return readers[stream](number)
+            if stream is Stream.LABELS and self._tracklets:
+                return labels_of_tracklets(self._tracklets.get(number, []), names.RAW_TRACKLETS)
+            return self._sample(stream, number)
         except BadFileError:
             raise
         except Exception as error:
             what = f'the message of frame {number}: {error}'
             raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
 
+    def _sample(self, stream: Stream, number: int) -> Sample:
+        decode = decoders()[self._topics[stream]]
+        found: Any = decode(self._message(stream, number), self._origin)
+        if stream is Stream.OXTS:
+            return parse_packet(found.text, found.name, number + 1, found)
+        sample: Sample = labels_of_text(found) if stream is Stream.LABELS else found
+        return sample
+
     def calibration(self, number: int) -> Calibration:
-        """Return the calibration valid for a frame; its lacks list the missing parts."""
+        """Return the calibration valid for a frame; missing lists its missing parts."""
         return self._calibration_cached(number if self.layout.traits.calibration_per_frame else 0)
 
     def _choose(self) -> dict[Stream, str]:
-        """Choose the topic to read each stream from, among those with known numbers."""
-        kinds = dict.fromkeys((*_LARGE, ODOMETRY))
-        lines = {OXTS_LINES} if self._tracklets else {OXTS_LINES, LABEL_LINES}
-        if self._tracklets:
-            kinds |= dict.fromkeys((DETECTIONS, MARKERS))
-        ranks = {kind: place for place, kind in enumerate(kinds)}
-        found: dict[Stream, tuple[int, str]] = {}
-        for name, topic in self._bag.topics.items():
-            msgtype = self._survey.topics[name].msgtype
-            if topic.is_numbered and (name in lines or msgtype in ranks):
-                candidate = (ranks.get(msgtype, 0), name)
-                found[topic.stream] = min(candidate, found.get(topic.stream, candidate))
-        return {stream: name for stream, (_, name) in found.items()}
+        """Choose the topic to read each stream from, among those with known numbers.
+
+        The first in the table's order. Tracklets are read from their file; any topic made of them
+        has their numbers.
+        """
+        found: dict[Stream, str] = {}
+        for name, row in own_topics().items():
+            topic = self._bag.topics.get(name)
+            if topic is None or row.latched or not topic.is_numbered:
+                continue
+            is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
+            if is_read and self._survey.topics[name].msgtype == row.msgtype:
+                found.setdefault(row.stream, name)
+        return found
 
     @cached_property
     def _tracklets(self) -> Mapping[int, list[Cuboid]]:
@@ -194,37 +187,13 @@ class BagRecording:
             raise message
         return message
 
-    def _scan(self, number: int) -> Scan:
-        return decode_scan(self._message(Stream.SCAN, number))
-
-    def _image(self, stream: Stream, number: int) -> Image:
-        message = self._message(stream, number)
-        if hasattr(message, 'format'):
-            return parse_image(decode_compressed(message), self.root)
-        from ..files.png.encode import encode_png  # noqa: PLC0415
-        from ..messages.pixels import decode_pixels  # noqa: PLC0415 - OpenCV, which PNGs do without
-
-        return parse_image(encode_png(decode_pixels(message)), self.root)
-
-    def _packet(self, number: int) -> OxtsPacket:
-        text = decode_text(self._message(Stream.OXTS, number))
-        return parse_packet(text.text, text.name, number + 1, text)
-
-    def _pose(self, number: int) -> Pose:
-        return decode_odometry(self._message(Stream.POSE, number), self._base_t_imu)
-
     @cached_property
-    def _base_t_imu(self) -> Transform:
+    def _origin(self) -> Origin:
         frames = FrameNames()
         for parent, child, transform in self._survey.static:
             if (parent, child) == (frames.base, frames.imu):
-                return transform
-        return base_t_imu(MessageOptions())
-
-    def _labels(self, number: int) -> FrameLabels:
-        if self._tracklets:
-            return labels_of_tracklets(self._tracklets.get(number, []), names.RAW_TRACKLETS)
-        return labels_of_text(decode_text(self._message(Stream.LABELS, number)))
+                return Origin(self.root, transform)
+        return Origin(self.root, base_t_imu(MessageOptions()))
 
     def _calibration(self, number: int) -> Calibration:
         files = self._blueprint.calibrations

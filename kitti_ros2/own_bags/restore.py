@@ -19,7 +19,6 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.reader import bag_stamps, open_messages, opened, path_of
 from ..exporter.schedule import frames_of
-from ..files.png.header import parse_image
 from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
 from ..importer.report import ImportReport, LossTally, damage, merged
@@ -27,16 +26,15 @@ from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
 from ..messages.header import stamp_ns_of
-from ..messages.image import decode_compressed
-from ..messages.scan import decode_points, decode_scan
-from ..messages.source import decode_text
+from ..messages.moment import Origin
+from ..messages.topics import decoders, own_topics
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.losses import Loss, format_numbers
+from ..model.samples import Image, Scan
 from ..model.streams import Stream
 from .folders import owner_of, shown
-from .new_files import write_new, write_texts
 from .numbering import has_common_numbers, number_bag
-from .topics import LINES, sample_topics
+from .source_texts import write_new, write_texts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -73,7 +71,8 @@ class _Written:
 
 def _topics(present: Collection[str]) -> set[str]:
     """Return the topics to read; a camera's pixels only where its PNG files are missing."""
-    wanted = {*sample_topics(), *LINES}.intersection(present)
+    rows = (row for row in own_topics().values() if row.restores and not row.latched)
+    wanted = {row.topic for row in rows}.intersection(present)
     return {topic for topic in wanted if f'{topic}/compressed' not in present}
 
 
@@ -108,28 +107,20 @@ def restore(
 def _restore(
     source: BagSource, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
 ) -> ImportReport:
-    refused = write_texts(stage / blueprint.root, blueprint, path_of(source))
+    texts = (*blueprint.texts.items(), *blueprint.calibrations.items())
+    refused = write_texts(stage / blueprint.root, texts, path_of(source))
     with (
         opened(source) as bag,
         open_messages(bag, _topics(blueprint.topics)) as messages,
     ):
-        report = _write(bag, messages, blueprint, stage, progress)
+        writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+        files = ordered_map(writer.write, writer.files(), worker_count())
+        for done, written in enumerate(files, 1):
+            writer.take(written)
+            progress(done, writer.size_bytes)
+        report = writer.report()
         damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
     return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
-
-
-def _write(
-    bag: OpenBag,
-    messages: BagMessages,
-    blueprint: Blueprint,
-    stage: Path,
-    progress: Callable[[int, int], None],
-) -> ImportReport:
-    writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
-    for done, written in enumerate(ordered_map(writer.write, writer.files(), worker_count()), 1):
-        writer.take(written)
-        progress(done, writer.size_bytes)
-    return writer.report()
 
 
 class _Writer:
@@ -140,7 +131,6 @@ class _Writer:
         self._messages = messages
         self._blueprint = blueprint
         self._root = root
-        self._streams = sample_topics()
         self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
         self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
         self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
@@ -160,7 +150,7 @@ class _Writer:
                 continue
             file = (
                 self._line(decoded, message)
-                if message.topic in LINES
+                if own_topics()[message.topic].is_frame_text
                 else self._sample(decoded, message)
             )
             if file is not None:
@@ -169,19 +159,17 @@ class _Writer:
     def _lose(self, message: BagMessage, reason: str) -> None:
         """Report a message without a file; to-bag logs a sample at its own stamp."""
         self._losses.lose(message.topic, message.stamp_ns, reason)
-        stream = self._stream(message)
+        stream = own_topics()[message.topic].stream
         found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
         if found:
             self._lost[stream].add(found.pop(0))
         else:
             self._unplaced[stream] += 1
 
-    def _stream(self, message: BagMessage) -> Stream:
-        return LINES.get(message.topic) or self._streams[message.topic]
-
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """Make the file of a text of one frame, unless the whole file is known."""
-        text, stream = decode_text(decoded), self._stream(message)
+        stream = own_topics()[message.topic].stream
+        text = decoders()[message.topic](decoded, Origin(self._bag.path))
         path = PurePosixPath(text.name)
         if path in self._blueprint.texts and stream not in self._blueprint.folders:
             self._counts[stream.value] += 1
@@ -200,24 +188,19 @@ class _Writer:
             self._lose(message, f'names {path}, which has another stamp')
             return None
         data = text.text.encode()
-        return _File(stream, owner[1], path, lambda: data, *_origin(message))
+        return _File(stream, owner[1], path, lambda: data, message.topic, message.stamp_ns)
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
-        stream = self._streams[message.topic]
+        stream = own_topics()[message.topic].stream
         found = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
         if not found:
             self._lose(message, self._why_unplaced(stream))
             return None
         number = found.pop(0)
-        folder = self._blueprint.folders[stream]
-        content: Callable[[], bytes | memoryview]
-        if stream is Stream.SCAN:
-            content = partial(self._scan, decoded, number, folder.suffix)
-        elif message.topic.endswith('/compressed'):
-            content = partial(_checked_png, decoded, folder.file(number))
-        else:
-            content = partial(_png, decoded)
-        return _File(stream, number, folder.file(number), content, *_origin(message))
+        path = self._blueprint.folders[stream].file(number)
+        sample = partial(decoders()[message.topic], decoded, Origin(path))
+        content = partial(self._content, sample, number, path)
+        return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
         folder = self._blueprint.folders.get(stream)
@@ -226,19 +209,26 @@ class _Writer:
             return f'its file number is unknown, for the bag does not hold {path}'
         return f'no file of {self._blueprint.name} has this stamp'
 
-    def _scan(self, cloud: Any, number: int, suffix: str) -> bytes | memoryview:  # noqa: ANN401
-        """Format a scan's file; write the labels of its points to a file of their own."""
-        points = decode_points(cloud)
-        if {'label', 'instance'} <= set(points.dtype.names or ()):
-            labels = points['label'].astype(np.uint32)
-            labels |= points['instance'].astype(np.uint32) << np.uint32(16)
-            folder = self._blueprint.folders[Stream.SCAN].path.parent / names.POINT_LABELS
-            path = folder / names.file_name(number, names.FRAME_DIGITS, names.LABEL)
-            error = write_new(self._root / path, format_point_labels(labels))
+    def _content(
+        self, sample: Callable[[], Scan | Image], number: int, path: PurePosixPath
+    ) -> bytes | memoryview:
+        """Format a sample's file; write the labels of a scan's points to a file of their own.
+
+        Raises:
+            ValueError: The message cannot be decoded, or the file of labels cannot be written.
+            BadFileError: The PNG in the message is damaged.
+        """
+        made = sample()
+        if isinstance(made, Image):
+            return made.png
+        if made.labels is not None:
+            name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+            labels = self._root / path.parents[1] / names.POINT_LABELS / name
+            error = write_new(labels, format_point_labels(made.labels))
             if error:
                 raise ValueError(error)
-        scan = decode_scan(cloud)
-        return format_scan_text(scan.points) if suffix == names.TXT else format_scan(scan.points)
+        is_text = path.suffix == names.TXT
+        return format_scan_text(made.points) if is_text else format_scan(made.points)
 
     def write(self, file: _File) -> _Written:
         """Write a file; thread-safe for different paths."""
@@ -293,23 +283,3 @@ class _Writer:
         written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
         numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
         return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
-
-
-def _checked_png(image: Any, path: PurePosixPath) -> bytes:  # noqa: ANN401 - of the bag's types
-    """Return the PNG file in a CompressedImage.
-
-    Raises:
-        BadFileError: It is empty, not a PNG, truncated or damaged.
-    """
-    return parse_image(decode_compressed(image), str(path)).png
-
-
-def _png(image: Any) -> bytes:  # noqa: ANN401 - of the bag's types
-    from ..files.png.encode import encode_png  # noqa: PLC0415
-    from ..messages.pixels import decode_pixels  # noqa: PLC0415 - OpenCV, which PNGs do without
-
-    return encode_png(decode_pixels(image))
-
-
-def _origin(message: BagMessage) -> tuple[str, int]:
-    return message.topic, message.stamp_ns

@@ -1,18 +1,23 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of the names of text files in a bag: none may overwrite another file."""
+"""The text files in a bag, validated and written: none may overwrite another file."""
 
 from __future__ import annotations
 
+import errno
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
+from ..model.errors import UsageError
+from ..model.losses import Loss
 from ..model.streams import Stream
 from .folders import is_inside, owner_of, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
+    from pathlib import Path
 
     from ..model.samples import TextFile
     from .folders import Folder
@@ -22,6 +27,8 @@ TEXT_FILE = 'text file'
 
 _MOST_PART_BYTES = 255  # NAME_MAX of Linux file systems
 _MOST_PATH_BYTES = 1024  # leaves room within PATH_MAX for the folder of the output
+_OF_NAME = (errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EINVAL)
+"""Errors that a file's own name causes, not the disk."""
 
 
 class TextFiles:
@@ -98,3 +105,38 @@ def _valid_path(name: str) -> PurePosixPath:
     if longest > _MOST_PART_BYTES or len(name.encode()) > _MOST_PATH_BYTES:
         raise ValueError(f'names a file {shown(name)}, which is too long for a file name')
     return path
+
+
+def write_texts(
+    root: Path, texts: Iterable[tuple[PurePosixPath, str]], bag: Path
+) -> tuple[Loss, ...]:
+    """Write text files; recordings of a data set may share some.
+
+    Raises:
+        UsageError: Another bag has a file of the same name with another text.
+        OSError: One cannot be written.
+    """
+    losses = []
+    for path, text in texts:
+        target = root / path
+        if STORE.is_file(target) and STORE.read_text(target) != text:
+            raise UsageError(f'{bag}: its {path} differs from that of another bag')
+        error = '' if STORE.is_file(target) else write_new(target, text.encode())
+        if error:
+            losses.append(Loss(TEXT_FILE, 1, error))
+    return tuple(losses)
+
+
+def write_new(target: Path, content: bytes | memoryview) -> str:
+    """Write a new file; returns the reason if its name is invalid or exists.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    try:
+        STORE.write(target, content, new=True)
+    except OSError as error:
+        if error.errno not in _OF_NAME:
+            raise
+        return f'{target.name}: {error.strerror}; the file of that name is kept'
+    return ''

@@ -13,7 +13,6 @@ from ..bags.reader import path_of
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..importer.apply_calibration import Rigging
-from ..importer.cuboids import ABSURD
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan, guess_pose
 from ..importer.labels import class_name, own_number
@@ -24,6 +23,7 @@ from ..importer.report import LossTally, damage
 from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
+from ..messages.detections import ABSURD
 from ..messages.source import decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform

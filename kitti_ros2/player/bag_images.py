@@ -15,7 +15,7 @@ from ..bags.decoding import Decoder
 from ..messages.cdr import join, serialize
 from ..messages.header import stamp_ns_of
 from ..messages.image import encode_pixels
-from ..messages.pixels import decode_compressed_pixels, decode_pixels
+from ..messages.pixels import pixels_of
 from ..options.messages import Images
 from .bag_topics import IMAGE, ImageTopics
 
@@ -84,7 +84,7 @@ class BagImages:
         self._decoder = self._decoder or Decoder(typestore)
         try:
             image = self._decoder(message)
-            pixels = _decode(image)
+            pixels = pixels_of(image)
         except ValueError as error:
             return [error] * len(names)
         return [self._made(name, image, pixels, message.stamp_ns) for name in names]
@@ -105,15 +105,6 @@ class BagImages:
             return error
         except (struct.error, OverflowError) as error:
             return ValueError(f'a value is out of range for {IMAGE} ({error})')
-
-
-def _decode(image: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
-    """Decode the pixels of an Image or CompressedImage.
-
-    Raises:
-        ValueError: They cannot be decoded.
-    """
-    return decode_compressed_pixels(image) if hasattr(image, 'format') else decode_pixels(image)
 
 
 def _decoded_name(topic: str) -> str:

@@ -10,15 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bags.reader import open_messages
-from ..messages.camera_info import (
-    CameraInfo,
-    decode_camera_info,
-    encode_camera_info,
-    image_frame_camera,
-)
+from ..messages.camera_info import encode_camera_info, image_frame_camera
 from ..messages.cdr import deserialize
+from ..messages.moment import make_rig
 from ..messages.mounts import with_nominal_mounts
-from ..messages.topics import make_rig
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import KittiRos2Error
 from ..model.geometry import rotation_to_rpy
@@ -29,6 +24,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSummary, OpenBag
     from ..kitti.recording import KittiRecording
+    from ..messages.ros_types import CameraInfo
     from ..model.geometry import Transform
 
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
@@ -129,7 +125,7 @@ def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
 
 
 def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
-    k, _, _, p = decode_camera_info(info)
+    k, p = info.k.reshape(3, 3), info.p.reshape(3, 4)
     focal = float(p[0, 0]) or float(k[0, 0])
     values = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], -p[0, 3] / focal if focal else np.nan)
     # Drivers of uncalibrated cameras fill in zeros.

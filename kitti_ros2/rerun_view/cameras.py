@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
+from ..messages.camera_info import camera_model
 from ..model.geometry import Transform
-from ..rig.camera_info import camera_model
 from .entities import Converter, EntityUpdate, entity_path, image_frame
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
+    from ..messages.camera_info import CameraModel
     from ..messages.ros_types import CameraInfo
     from ..model.geometry import Float64Array
-    from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
     from .entities import Context
 

@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.camera_info import camera_model
 from ..messages.header import peek_header
 from ..messages.transforms import decode_static
-from ..rig.camera_info import camera_model
 from ..rig.stereo import viewpoints
 from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..messages.camera_info import CameraModel
     from ..messages.cdr import Message
     from ..model.geometry import Transform
     from ..player.program import Program
-    from ..rig.camera_info import CameraModel
     from ..rig.stereo import Viewpoint
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'

@@ -19,9 +19,9 @@ from ..messages.pixels import MOST_PIXELS
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from ..messages.camera_info import CameraModel
     from ..messages.pixels import Pixels
     from ..model.geometry import Float64Array
-    from .camera_info import CameraModel
 
 _FISHEYE = 'equidistant'
 _ALIASES = {'fisheye': _FISHEYE, 'kannala_brandt': _FISHEYE}

@@ -29,8 +29,8 @@ from ..model.geometry import Transform
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ..messages.camera_info import CameraModel
     from ..model.geometry import Float64Array
-    from .camera_info import CameraModel
     from .tf_tree import FrameTree
 
 _PARALLEL_RAD = 1e-5

@@ -15,12 +15,11 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.importer.cuboids import cuboids_of_detections
 from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.detections import decode_boxes_2d
+from kitti_ros2.messages.detections import cuboids_of_detections
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
@@ -38,7 +37,7 @@ from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import ELEVATIONS, MAX_RANGE, cast_scan
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, boxes_2d_in  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -142,7 +141,7 @@ def told_without_source(found) -> dict[int, dict[str, Told]]:
     for stamp, message in found[BOXES_2D].items():
         if stamp in found['/tf_static']:
             rect_t_velo = rect_t_velo_of(found['/tf_static'][stamp])
-        frame = {identity: Told(kind, box) for identity, kind, box in decode_boxes_2d(message)}
+        frame = {identity: Told(kind, box) for identity, kind, box in boxes_2d_in(message)}
         assert len(frame) == len(message.detections)
         for cuboid in cuboids_in(found[DETECTIONS][stamp]):
             location, size, rotation_y = box_of(cuboid, rect_t_velo)

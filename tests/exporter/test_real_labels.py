@@ -14,9 +14,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
-from kitti_ros2.messages.camera_info import decode_camera_info
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.detections import decode_boxes_2d
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
@@ -24,6 +22,7 @@ from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 
+from builders import boxes_2d_in  # isort: skip
 from test_labels import (  # isort: skip
     BOXES_2D,
     DETECTIONS,
@@ -104,8 +103,8 @@ def overlaps(detections, boxes_2d, static, info) -> dict[str, float]:
     while frame != 'velo_link':
         frame, transform = up[frame]
         velo_t_camera = transform if velo_t_camera is None else transform @ velo_t_camera
-    _, _, rotation, p = decode_camera_info(info)
-    labels = {identity: np.array(bounds) for identity, _, bounds in decode_boxes_2d(boxes_2d)}
+    rotation, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
+    labels = {identity: np.array(bounds) for identity, _, bounds in boxes_2d_in(boxes_2d)}
     found = {}
     for cuboid in cuboids_in(detections):
         corners = cuboid.velo_T_box.apply(unit_corners() * cuboid.size_lwh)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kitti_ros2.rig.camera_info import CameraModel, camera_model
 
 from kitti_ros2.importer.calibration import make_calibration, rect_in_frame
 from kitti_ros2.kitti.calib_file import format_raw, parse_calibration, parse_raw_calibration
@@ -30,7 +31,6 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from kitti_ros2.model.samples import Calibration, CameraCalibration
 from kitti_ros2.options.messages import Preset
-from kitti_ros2.rig.camera_info import CameraModel, camera_model
 from kitti_ros2.rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:

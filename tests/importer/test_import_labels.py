@@ -13,18 +13,17 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.cuboids import (
-    ABSURD,
-    AS_LINES,
-    cuboids_of_detections,
-    cuboids_of_markers,
-    has_scores,
-)
 from kitti_ros2.importer.labels import TrackIds, class_name, make_boxes, max_tilt
 from kitti_ros2.kitti.label_file import format_object_labels, parse_boxes
 from kitti_ros2.messages.cdr import deserialize, join
-from kitti_ros2.messages.detections import encode_detections
+from kitti_ros2.messages.detections import (
+    ABSURD,
+    cuboids_of_detections,
+    encode_detections,
+    has_scores,
+)
 from kitti_ros2.messages.header import make_header
+from kitti_ros2.messages.marker_boxes import AS_LINES, cuboids_of_markers
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import Marker, Point, Pose, Quaternion, Vector3

@@ -12,18 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.importer.pose_track import MAX_GAP_NS, PoseTrack, camera_poses, interpolate
-from kitti_ros2.importer.poses import (
-    poses_from_odometry,
-    poses_from_path,
-    poses_from_pose_stamped,
-    poses_from_tf,
-)
-from kitti_ros2.messages.header import Point, Quaternion, Vector3, make_header, make_pose
-from kitti_ros2.messages.pose import encode_odometry, encode_path, encode_tf
-from kitti_ros2.messages.ros_types import PoseStamped, TFMessage
-from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.samples import Pose, Trajectory
 
 T0 = 1317042145951199337
 STEP = 100_000_000
@@ -169,66 +158,3 @@ def test_far_from_the_origin_no_digit_is_lost():
     found = camera_poses(PoseTrack([0, 1], poses), np.array([0, 1]), IDENTITY)
     moved = rotation.T @ ((far + step) - far)
     np.testing.assert_allclose(found[1][:, 3], moved, rtol=0, atol=1e-13)
-
-
-@given(TRANSFORMS)
-def test_poses_come_back_from_messages(transform):
-    frames = ('map', 'base_link')
-    odometry = encode_odometry(Pose(transform), IDENTITY, T0, frames)
-    stamped = PoseStamped(make_header(T0, 'map'), make_pose(transform))
-    path = encode_path(Trajectory(np.array([T0, T0 + 5]), [transform, at(1)]), IDENTITY, 9, 'map')
-    tf = encode_tf(Pose(transform), IDENTITY, T0, frames)
-    for found in [
-        poses_from_odometry(odometry),
-        poses_from_pose_stamped(stamped),
-        poses_from_path(path)[:1],
-        poses_from_tf(tf, {frames}),
-    ]:
-        (one,) = found
-        assert one.stamp_ns == T0
-        assert close(one.parent_T_child, transform)
-    assert [one.stamp_ns for one in poses_from_path(path)] == [T0, T0 + 5]
-
-
-def test_of_a_tf_message_the_wanted_links_are_read_and_slashes_do_not_count():
-    broken = make_transform(at(1), T0, 'odom', 'wheel')
-    broken.transform.rotation = Quaternion(0.0, 0.0, 0.0, 0.0)
-    message = TFMessage(
-        [
-            make_transform(at(1), T0, '/map', '/odom'),
-            broken,
-            make_transform(at(2), T0 + 1, 'odom', 'base'),
-            make_transform(at(3), T0 + 2, 'base', 'odom'),
-        ]
-    )
-    found = poses_from_tf(message, [('map', 'odom'), ('odom', 'base')])
-    assert [(one.stamp_ns - T0, one.parent_T_child.translation[0]) for one in found] == [
-        (0, 1.0),
-        (1, 2.0),
-    ]
-    assert poses_from_tf(message, []) == []
-
-
-@pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize(
-    ('orientation', 'x'),
-    [
-        ((0.0, 0.0, 0.0, 0.0), 1.0),
-        ((np.nan, 0.0, 0.0, 1.0), 1.0),
-        ((0.0, 0.0, 0.0, 1.0), np.inf),
-        ((1e300, 0, 0, 1e300), 1.0),
-        ((0.0, 0, 0, 1), 1e300),
-    ],
-)
-def test_what_is_no_pose_is_refused(orientation, x):
-    pose = make_pose(IDENTITY)
-    pose.orientation, pose.position = Quaternion(*orientation), Point(x, 0.0, 0.0)
-    link = make_transform(IDENTITY, T0, 'map', 'base')
-    link.transform.rotation = Quaternion(*orientation)
-    link.transform.translation = Vector3(x, 0.0, 0.0)
-    with pytest.raises(
-        ValueError, match='a pose of NaN, of an impossible place or of an orientation'
-    ):
-        poses_from_pose_stamped(PoseStamped(make_header(T0, 'map'), pose))
-    with pytest.raises(ValueError, match='a pose of NaN'):
-        poses_from_tf(TFMessage([link]), [('map', 'base')])

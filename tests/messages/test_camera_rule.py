@@ -13,7 +13,7 @@ import pytest
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.camera_info import (
-    decode_camera_info,
+    camera_model,
     encode_camera_info,
     image_frame_camera,
 )
@@ -60,7 +60,7 @@ def pixels_by_messages(calibration, index: int, points, frames: FrameNames):
     )
     frame = frames.camera(image_frame_camera(calibration, index))
     info = through_cdr(encode_camera_info(calibration, index, (1242, 375), 0, frame))
-    _, _, r, p = decode_camera_info(info)
+    r, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
     seen = chain(links, info.header.frame_id, frames.velo).apply(points)
     homogeneous = np.column_stack([seen @ r.T, np.ones(len(seen))]) @ p.T
     return homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
@@ -138,10 +138,12 @@ def test_left_cameras_are_their_own_and_right_ones_their_pair_s(recordings):
     fourth = {}
     for index in range(4):
         info = encode_camera_info(calibration, index, (310, 94), 0, 'x')
-        k, d, r, p = decode_camera_info(info)
-        np.testing.assert_array_equal(k, p[:, :3])
-        np.testing.assert_array_equal(r, np.eye(3))
-        assert d.tolist() == [0] * 5
+        model = camera_model(through_cdr(info))
+        p = info.p.reshape(3, 4)
+        np.testing.assert_array_equal(model.p, p)
+        np.testing.assert_array_equal(model.k, p[:, :3])
+        np.testing.assert_array_equal(model.r, np.eye(3))
+        assert model.d.tolist() == [0] * 5
         fourth[index] = p[:, 3]
     assert not fourth[0].any()
     assert not fourth[2].any()

@@ -15,15 +15,16 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.importer.cuboids import cuboids_of_detections
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.detections import decode_boxes_2d, encode_boxes_2d, encode_detections
+from kitti_ros2.messages.detections import cuboids_of_detections, encode_boxes_2d, encode_detections
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.boxes import Box, Cuboid
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
+
+from builders import boxes_2d_in  # isort: skip
 
 STAMP = 1317042145951199337
 TO_VELO = {'velo_link': Transform.identity()}
@@ -104,7 +105,7 @@ def test_detections_and_back(cuboids):
 @given(st.lists(st.tuples(WORDS, BOXES), max_size=4))
 def test_boxes_2d_and_back(boxes):
     message = decoded(encode_boxes_2d(boxes, STAMP, 'cam'), DETECTIONS_2D)
-    again = decode_boxes_2d(message)
+    again = boxes_2d_in(message)
     for (identity, kind, bounds), (other_identity, other) in zip(again, boxes, strict=True):
         assert (identity, kind) == (other_identity, other.kind)
         np.testing.assert_allclose(bounds, other.box_2d, rtol=0, atol=1e-9)

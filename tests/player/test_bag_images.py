@@ -283,7 +283,7 @@ def test_topics_may_name_what_is_made(recordings, tmp_path):
 def test_nothing_is_decoded_for_nobody(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.RAW], tmp_path / 'o.mcap')
     program = played(bag, annotated=True)
-    monkeypatch.setattr(bag_images, 'decode_compressed_pixels', pytest.fail)
+    monkeypatch.setattr(bag_images, 'pixels_of', pytest.fail)
     compressed = {n for n, each in enumerate(program.channels) if each.msgtype == COMPRESSED}
     for wanted in ((), compressed):
         for place in range(len(program.stamps_ns)):
@@ -296,10 +296,8 @@ def test_nothing_is_decoded_for_nobody(recordings, tmp_path, monkeypatch):
 def test_an_image_is_decoded_once(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap')
     decoded = []
-    decode = bag_images.decode_compressed_pixels
-    monkeypatch.setattr(
-        bag_images, 'decode_compressed_pixels', lambda image: decoded.append(1) or decode(image)
-    )
+    decode = bag_images.pixels_of
+    monkeypatch.setattr(bag_images, 'pixels_of', lambda image: decoded.append(1) or decode(image))
     found, _ = images(played(bag, annotated=True))
     assert len(found) == 4
     assert len(decoded) == 10

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from read_rrd import show_in
 
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.camera_info import camera_model
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.streams import CAMERA_NAMES, Stream
 from kitti_ros2.options.messages import MessageOptions
@@ -23,7 +24,6 @@ from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.rerun_view.cameras import projection_of
-from kitti_ros2.rig.camera_info import camera_model
 from kitti_ros2.rig.stereo import Viewpoint
 
 ANGLE = st.floats(-0.3, 0.3)

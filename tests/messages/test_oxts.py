@@ -11,11 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.oxts import has_fix, has_orientation, make_packet
 from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
-from kitti_ros2.messages.header import Quaternion, Vector3, make_quaternion
-from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity
-from kitti_ros2.messages.ros_types import NavSatFix
+from kitti_ros2.messages.header import make_quaternion
+from kitti_ros2.messages.oxts import (
+    encode_fix,
+    encode_imu,
+    encode_velocity,
+    has_fix,
+    has_orientation,
+    make_packet,
+)
+from kitti_ros2.messages.ros_types import NavSatFix, Quaternion, Vector3
 from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
 
 STAMP = 1317042145951199337

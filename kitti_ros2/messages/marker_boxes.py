@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The visible markers of a visualization_msgs/MarkerArray, and the classes of its cubes.
+"""The cubes of any visualization_msgs/MarkerArray -> boxes in velo_link.
 
 Markers are drawn for people: the class of a box is in a caption, in a namespace, or missing.
 """
@@ -8,8 +8,19 @@ Markers are drawn for people: the class of a box is in a caption, in a namespace
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..model.boxes import Cuboid
+from .detections import place_in_velo, possible
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..model.geometry import Transform
+
+AS_LINES = 'drawn as lines or lists of cubes'
+
+_CUBE = 1
 _LINE_LIST = 5
 _CUBE_LIST = 6
 _TEXT = 9
@@ -27,7 +38,39 @@ _GENERIC = re.compile(
 )
 
 
-def shown_markers(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
+def cuboids_of_markers(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    to_velo: Mapping[str, Transform],
+) -> tuple[list[Cuboid], list[str]]:
+    """Decode the cubes of a visualization_msgs/MarkerArray; also why others were skipped.
+
+    A cube in namespace ego is the recording car. Boxes drawn as lines, and lists of cubes, are not
+    supported and skipped, except for those that frame a cube of the same id.
+
+    Raises:
+        ValueError: A box is in a frame that is not joined.
+    """
+    shown = _shown(message)
+    cubes = [each for each in shown if each.type == _CUBE]
+    framed = {cube.id for cube in cubes}
+    lists = [
+        each for each in shown if each.type in {_LINE_LIST, _CUBE_LIST} and each.id not in framed
+    ]
+    cuboids, left_out = possible(
+        [
+            Cuboid(
+                _class_of(cube, shown),
+                f'{cube.ns}/{cube.id}',
+                place_in_velo(cube.pose, cube.header.frame_id, to_velo),
+                (cube.scale.x, cube.scale.y, cube.scale.z),
+            )
+            for cube in cubes
+        ]
+    )
+    return cuboids, left_out + [AS_LINES] * len(lists)
+
+
+def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
     """Return the visible markers after an array, if none were visible before.
 
     Those of namespace ego are the recording car, not an object, and excluded.
@@ -43,12 +86,7 @@ def shown_markers(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's typ
     return [marker for (namespace, _), marker in shown.items() if namespace != _EGO]
 
 
-def is_list(marker: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a marker draws boxes as edges, or several cubes."""
-    return marker.type in {_LINE_LIST, _CUBE_LIST}
-
-
-def class_of_marker(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of the bag's types
+def _class_of(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of the bag's types
     """Return the class of a cube, empty if unknown.
 
     It is in the cube's own text, or in a text marker with the cube's id (its namespace begins with

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The encoders of the table's rows: a sample and its moment to messages.
+
+They return a message of a rosbags class or a serialised one, a list of several, or None if the
+sample has no data for it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..drawing.objects import objects_of
+from ..drawing.pixels import colour_pixels
+from ..model.errors import MissingDataError
+from ..model.labels import cuboids_of, identified
+from .camera_info import encode_camera_info, image_frame_camera
+from .cdr import restamp, serialize
+from .detections import encode_boxes_2d, encode_detections
+from .image import encode_compressed, encode_pixels
+from .map_frame import place_pose, place_trajectory
+from .markers import encode_markers
+from .moment import LABELLED_CAMERA
+from .mounts import with_nominal_mounts
+from .pose import encode_odometry, encode_path, encode_tf
+from .scan import encode_scan
+from .source import encode_text
+from .transforms import encode_static, static_links
+
+if TYPE_CHECKING:
+    from ..model.boxes import Cuboid
+    from ..model.samples import (
+        Calibration,
+        Description,
+        FrameLabels,
+        Image,
+        OxtsPacket,
+        Pose,
+        Scan,
+        Trajectory,
+    )
+    from .cdr import Parts
+    from .moment import Moment
+
+
+def make_static(calibration: Calibration, moment: Moment) -> object:
+    """Make the static tree, with nominal mounts of cameras where the calibration has none."""
+    mounted = with_nominal_mounts(calibration, moment.rig.cameras)
+    links = static_links(mounted, moment.rig.base_t_imu, moment.rig.frames)
+    return encode_static(links, moment.stamp_ns)
+
+
+def make_files(sample: Calibration | Description, moment: Moment) -> list[object]:  # noqa: ARG001 - one form for all
+    """Make a String of each text file of a calibration or a recording."""
+    return [encode_text(file) for file in sample.files]
+
+
+def make_source(sample: FrameLabels | OxtsPacket, moment: Moment) -> object | None:  # noqa: ARG001
+    """Make a String of the text that a sample was read from."""
+    return None if sample.source is None else encode_text(sample.source)
+
+
+def make_path(trajectory: Trajectory, moment: Moment) -> object | None:
+    """Make the Path of all poses in map."""
+    if not trajectory.world_T_imu:
+        return None
+    placed = place_trajectory(trajectory, moment.rig.map_T_world)
+    return encode_path(placed, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
+
+
+def make_odometry(pose: Pose, moment: Moment) -> object:
+    """Make the Odometry of base_link in map."""
+    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def make_tf(pose: Pose, moment: Moment) -> object:
+    """Make the transform map -> base_link."""
+    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def make_scan(scan: Scan, moment: Moment) -> object:
+    """Make the PointCloud2 of a scan, with the fields that the options request."""
+    options = moment.rig.options
+    return encode_scan(
+        scan,
+        moment.stamp_ns,
+        moment.rig.frames.velo,
+        ring_and_time=options.ring_and_time,
+        labels=scan.labels if options.semantic else None,
+    )
+
+
+def make_compressed(image: Image, moment: Moment) -> object:
+    """Make the CompressedImage of an image: the bytes of its file."""
+    return encode_compressed(image, moment.stamp_ns, _image_frame(moment))
+
+
+def make_image(image: Image, moment: Moment) -> object:
+    """Make the Image of an image's pixels."""
+    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment))
+
+
+def make_annotated(image: Image, moment: Moment) -> object:
+    """Make the Image of an image with its frame's labels drawn on it."""
+    from ..drawing.annotate import annotate  # noqa: PLC0415 - 0.2 s of OpenCV that others do without
+
+    calibration = moment.calibration()
+    picture = np.array(colour_pixels(moment.pixels(image)))
+    objects = objects_of(moment.labels(), calibration)
+    annotate(picture, objects, calibration, moment.camera)
+    return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
+
+
+def make_camera_info(image: Image, moment: Moment) -> object:
+    """Make the CameraInfo of an image."""
+    calibration = moment.calibration()
+    if moment.camera not in calibration.cameras:
+        part = f'P{moment.camera}'
+        reason = calibration.missing.get(part) or next(
+            iter(calibration.missing.values()), 'no ' + part
+        )
+        raise MissingDataError(f'{reason}; it is needed for camera_info')
+    size = (image.width, image.height)
+    template = _camera_info_template(calibration, moment.camera, size, _image_frame(moment))
+    return restamp(template, moment.stamp_ns)
+
+
+def _image_frame(moment: Moment) -> str:
+    calibration = moment.calibration()
+    return moment.rig.frames.camera(image_frame_camera(calibration, moment.camera))
+
+
+@lru_cache(maxsize=64)
+def _camera_info_template(
+    calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str
+) -> Parts:
+    """Return a camera's message, of which only the stamp differs between images."""
+    return serialize(encode_camera_info(calibration, camera, size, 0, frame_id))
+
+
+def make_detections(labels: FrameLabels, moment: Moment) -> object:
+    """Make the Detection3DArray of a frame's labels."""
+    return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
+
+
+def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:
+    """Make the Detection2DArray of a frame's labels; None of tracklets, which have no 2D boxes."""
+    if labels.source is None:
+        return None
+    frame = moment.rig.frames.camera(LABELLED_CAMERA)
+    return encode_boxes_2d(identified(labels), moment.stamp_ns, frame)
+
+
+def make_markers(labels: FrameLabels, moment: Moment) -> object:
+    """Make the MarkerArray of a frame's labels."""
+    options = moment.rig.options.markers
+    found = moment.trails() if options.trails else {}
+    trails = {track: moment.rig.map_T_world.apply(places) for track, places in found.items()}
+    cuboids = _cuboids(labels, moment)
+    return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
+
+
+def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
+    calibration = moment.calibration()
+    try:
+        return _cuboids_once(labels, calibration)
+    except ValueError as error:
+        reason = next(iter(calibration.missing.values()), str(error))
+        raise MissingDataError(f'{reason}; it is needed for the 3D boxes of labels') from None
+
+
+@lru_cache(maxsize=16)
+def _cuboids_once(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
+    """Return the cuboids of a frame, cached for several topics."""
+    return cuboids_of(labels, calibration)

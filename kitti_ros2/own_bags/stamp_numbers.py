@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's file numbers by stamp, from the folders and text files of a recording in a bag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..exporter.schedule import UNKNOWN
+from ..kitti import names
+from ..kitti.layouts import LAYOUTS
+from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
+from ..model.errors import BadFileError
+from ..model.streams import Stream
+from .folders import Folder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from ..model.boxes import Cuboid
+    from ..model.samples import Int64Array
+    from .recorded_layout import Blueprint
+
+
+class StampNumbers:
+    """Maps stamps to file numbers, by stream."""
+
+    def __init__(self, blueprint: Blueprint) -> None:
+        self.blueprint = blueprint
+        self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
+
+    def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
+        """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
+        known, numbers = self._pairs(stream)
+        first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
+        turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
+        found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
+        is_known = after > first
+        found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
+        return found
+
+    def _pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
+        """Return stamps, ascending, and the number of each."""
+        if stream not in self._sorted:
+            mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
+            pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
+            table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            self._sorted[stream] = (table[:, 0], table[:, 1])
+        return self._sorted[stream]
+
+
+def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
+    """Add a substitute for the folder of a stream stored in a common file, beside its stamps."""
+    if stream in blueprint.folders:
+        return blueprint
+    if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
+        folder = blueprint.folders[Stream.OXTS]
+    elif blueprint.layout.traits.tracklets:
+        folder = _substitute(_tracklet_stamps(blueprint), sorted(tracklets_of(blueprint)))
+    else:
+        stamps = names.STAMP_FILES[blueprint.layout.traits.clock]
+        path = next((path for path in blueprint.texts if path.name == stamps), PurePosixPath())
+        folder = _substitute(path, _lines(blueprint, stream))
+    return replace(blueprint, folders={**blueprint.folders, stream: folder})
+
+
+def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
+    """Return a folder without files of its own, in the folder of a file of stamps."""
+    found = tuple(numbers)
+    return Folder(stamps, names.FRAME_DIGITS, '', found, found)
+
+
+def _tracklet_stamps(blueprint: Blueprint) -> PurePosixPath:
+    """Return the file whose stamps tracklets use: see RawRecording."""
+    scans = blueprint.folders.get(Stream.SCAN)
+    if scans is not None and scans.numbers:
+        return blueprint.stamps_path(Stream.SCAN)
+    drives = (path.parent for path in blueprint.texts if path.name == names.RAW_TRACKLETS)
+    return next(drives, PurePosixPath()) / names.RAW_LABEL_STAMPS
+
+
+def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
+    """Return the boxes of a raw drive by frame, from the tracklets in its bag; {} if invalid."""
+    for path, text in blueprint.texts.items():
+        if path.name == names.RAW_TRACKLETS:
+            try:
+                return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
+            except BadFileError:
+                break  # to-bag has reported it, and made no labels of it
+    return {}
+
+
+def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
+    """Return the frames with lines in the common file of a stream, ascending."""
+    folder = LAYOUTS[blueprint.layout].line_folders.get(stream)
+    for path, text in blueprint.texts.items():
+        if folder in {path.parent.name, path.stem}:
+            lines = text.splitlines()
+            return sorted({*row_frames(lines)}) if stream is Stream.LABELS else range(len(lines))
+    return ()
+
+
+def row_frames(lines: Iterable[str]) -> Iterator[int]:
+    """Yield the frame at the beginning of each row of a tracking label file."""
+    for line in lines:
+        word = line.split(maxsplit=1)[0] if line.strip() else ''
+        if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
+            yield int(word)
