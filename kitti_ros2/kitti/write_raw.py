@@ -13,7 +13,7 @@ import numpy as np
 from ..model.errors import UsageError
 from ..model.labels import rect_from_velo
 from ..model.layouts import Layout
-from ..model.streams import Stream
+from ..model.losses import runs_of
 from . import names
 from .box_frames import box_to_velo
 from .calib_file import format_raw
@@ -134,8 +134,7 @@ class RawWriter(LayoutWriter):
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_0C/data."""
-        if Stream(f'image_{camera}') not in self.accepts:
-            raise self._no_place(Stream(f'image_{camera}'))
+        self._check_camera(camera)
         folder = self.path / names.RAW_IMAGES[camera]
         self._write_data(folder, number, names.PNG, png)
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
@@ -188,10 +187,10 @@ class RawWriter(LayoutWriter):
         """Return a tracklet for each run of consecutive frames of each track, by track id."""
         tracklets = []
         for _, boxes in sorted(self._tracks.items()):
-            for run in _consecutive_runs(sorted(boxes)):
-                first = boxes[run[0]]
-                poses = [self._tracklet_pose(boxes[number]) for number in run]
-                tracklets.append(Tracklet(first.kind, first.size_hwl, run[0], poses))
+            for first, last in runs_of(sorted(boxes)):
+                box = boxes[first]
+                poses = [self._tracklet_pose(boxes[n]) for n in range(first, last + 1)]
+                tracklets.append(Tracklet(box.kind, box.size_hwl, first, poses))
         return tracklets
 
     def _tracklet_pose(self, box: Box) -> TrackletPose:
@@ -220,13 +219,3 @@ def fill_stamps(stamps: Mapping[int, int]) -> list[int]:
         step = stamps[right] - stamps[left]
         filled += [stamps[left] + step * k // (right - left) for k in range(right - left)]
     return [*filled, stamps[last]]
-
-
-def _consecutive_runs(numbers: list[int]) -> list[list[int]]:
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return runs
