@@ -10,20 +10,24 @@ pieces that overlap. Damage costs at most its own piece.
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
+from copy import copy
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from .summary import BagIndex
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    import numpy.typing as npt
     from typing_extensions import Self
 
     from .findings import Findings
     from .record_walk import Record
-    from .summary import BagIndex
 
 _LARGEST_RUN = 2**20
 
@@ -97,42 +101,52 @@ class Run:
             pieces.append(Piece(*times, self._start, length, self._counts))
 
 
-class BagFile(Protocol):
-    """A file open for reading, of any container."""
+class BagFile(ABC):
+    """A file open for reading, of any container.
 
-    @property
-    def channels(self) -> Mapping[int, SourceChannel]:
-        """By id."""
-        ...
+    Attributes:
+        channels: By id.
+        pieces: In any order.
+        compressions: Names of the compressions of chunks found so far, including none.
+    """
 
-    @property
-    def pieces(self) -> Sequence[Piece]:
-        """In any order."""
-        ...
+    channels: Mapping[int, SourceChannel]
+    pieces: Sequence[Piece]
+    compressions: Collection[str] = ()
+    _findings: Findings
 
-    @property
-    def compressions(self) -> Collection[str]:
-        """Names of the compressions of chunks found so far, including none."""
-        ...
-
+    @abstractmethod
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
         """Return the messages of some channels in a piece from a stamp on, in time order.
 
         Unreadable messages are skipped and entered into the bag's findings.
         """
-        ...
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the file."""
 
     def index(self) -> BagIndex:
         """Return the stamps of all messages, by topic and type."""
-        ...
+        index = BagIndex()
+        for channel in self.channels.values():
+            index.add((channel.topic, channel.msgtype), [])
+        for channel_id, stamps in self._all_stamps():
+            if channel_id in self.channels:
+                channel = self.channels[channel_id]
+                index.add((channel.topic, channel.msgtype), stamps)
+        index.compressions.update(self.compressions)
+        return index
 
     def reporting_to(self, findings: Findings) -> Self:
         """Return the same open file, which enters what it finds damaged into other findings."""
-        ...
+        other = copy(self)
+        other._findings = findings  # noqa: SLF001 - of the same class
+        return other
 
-    def close(self) -> None:
-        """Close the file."""
-        ...
+    @abstractmethod
+    def _all_stamps(self) -> Iterable[tuple[int, npt.ArrayLike]]:
+        """Return the stamps of all messages, nanoseconds, by channel id."""
 
 
 class FileBytes:
