@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from ..model.layouts import Layout
 from . import names
 from .calib_file import format_object
-from .label_file import EMPTY_OBJECT_LINE, format_object_labels
+from .label_file import format_object_labels
 from .store import STORE
 from .writer import LayoutWriter
 
@@ -31,7 +31,6 @@ class ObjectWriter(LayoutWriter):
     Args:
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
-        dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
         label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
         train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
     """
@@ -43,7 +42,6 @@ class ObjectWriter(LayoutWriter):
         root: Path,
         split: str = names.SPLITS[0],
         *,
-        dont_care_when_empty: bool = False,
         label_decimals: int = 2,
         train_fraction: float = 0.5,
     ) -> None:
@@ -51,7 +49,6 @@ class ObjectWriter(LayoutWriter):
         self.path = root / split
         self._sets_path = root / names.IMAGE_SETS
         self._split = split
-        self._dont_care_when_empty = dont_care_when_empty
         self._label_decimals = label_decimals
         self._train_fraction = train_fraction
         self._numbers: set[int] = set()
@@ -59,12 +56,9 @@ class ObjectWriter(LayoutWriter):
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
-        text = labels if isinstance(labels, str) else ''
         if not isinstance(labels, str):
-            text = format_object_labels(labels, self._label_decimals)
-        if not text and self._dont_care_when_empty:
-            text = EMPTY_OBJECT_LINE
-        STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
+            labels = format_object_labels(labels, self._label_decimals)
+        STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), labels)
 
     def leave_out(self, number: int) -> None:
         """Keep an incomplete frame out of ImageSets: loaders read the frames listed there."""
