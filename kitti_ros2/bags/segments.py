@@ -195,9 +195,6 @@ class BagWriter:
             self._next_segment()
         self._size += size
 
-    def _files(self) -> dict[str, Tally]:
-        return {self._name(index): tally for index, tally in enumerate(self._tallies)}
-
     def _close_segment(self) -> None:
         segment = self._opened()
         in_rosbag2 = self._container.in_rosbag2
@@ -209,7 +206,7 @@ class BagWriter:
             self._context.options,
             self._context.typestore,
             self._channels,
-            self._files(),
+            {self._name(index): tally for index, tally in enumerate(self._tallies)},
             self._context.source_metadata,
         )
 

@@ -90,4 +90,4 @@ class ObjectWriter(LayoutWriter):
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         self._numbers.add(number)
-        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)
+        return super()._file(folder, number, suffix)

@@ -87,6 +87,3 @@ class OdometryWriter(LayoutWriter):
 
     def _format_calibration(self, calibration: Calibration) -> str:
         return format_odometry(calibration)
-
-    def _file(self, folder: str, number: int, suffix: str) -> Path:
-        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)

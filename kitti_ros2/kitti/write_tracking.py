@@ -102,8 +102,7 @@ class TrackingWriter(LayoutWriter):
         return format_tracking(calibration)
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
-        name = names.file_name(number, names.FRAME_DIGITS, suffix)
-        return self.path / folder / self._sequence / name
+        return super()._file(f'{folder}/{self._sequence}', number, suffix)
 
     def _table(self, folder: str) -> Path:
         return self.path / folder / f'{self._sequence}{names.TXT}'

@@ -37,9 +37,11 @@ class LayoutWriter:
 
     Attributes:
         layout: The layout that it writes.
+        path: The folder of the drive, sequence or split.
     """
 
     layout: ClassVar[Layout]
+    path: Path
     _images: ClassVar[tuple[str, ...]] = names.OBJECT_IMAGES
 
     @property
@@ -104,8 +106,8 @@ class LayoutWriter:
         raise NotImplementedError
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
-        """Return the file of a frame in a folder of scans or images."""
-        raise NotImplementedError
+        """Return the file of a frame in a folder of the layout."""
+        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)
 
     def _no_place(self, stream: Stream) -> UsageError:
         return UsageError(
