@@ -9,10 +9,11 @@ Damaged bytes are skipped and entered as losses.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Generic
 
-from .pieces import HeldBytes, Run
+from .pieces import Piece
 from .record_walk import DamagedHeadError, Head, walk
 
 if TYPE_CHECKING:
@@ -20,12 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
     from .findings import Findings
-    from .pieces import Buffer, FileBytes, Piece, SourceChannel
+    from .pieces import Buffer, FileBytes, SourceChannel
     from .record_walk import Record, RecordFormat
+
+_LARGEST_RUN = 2**20
 
 
 @dataclass
-class Contents:
+class FileContents:
     """The contents of a file.
 
     Attributes:
@@ -41,6 +44,46 @@ class Contents:
     compressions: set[str] = field(default_factory=set)
     stamps: dict[int, array[int]] | None = None
     index_lengths: dict[int, int] = field(default_factory=dict)
+
+
+class Run:
+    """A piece that grows while records are scanned: its byte range and message counts."""
+
+    def __init__(self, start: int, end: int | None = None) -> None:
+        self.end = start if end is None else end
+        self._start = start
+        self._counts: Counter[int] = Counter()
+        self._start_ns = 2**64
+        self._end_ns = 0
+
+    def takes(self, record: Record) -> bool:
+        """Whether a record follows directly and the piece stays small enough."""
+        return record.position == self.end and record.end - self._start <= _LARGEST_RUN
+
+    def add(self, channel_id: int, stamp_ns: int) -> None:
+        """Enter a message."""
+        self._counts[channel_id] += 1
+        self._start_ns = min(self._start_ns, stamp_ns)
+        self._end_ns = max(self._end_ns, stamp_ns)
+
+    def end_in(self, pieces: list[Piece]) -> None:
+        """Append it to the pieces, unless it has no messages."""
+        if self._counts:
+            length = self.end - self._start
+            times = self._start_ns, self._end_ns
+            pieces.append(Piece(*times, self._start, length, self._counts))
+
+
+class HeldBytes:
+    """Bytes in memory, by position."""
+
+    def __init__(self, view: memoryview) -> None:
+        self._view = view
+        self.size = len(view)
+
+    def read(self, position: int, length: int) -> memoryview:
+        """Return `length` bytes, fewer at the end."""
+        return self._view[position : position + length]
 
 
 class ChunkScan(ABC, Generic[Head]):
@@ -74,7 +117,7 @@ class ChunkScan(ABC, Generic[Head]):
         self._cut_at: int | None = None
         self._read = 'what comes before'
 
-    def run(self) -> Contents:
+    def run(self) -> FileContents:
         """Scan the file once.
 
         Raises:
@@ -97,7 +140,7 @@ class ChunkScan(ABC, Generic[Head]):
             count = len(self._stamps.pop(channel_id))
             text = f'{self.noun} {channel_id} is not described; its messages are left out'
             self._findings.lose(f'{file.name}: {text}', count)
-        return Contents(channels, self._pieces, self._compressions, self._stamps)
+        return FileContents(channels, self._pieces, self._compressions, self._stamps)
 
     def _lose_bytes(self, start: int, end: int) -> None:
         self._findings.lose(f'{self._file.name}: bytes {start} to {end} are damaged')

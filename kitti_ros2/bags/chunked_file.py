@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from .chunk_scan import Contents
+    from .chunk_scan import FileContents
     from .findings import Findings
     from .pieces import Buffer, FileBytes, Piece, StoredMessage
     from .record_walk import RecordFormat
@@ -37,7 +37,7 @@ class ChunkedFile(BagFile, Generic[Head]):
     """
 
     def __init__(
-        self, file: FileBytes, findings: Findings, contents: Contents, form: RecordFormat[Head]
+        self, file: FileBytes, findings: Findings, contents: FileContents, form: RecordFormat[Head]
     ) -> None:
         self.channels = contents.channels
         self.pieces = contents.pieces

@@ -14,11 +14,10 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Statistics
 
 from ..model.errors import BadBagError
-from .chunk_scan import Contents
+from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
 from .mcap_records import (
     INDEX_BODY,
-    MAGIC,
     MCAP,
     RECORD_HEAD,
     agrees,
@@ -26,6 +25,7 @@ from .mcap_records import (
     split_records,
 )
 from .mcap_scan import RECORD_ERRORS, Descriptions, McapScan
+from .mcap_summary import MAGIC
 from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class McapFile(ChunkedFile[int]):
         return McapScan(self._file, self._findings).run().stamps or {}
 
 
-def _read_summary(file: FileBytes, findings: Findings) -> Contents | None:
+def _read_summary(file: FileBytes, findings: Findings) -> FileContents | None:
     """Parse the summary; None unless it indexes every message."""
     if file.size < _FOOTER.size + len(MAGIC):
         return None
@@ -103,8 +103,8 @@ def _read_summary(file: FileBytes, findings: Findings) -> Contents | None:
         return None
 
 
-def _summarized(section: bytes, start: int) -> Contents | None:
-    contents, described = Contents(), Descriptions()
+def _summarized(section: bytes, start: int) -> FileContents | None:
+    contents, described = FileContents(), Descriptions()
     message_count: int | None = None
     for opcode, position, end in split_records(section):
         body = section[position:end]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from mcap.opcode import Opcode
 
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
+from .mcap_summary import MAGIC
 from .record_walk import DamagedHeadError, Kind, Record
 
 try:
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
     from .pieces import Buffer, StoredMessage
     from .record_walk import Source
-
-MAGIC = b'\x89MCAP0\r\n'
 
 RECORD_HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')

@@ -21,8 +21,9 @@ from .offered_qos import latched_depth
 from .pieces import SourceChannel
 
 if TYPE_CHECKING:
+    from .chunk_scan import Run
     from .findings import Findings
-    from .pieces import Buffer, FileBytes, Run
+    from .pieces import Buffer, FileBytes
 
 # Raised by the library on damaged records.
 RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupError, ValueError)

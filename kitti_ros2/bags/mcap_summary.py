@@ -11,12 +11,12 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Footer, Statistics, SummaryOffset
 
-from .mcap_records import MAGIC
-
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mcap.records import Channel, ChunkIndex, McapRecord, MetadataIndex, Schema
+
+MAGIC = b'\x89MCAP0\r\n'
 
 
 def encode(*records: McapRecord) -> bytes:

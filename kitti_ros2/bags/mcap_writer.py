@@ -11,8 +11,7 @@ from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, S
 
 from ..files.vectored import VectoredFile
 from .mcap_chunk import CompressedChunks, StreamedChunks
-from .mcap_records import MAGIC
-from .mcap_summary import encode, summary_section
+from .mcap_summary import MAGIC, encode, summary_section
 from .metadata import qos_text
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections import Counter
 from copy import copy
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from .findings import Findings
-    from .record_walk import Record
-
-_LARGEST_RUN = 2**20
 
 Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
@@ -71,34 +67,6 @@ class Piece(NamedTuple):
     position: int
     length: int
     counts: Mapping[int, int]
-
-
-class Run:
-    """A piece that grows while records are scanned: its byte range and message counts."""
-
-    def __init__(self, start: int, end: int | None = None) -> None:
-        self.end = start if end is None else end
-        self._start = start
-        self._counts: Counter[int] = Counter()
-        self._start_ns = 2**64
-        self._end_ns = 0
-
-    def takes(self, record: Record) -> bool:
-        """Whether a record follows directly and the piece stays small enough."""
-        return record.position == self.end and record.end - self._start <= _LARGEST_RUN
-
-    def add(self, channel_id: int, stamp_ns: int) -> None:
-        """Enter a message."""
-        self._counts[channel_id] += 1
-        self._start_ns = min(self._start_ns, stamp_ns)
-        self._end_ns = max(self._end_ns, stamp_ns)
-
-    def end_in(self, pieces: list[Piece]) -> None:
-        """Append it to the pieces, unless it has no messages."""
-        if self._counts:
-            length = self.end - self._start
-            times = self._start_ns, self._end_ns
-            pieces.append(Piece(*times, self._start, length, self._counts))
 
 
 class BagFile(ABC):
@@ -192,18 +160,6 @@ class FileBytes:
     def close(self) -> None:
         """Close the file; does nothing if it is closed."""
         self._file.close()
-
-
-class HeldBytes:
-    """Bytes in memory, by position."""
-
-    def __init__(self, view: memoryview) -> None:
-        self._view = view
-        self.size = len(view)
-
-    def read(self, position: int, length: int) -> memoryview:
-        """Return `length` bytes, fewer at the end."""
-        return self._view[position : position + length]
 
 
 def in_time_order(

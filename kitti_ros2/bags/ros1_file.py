@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadBagError
-from .chunk_scan import Contents
+from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
 from .pieces import FileBytes, Piece
 from .ros1_records import (
@@ -115,7 +115,7 @@ class Ros1File(ChunkedFile[Fields]):
         return Ros1Scan(self._file, self._findings).run().stamps or {}
 
 
-def _read_index(file: FileBytes, findings: Findings) -> Contents | None:
+def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
     """Read the index at the end; None if it is missing or damaged."""
     try:
         fields, _, _ = split_record(file.read(len(MAGIC), _HEAD_READ), 0)
@@ -131,7 +131,7 @@ def _read_index(file: FileBytes, findings: Findings) -> Contents | None:
         return None
 
 
-def _indexed_contents(section: bytes, start: int, header: Fields) -> Contents:
+def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContents:
     """Parse an index, which must list as many chunks as the bag's header.
 
     Raises:
@@ -164,4 +164,4 @@ def _indexed_contents(section: bytes, start: int, header: Fields) -> Contents:
         Piece(start_ns, end_ns, place, end - place, counts)
         for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
     ]
-    return Contents(channels, pieces)
+    return FileContents(channels, pieces)

@@ -24,8 +24,9 @@ from .ros1_records import (
 )
 
 if TYPE_CHECKING:
+    from .chunk_scan import Run
     from .findings import Findings
-    from .pieces import Buffer, FileBytes, Run
+    from .pieces import Buffer, FileBytes
 
 
 @dataclass(frozen=True)
