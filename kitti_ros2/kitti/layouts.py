@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .recording import KittiRecording
+    from .write_object import WriteOptions
     from .writer import LayoutWriter
 
 
@@ -77,14 +78,6 @@ def find_tracking(path: Path) -> list[Candidate]:
 
 
 @dataclass(frozen=True)
-class WriteOptions:
-    """How object sets are written: see ObjectWriter."""
-
-    label_decimals: int = 2
-    train_fraction: float = 0.5
-
-
-@dataclass(frozen=True)
 class LayoutFiles:
     """The reader and the writer of a layout.
 
@@ -94,16 +87,14 @@ class LayoutFiles:
     """
 
     find: Callable[[Path], list[Candidate]]
-    write: Callable[[Path, str, WriteOptions], LayoutWriter]
+    write: Callable[[Path, str, WriteOptions | None], LayoutWriter]
 
 
 LAYOUTS = {
     Layout.RAW: LayoutFiles(
         find_raw, lambda root, name, _: RawWriter(root, *names.parse_drive(name))
     ),
-    Layout.OBJECT: LayoutFiles(
-        find_object, lambda root, name, options: ObjectWriter(root, name, **vars(options))
-    ),
+    Layout.OBJECT: LayoutFiles(find_object, ObjectWriter),
     Layout.ODOMETRY: LayoutFiles(
         find_odometry, lambda root, name, _: OdometryWriter(root, names.parse_sequence(name))
     ),
@@ -116,12 +107,12 @@ LAYOUTS = {
 def make_writer(
     layout: Layout, root: Path, name: str, options: WriteOptions | None = None
 ) -> LayoutWriter:
-    """Make the writer of a layout, for a recording of a name.
+    """Make the writer of a layout, for a recording of a name; the options are for object sets.
 
     Raises:
         UsageError: The layout has no such name.
     """
-    return LAYOUTS[layout].write(root, name, options or WriteOptions())
+    return LAYOUTS[layout].write(root, name, options)
 
 
 def guess_layout(path: Path) -> Layout:

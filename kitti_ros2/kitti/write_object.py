@@ -7,6 +7,7 @@ Files of a frame: calib/NNNNNN.txt, velodyne/NNNNNN.bin, image_C/NNNNNN.png, lab
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
@@ -25,14 +26,26 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration
 
 
+@dataclass(frozen=True)
+class WriteOptions:
+    """How a set is written.
+
+    Attributes:
+        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
+        train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
+    """
+
+    label_decimals: int = 2
+    train_fraction: float = 0.5
+
+
 class ObjectWriter(LayoutWriter):
     """Writes a set of frames. The layout has no time: stamps are not written.
 
     Args:
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
-        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
-        train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
+        options: Decimals of labels, parts of the set.
     """
 
     layout: ClassVar[Layout] = Layout.OBJECT
@@ -41,23 +54,20 @@ class ObjectWriter(LayoutWriter):
         self,
         root: Path,
         split: str = names.SPLITS[0],
-        *,
-        label_decimals: int = 2,
-        train_fraction: float = 0.5,
+        options: WriteOptions | None = None,
     ) -> None:
         names.check_split(split)
         self.path = root / split
         self._sets_path = root / names.IMAGE_SETS
         self._split = split
-        self._label_decimals = label_decimals
-        self._train_fraction = train_fraction
+        self._options = options or WriteOptions()
         self._numbers: set[int] = set()
         self._unlisted: set[int] = set()
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
         if not isinstance(labels, str):
-            labels = format_object_labels(labels, self._label_decimals)
+            labels = format_object_labels(labels, self._options.label_decimals)
         STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), labels)
 
     def leave_out(self, number: int) -> None:
@@ -71,7 +81,7 @@ class ObjectWriter(LayoutWriter):
         lists: those of the other split are written empty, unless they exist.
         """
         numbers = sorted(self._numbers - self._unlisted)
-        part = ceil(len(numbers) * self._train_fraction)
+        part = ceil(len(numbers) * self._options.train_fraction)
         sets = {'test': numbers}
         if self._split == names.SPLITS[0]:
             sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
