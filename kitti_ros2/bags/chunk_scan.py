@@ -79,7 +79,6 @@ class HeldBytes:
 
     def __init__(self, view: memoryview) -> None:
         self._view = view
-        self.size = len(view)
 
     def read(self, position: int, length: int) -> memoryview:
         """Return `length` bytes, fewer at the end."""
