@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from kitti_ros2.model.channels import Channel
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.header import make_header, make_pose, make_quaternion, make_vector3

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging, keep_all, keep_all_but_files, staged_file
+from ..files.replacing import keep_all, keep_all_but_files
+from ..files.staging import Staging, staged_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,11 +9,11 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from kitti_ros2.model.channels import Channel
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,6 +12,7 @@ import yaml
 from bag_samples import CHANNELS, START_NS, jazzy, make_samples, write_bag
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from kitti_ros2.model.channels import Channel
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
@@ -20,7 +21,6 @@ from rosbags.interfaces import QosDurability, QosReliability
 
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.options.bag import BagOptions
 
 SECOND = 1_000_000_000

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import pytest
+from kitti_ros2.model.channels import Channel
 
 from kitti_ros2.bags import bag_files
 from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording

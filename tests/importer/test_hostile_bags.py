@@ -10,11 +10,11 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
+from kitti_ros2.model.channels import Channel
 from mcap.writer import Writer
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess, look
 from kitti_ros2.importer.plan import parse_plan

@@ -21,7 +21,7 @@ from kitti_ros2.importer.cuboids import (
     has_scores,
 )
 from kitti_ros2.importer.labels import TrackIds, class_name, make_boxes, max_tilt
-from kitti_ros2.kitti.label_file import format_object_labels, parse_boxes
+from kitti_ros2.kitti.label_file import format_object_labels
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.header import make_header
@@ -43,6 +43,8 @@ from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.samples import CameraCalibration
 from kitti_ros2.options.messages import MarkerOptions
 from kitti_ros2.synthetic.rig import make_calibration
+
+from builders import parse_boxes  # isort: skip
 
 SIZE = (1242, 375)
 RECT_T_VELO = Transform.from_quaternion(

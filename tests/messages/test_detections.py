@@ -11,11 +11,11 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from kitti_ros2.model.channels import Channel
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.importer.cuboids import cuboids_of_detections
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import decode_boxes_2d, encode_boxes_2d, encode_detections

@@ -13,11 +13,11 @@ import pytest
 from folder_and_bag import OBJECT_NUMBERS, make_bag, make_holes
 from hypothesis import given
 from hypothesis import strategies as st
+from kitti_ros2.model.channels import Channel
 from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.exporter.schedule import UNKNOWN, frames_of, make_schedule, never_falling
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize

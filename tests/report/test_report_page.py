@@ -15,9 +15,9 @@ import pytest
 from html_page import Page
 from hypothesis import given
 from hypothesis import strategies as st
+from kitti_ros2.model.channels import Channel
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize

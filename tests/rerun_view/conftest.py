@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import pytest
+from kitti_ros2.model.channels import Channel
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options.bag import BagOptions
