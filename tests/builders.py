@@ -5,18 +5,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
+from kitti_ros2.kitti.label_file import parse_labels
 from kitti_ros2.synthetic import SyntheticOptions
+
+if TYPE_CHECKING:
+    from kitti_ros2.model.boxes import Box
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""
 
 SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
 """The recording of the shared fixtures."""
+
+
+def parse_boxes(text: str, path: Path | str) -> list[Box]:
+    """The boxes of a label file; the first line that is no label is raised as an error."""
+    lines = parse_labels(text, path)
+    for error in lines.errors.values():
+        raise error
+    return list(lines.sound().values())
 
 
 def png_bytes(width: int, height: int, channels: int = 3) -> bytes:

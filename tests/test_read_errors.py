@@ -14,7 +14,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.store import STORE, LocalStore
+from kitti_ros2.kitti.store import LocalStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
@@ -182,4 +182,4 @@ def test_info_names_a_calibration_that_cannot_be_read(tiny, disk, capsys):
         disk.fail_at(call)
         assert main(['info', str(tiny)]) == 1
         assert disk.failed() in capsys.readouterr().err
-    assert STORE.is_dir(tiny)
+    assert tiny.is_dir()

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
-from copy import copy
 from operator import itemgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic
 
-from .summary import BagIndex
+from .chunk_scan import piece_records
+from .pieces import BagFile
+from .record_walk import Head
 
 if TYPE_CHECKING:
     from array import array
@@ -18,39 +19,33 @@ if TYPE_CHECKING:
 
     import numpy as np
     import numpy.typing as npt
-    from typing_extensions import Self
 
+    from .chunk_scan import FileContents
     from .findings import Findings
-    from .pieces import FileBytes, Piece, StoredChannel, StoredMessage
+    from .pieces import Buffer, FileBytes, Piece, StoredMessage
+    from .record_walk import RecordFormat
 
 
-class ChunkedFile(ABC):
+class ChunkedFile(BagFile, Generic[Head]):
     """A BagFile that consists of chunks.
 
     Args:
         file: The bytes.
         findings: Damage is entered there.
-        channels: By id.
-        pieces: Chunks, and runs of records outside of chunks.
-        stamps: Nanoseconds by channel id, from a scan of the file; None with an index.
-        compressions: Names of those found so far.
+        contents: From the file's index, or from a scan of the file.
+        form: The format of the records.
     """
 
     def __init__(
-        self,
-        file: FileBytes,
-        findings: Findings,
-        channels: Mapping[int, StoredChannel],
-        pieces: Sequence[Piece],
-        stamps: Mapping[int, array[int]] | None,
-        compressions: set[str],
+        self, file: FileBytes, findings: Findings, contents: FileContents, form: RecordFormat[Head]
     ) -> None:
-        self.channels = channels
-        self.pieces = pieces
+        self.channels = contents.channels
+        self.pieces = contents.pieces
+        self.compressions: set[str] = contents.compressions
+        self._stamps = contents.stamps
         self._file = file
         self._findings = findings
-        self._stamps = stamps
-        self.compressions = compressions
+        self._form = form
 
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
         """Return the messages of some channels in a piece from a stamp on, in time order."""
@@ -88,24 +83,6 @@ class ChunkedFile(ABC):
             place = f'{self._file.name}: the chunk at byte {piece.position}'
             self._findings.lose(f'{place} holds other messages than its index tells', lost)
 
-    def index(self) -> BagIndex:
-        """Return the stamps of all messages, by topic and type."""
-        index = BagIndex()
-        for channel in self.channels.values():
-            index.add((channel.topic, channel.msgtype), [])
-        for channel_id, found in self._all_stamps():
-            if channel_id in self.channels:
-                channel = self.channels[channel_id]
-                index.add((channel.topic, channel.msgtype), found)
-        index.compressions |= self.compressions
-        return index
-
-    def reporting_to(self, findings: Findings) -> Self:
-        """As BagFile has it."""
-        other = copy(self)
-        other._findings = findings  # noqa: SLF001 - of the same class
-        return other
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
@@ -125,7 +102,6 @@ class ChunkedFile(ABC):
             found += stamps.items()
         return found
 
-    @abstractmethod
     def _messages(
         self, data: bytes, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], bool]:
@@ -134,10 +110,23 @@ class ChunkedFile(ABC):
         Raises:
             ValueError: The piece is damaged.
         """
+        records, whole = self._form.unpack(data)
+        found, end = self._messages_in(records, wanted, since_ns)
+        return found, whole and end == len(records)
 
-    @abstractmethod
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
         """Yield the recoverable messages of a damaged piece in file order; enter the losses."""
+        findings = self._findings
+        for head, body in piece_records(self._form, self._file, position, data, findings, cost):
+            message = self._form.stored_message(head, body)
+            if message is not None:
+                yield message
+
+    @abstractmethod
+    def _messages_in(
+        self, records: Buffer, wanted: Collection[int], since_ns: int
+    ) -> tuple[list[StoredMessage], int]:
+        """Return the messages among records, and the end of the last record that can be split."""
 
     @abstractmethod
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:

@@ -40,11 +40,6 @@ class Tally:
         """Number of all messages."""
         return sum(self.counts)
 
-    @property
-    def span(self) -> tuple[int, int]:
-        """First stamp and duration in nanoseconds, (0, 0) without messages."""
-        return (self.start_ns, self.end_ns - self.start_ns) if self.total else (0, 0)
-
 
 @dataclass(frozen=True)
 class SegmentContext:

@@ -74,18 +74,16 @@ def decompress_beginning(name: str, data: Buffer) -> Buffer:
     """Decompress as much as possible of a truncated block."""
     if name in UNCOMPRESSED:
         return data
-    return b''.join(decompress_stream(name, _slices(data))) if name in _STREAMS else b''
-
-
-def decompress_stream(name: str, slices: Iterator[Buffer]) -> Iterator[bytes]:
-    """Decompress the slices of a block one after the other, up to the first damage."""
-    stream = _STREAMS[name]()
-    for piece in slices:
+    if name not in _STREAMS:
+        return b''
+    view, stream = memoryview(data), _STREAMS[name]()
+    found = bytearray()
+    for start in range(0, len(view), _STEP):
         try:
-            data = stream.decompress(piece)
+            found += stream.decompress(view[start : start + _STEP])
         except _ERRORS:
-            return
-        yield data
+            break
+    return bytes(found)
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:
@@ -115,8 +113,3 @@ def decompress_message(data: Buffer) -> bytes:
     if not stream.eof:
         raise ValueError('cut off')
     return plain
-
-
-def _slices(data: Buffer) -> Iterator[memoryview]:
-    view = memoryview(data)
-    return (view[start : start + _STEP] for start in range(0, len(view), _STEP))

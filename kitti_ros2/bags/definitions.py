@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import (
     Stores,
     TypesysError,
@@ -17,6 +16,7 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
+from ..messages.cdr import nested_type
 from ..messages.ros_types import TYPESTORE
 
 if TYPE_CHECKING:
@@ -202,19 +202,10 @@ def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
         name = waiting.pop()
         yield name
         for _, description in types[name][1] if name in types else ():
-            nested = _nested(description)
+            nested = nested_type(description)
             if nested is not None and nested not in seen:
                 seen.add(nested)
                 waiting.append(nested)
-
-
-def _nested(description: FieldDesc) -> str | None:
-    kind, detail = description
-    if kind == Nodetype.NAME:
-        return str(detail)
-    if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
-        return _nested(cast('tuple[FieldDesc, int]', detail)[0])
-    return None
 
 
 def _jazzy() -> Typesdict:

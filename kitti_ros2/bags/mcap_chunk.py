@@ -15,8 +15,9 @@ length (uint64) of what follows:
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
@@ -44,33 +45,6 @@ _WRITTEN_FROM = 64 * 2**10
 _pack_message = struct.Struct('<BQHIQQ').pack
 _CHUNK_HEAD = struct.Struct('<BQQQQI')
 _INDEX_HEAD = struct.Struct('<BQHI')
-
-
-class Chunks(Protocol):
-    """A writer that groups messages into chunks and writes these to a file."""
-
-    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
-        """Append a message; the chunk ends when it has its size."""
-        ...
-
-    def add_records(self, records: bytes) -> None:
-        """Append records outside of any chunk, after the messages added so far."""
-        ...
-
-    def finish(self) -> list[ChunkIndex]:
-        """Write the rest, and return the index records of all chunks."""
-        ...
-
-    def cancel(self) -> None:
-        """Drop unwritten data and stop all threads."""
-        ...
-
-
-def open_chunks(file: VectoredFile, options: BagOptions) -> Chunks:
-    """Open the chunks of a file with the compression of the options."""
-    if options.compression == 'none':
-        return StreamedChunks(file)
-    return CompressedChunks(file, options)
 
 
 class _Contents:
@@ -141,7 +115,39 @@ class _Contents:
         )
 
 
-class StreamedChunks:
+class Chunks(ABC):
+    """A writer that groups messages into chunks and writes these to a file."""
+
+    def __init__(self, file: VectoredFile) -> None:
+        self._file = file
+        self._entries: list[ChunkIndex] = []
+        self._contents = _Contents()
+
+    @abstractmethod
+    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
+        """Append a message; the chunk ends when it has its size."""
+
+    def add_records(self, records: bytes) -> None:
+        """Append records outside of any chunk, after the messages added so far."""
+        self._flush()
+        self._file.write([records])
+
+    def finish(self) -> list[ChunkIndex]:
+        """Write the rest, and return the index records of all chunks."""
+        self._flush()
+        self.cancel()
+        return self._entries
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Drop unwritten data and stop all threads."""
+
+    @abstractmethod
+    def _flush(self) -> None:
+        """End the chunk, and write all that is not written yet."""
+
+
+class StreamedChunks(Chunks):
     """Uncompressed chunks: payloads are written at once, the chunk's head when it is known.
 
     Checksumming and writing a payload while it is in the processor's cache halves the cost, which
@@ -149,9 +155,7 @@ class StreamedChunks:
     """
 
     def __init__(self, file: VectoredFile) -> None:
-        self._file = file
-        self._entries: list[ChunkIndex] = []
-        self._contents = _Contents()
+        super().__init__(file)
         self._start = -1
         self._tail = bytearray()
 
@@ -169,17 +173,7 @@ class StreamedChunks:
         if len(tail) >= _WRITTEN_FROM:
             self._write(tail)
         if contents.size >= TARGET_SIZE:
-            self._end_chunk()
-
-    def add_records(self, records: bytes) -> None:
-        """Append records outside of any chunk, after the messages added so far."""
-        self._end_chunk()
-        self._file.write([records])
-
-    def finish(self) -> list[ChunkIndex]:
-        """Write the rest, and return the index records of all chunks."""
-        self._end_chunk()
-        return self._entries
+            self._flush()
 
     def cancel(self) -> None:
         """Drop unwritten data."""
@@ -196,7 +190,7 @@ class StreamedChunks:
         self._file.write(buffers)
         self._tail = bytearray()
 
-    def _end_chunk(self) -> None:
+    def _flush(self) -> None:
         contents = self._contents
         if not contents.size:
             return
@@ -210,16 +204,14 @@ class StreamedChunks:
         self._entries.append(contents.entry(start, '', contents.size, indexes, offsets))
 
 
-class CompressedChunks:
+class CompressedChunks(Chunks):
     """Compressed chunks: compressed on all cores, written in order."""
 
     def __init__(self, file: VectoredFile, options: BagOptions) -> None:
-        self._file = file
+        super().__init__(file)
         self._name = options.compression
         self._compress = compressor(options.compression, options.compression_level)
         self._pool: OrderedPool[tuple[_Contents, bytes]] = OrderedPool(worker_count(), POOL_AHEAD)
-        self._entries: list[ChunkIndex] = []
-        self._contents = _Contents()
         self._buffers: list[bytes | memoryview] = []
 
     def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
@@ -229,19 +221,6 @@ class CompressedChunks:
         self._buffers += parts
         if contents.size >= TARGET_SIZE:
             self._end_chunk()
-
-    def add_records(self, records: bytes) -> None:
-        """Append records outside of any chunk, after the messages added so far."""
-        self._end_chunk()
-        self._drain()
-        self._file.write([records])
-
-    def finish(self) -> list[ChunkIndex]:
-        """Write the rest, and return the index records of all chunks."""
-        self._end_chunk()
-        self._drain()
-        self._pool.close()
-        return self._entries
 
     def cancel(self) -> None:
         """Drop unwritten data and wait for the threads to end."""
@@ -254,7 +233,8 @@ class CompressedChunks:
             for packed in self._pool.put(partial(_pack, contents, buffers, self._compress)):
                 self._write(*packed)
 
-    def _drain(self) -> None:
+    def _flush(self) -> None:
+        self._end_chunk()
         for packed in self._pool.drain():
             self._write(*packed)
 

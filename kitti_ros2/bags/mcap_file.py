@@ -12,40 +12,37 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Statistics
-from rosbags.typesys.msg import normalize_msgtype
 
 from ..model.errors import BadBagError
+from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
 from .mcap_records import (
     INDEX_BODY,
-    MESSAGE_BODY,
+    MCAP,
     RECORD_HEAD,
     agrees,
     messages_in,
     split_records,
-    unpack_chunk,
 )
-from .mcap_scan import RECORD_ERRORS, McapContents, McapScan, enter_description, piece_records
+from .mcap_scan import RECORD_ERRORS, Descriptions, McapScan
 from .mcap_summary import MAGIC
-from .offered_qos import offered_qos
-from .pieces import FileBytes, Piece, StoredChannel
+from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
     from array import array
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import StoredMessage
+    from .pieces import Buffer, StoredMessage
 
 _FOOTER = struct.Struct('<BQQQI')
 _CRC_SIZE = 4
-_CHUNK = bytes([Opcode.CHUNK])
 
 
-class McapFile(ChunkedFile):
+class McapFile(ChunkedFile[int]):
     """An MCAP file.
 
     Args:
@@ -63,37 +60,22 @@ class McapFile(ChunkedFile):
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as an MCAP file does')
         contents = _read_summary(file, findings) or McapScan(file, findings).run()
-        channels = {key: _source_channel(contents, key) for key in contents.channels}
-        self._index_lengths = {
-            piece.position: length
-            for piece, length in zip(contents.pieces, contents.index_lengths, strict=False)
-        }
-        super().__init__(
-            file, findings, channels, contents.pieces, contents.stamps, contents.compressions
-        )
+        super().__init__(file, findings, contents, MCAP)
+        self._index_lengths = contents.index_lengths
 
-    def _messages(
-        self, data: bytes, wanted: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], bool]:
-        records, whole = unpack_chunk(data) if data[:1] == _CHUNK else (data, True)
-        found, end = messages_in(records, wanted, since_ns)
-        return found, whole and end == len(records)
-
-    def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
-        for opcode, body in piece_records(self._file, position, data, self._findings, cost):
-            if opcode == Opcode.MESSAGE:
-                channel_id, _, stamp_ns, _ = MESSAGE_BODY.unpack_from(body)
-                yield stamp_ns, channel_id, body[MESSAGE_BODY.size :]
+    def _messages_in(
+        self, records: Buffer, wanted: Collection[int], since_ns: int
+    ) -> tuple[list[StoredMessage], int]:
+        return messages_in(records, wanted, since_ns)
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         start = piece.position + piece.length
         block = self._file.read(start, self._index_lengths[piece.position])
         found = {}
-        for record in split_records(block):
-            at = record.position + RECORD_HEAD.size
-            if record.opcode == Opcode.MESSAGE_INDEX:
+        for opcode, at, end in split_records(block):
+            if opcode == Opcode.MESSAGE_INDEX:
                 channel_id, size = INDEX_BODY.unpack_from(block, at)
-                entries = np.frombuffer(block[at + INDEX_BODY.size : record.end], '<i8')
+                entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<i8')
                 found[channel_id] = entries[: size // 8 : 2]
         return found
 
@@ -101,7 +83,7 @@ class McapFile(ChunkedFile):
         return McapScan(self._file, self._findings).run().stamps or {}
 
 
-def _read_summary(file: FileBytes, findings: Findings) -> McapContents | None:
+def _read_summary(file: FileBytes, findings: Findings) -> FileContents | None:
     """Parse the summary; None unless it indexes every message."""
     if file.size < _FOOTER.size + len(MAGIC):
         return None
@@ -121,20 +103,21 @@ def _read_summary(file: FileBytes, findings: Findings) -> McapContents | None:
         return None
 
 
-def _summarized(section: bytes, start: int) -> McapContents | None:
-    contents = McapContents()
+def _summarized(section: bytes, start: int) -> FileContents | None:
+    contents, described = FileContents(), Descriptions()
     message_count: int | None = None
     for opcode, position, end in split_records(section):
-        body = section[position + RECORD_HEAD.size : end]
+        body = section[position:end]
         if opcode == Opcode.STATISTICS:
             message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count
         elif opcode == Opcode.CHUNK_INDEX:
             chunk = ChunkIndex.read(ReadDataStream(BytesIO(body)))
             contents.compressions.add(chunk.compression)
             contents.pieces.append(_piece(chunk))
-            contents.index_lengths.append(chunk.message_index_length)
+            contents.index_lengths[chunk.chunk_start_offset] = chunk.message_index_length
         else:
-            enter_description(contents, opcode, body)
+            described.enter(opcode, body)
+    contents.channels = described.channels()
     found = sum(sum(piece.counts.values()) for piece in contents.pieces)
     known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
     inside = all(piece.position + piece.length <= start for piece in contents.pieces)
@@ -154,18 +137,3 @@ def _piece(chunk: ChunkIndex) -> Piece:
     }
     times = chunk.message_start_time, chunk.message_end_time
     return Piece(*times, position, chunk.chunk_length, counts)
-
-
-def _source_channel(contents: McapContents, channel_id: int) -> StoredChannel:
-    channel = contents.channels[channel_id]
-    schema = contents.schemas.get(channel.schema_id)
-    name = schema.name if schema else ''
-    cdr = channel.message_encoding == 'cdr' and '/' in name
-    return StoredChannel(
-        channel.topic,
-        normalize_msgtype(name) if cdr else name,
-        channel.message_encoding,
-        schema.data.decode(errors='replace') if schema else '',
-        schema.encoding if schema else '',
-        **offered_qos(channel.metadata.get('offered_qos_profiles', '')),
-    )

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from mcap.opcode import Opcode
 
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
-from .record_walk import Kind, Record
+from .mcap_summary import MAGIC
+from .record_walk import DamagedHeadError, Kind, Record
 
 try:
     from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .pieces import Buffer, StoredMessage
     from .record_walk import Source
 
-
 RECORD_HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')
 MESSAGE_BODY = struct.Struct('<HIQQ')
@@ -34,6 +34,7 @@ _LENGTH = struct.Struct('<Q')
 _LOOKED_AT = RECORD_HEAD.size + 64
 _LONGEST_NAME = 16  # of a compression
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
+_CHUNK_OPCODE = bytes([Opcode.CHUNK])
 _FIRST_PRIVATE = 0x80
 # The least length of each record's body in bytes: that of an empty one.
 _LEAST: dict[int, int] = {
@@ -56,13 +57,6 @@ _LEAST: dict[int, int] = {
 _FIXED = {Opcode.FOOTER, Opcode.SUMMARY_OFFSET, Opcode.DATA_END}
 # Records with inner lengths that must agree.
 _CHECKED = {*_FIXED, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
-
-
-class DamagedHeadError(ValueError):
-    """The head of a chunk is invalid."""
-
-    def __init__(self) -> None:
-        super().__init__('its head is damaged')
 
 
 class ChunkHead(NamedTuple):
@@ -101,25 +95,8 @@ def agrees(data: Buffer, crc: int) -> bool:
     return crc in (0, crc32(data))
 
 
-def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
-    """Return the records in a chunk, and whether it is whole; the first ones if it is truncated.
-
-    Raises:
-        DamagedHeadError: The head is damaged.
-        ValueError: The records are damaged.
-    """
-    head = parse_chunk_head(record)
-    stored = memoryview(record)[head.records_at : head.records_at + head.records_size]
-    if len(stored) < head.records_size:
-        return decompress_beginning(head.compression, stored), False
-    records = decompress(head.compression, stored, head.size)
-    if not agrees(records, head.crc):
-        raise ValueError('wrong checksum')
-    return records, True
-
-
-def split_records(records: Buffer) -> Iterator[Record]:
-    """Yield consecutive records, up to the first damaged one."""
+def split_records(records: Buffer) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of the body of consecutive records, up to a damaged one."""
     view = memoryview(records)
     position, end = 0, len(view)
     while end - position >= RECORD_HEAD.size:
@@ -127,7 +104,7 @@ def split_records(records: Buffer) -> Iterator[Record]:
         following = position + RECORD_HEAD.size + length
         if following > end or opcode == 0:
             return
-        yield Record(opcode, position, following)
+        yield opcode, position + RECORD_HEAD.size, following
         position = following
 
 
@@ -148,15 +125,19 @@ def messages_in(
         if opcode == _MESSAGE_OPCODE and channel_id in wanted and stamp_ns >= since_ns:
             found.append((stamp_ns, channel_id, view[position + message_size : following]))
         position = following
-    for record in split_records(view[position:]):
-        position += record.end - record.position
+    rest = position
+    for _, _, following in split_records(view[rest:]):
+        position = rest + following
     return found, position
 
 
 class McapFormat:
-    """The record format of MCAP."""
+    """The record format of MCAP; the head of a record is its opcode."""
 
+    start = len(MAGIC)
     chunk = int(Opcode.CHUNK)
+    message = _MESSAGE_OPCODE
+    longest_message_head = _MESSAGE.size
     candidate = re.compile(rb'(?=[\x03-\x0f].{5}\0\0\0)', re.DOTALL)
     longest = RECORD_HEAD.size
     row = 3
@@ -183,6 +164,38 @@ class McapFormat:
         except DamagedHeadError:
             return None
         return position + head.records_at if head.compression in UNCOMPRESSED else None
+
+    def compression(self, record: Buffer) -> str:
+        """Return the name of a chunk's compression."""
+        return parse_chunk_head(record).compression
+
+    def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
+        """Return the records of a piece, and whether it is whole."""
+        if data[:1] != _CHUNK_OPCODE:
+            return data, True
+        head = parse_chunk_head(data)
+        stored = memoryview(data)[head.records_at : head.records_at + head.records_size]
+        if len(stored) < head.records_size:
+            return decompress_beginning(head.compression, stored), False
+        records = decompress(head.compression, stored, head.size)
+        if not agrees(records, head.crc):
+            raise ValueError('wrong checksum')
+        return records, True
+
+    def split_record(self, view: Buffer, position: int) -> tuple[int, int, int]:
+        """Return a record's opcode, and the start and end of its body."""
+        opcode, length = RECORD_HEAD.unpack_from(view, position)
+        start = position + RECORD_HEAD.size
+        return opcode, start, start + length
+
+    split_records = staticmethod(split_records)
+
+    def stored_message(self, head: int, body: memoryview) -> StoredMessage | None:
+        """Return the message that a record is, None for others."""
+        if head != _MESSAGE_OPCODE:
+            return None
+        channel_id, _, stamp_ns, _ = MESSAGE_BODY.unpack_from(body)
+        return stamp_ns, channel_id, body[MESSAGE_BODY.size :]
 
 
 def _agrees(opcode: int, length: int, head: Buffer) -> bool:

@@ -10,7 +10,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, Schema
 
 from ..files.vectored import VectoredFile
-from .mcap_chunk import open_chunks
+from .mcap_chunk import CompressedChunks, StreamedChunks
 from .mcap_summary import MAGIC, encode, summary_section
 from .metadata import qos_text
 
@@ -31,7 +31,12 @@ class McapSegment:
         self._sequences: list[int] = []
         self._metadata: list[MetadataIndex] = []
         self._file = VectoredFile(path)
-        self._chunks = open_chunks(self._file, context.options)
+        options = context.options
+        self._chunks = (
+            StreamedChunks(self._file)
+            if options.compression == 'none'
+            else CompressedChunks(self._file, options)
+        )
         try:
             self._file.write([MAGIC, encode(Header('ros2', 'kitti_ros2'))])
             if context.source_metadata:

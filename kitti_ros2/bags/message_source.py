@@ -19,13 +19,12 @@ from .pieces import in_time_order
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
-    from types import TracebackType
 
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
     from .bag_files import BagSource
-    from .pieces import BagFile, Buffer, StoredChannel
+    from .pieces import Buffer, StoredChannel
 
 _READ = ('cdr', 'ros1')
 _BEGINNING = -(2**63)
@@ -48,8 +47,10 @@ class BagMessage(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """A channel that is read, with its bag and file."""
+    """A channel that is read, with the number of its file, its id there, and bag and file."""
 
+    number: int
+    channel_id: int
     bag: Path
     file: Path
     channel: StoredChannel
@@ -102,12 +103,10 @@ class BagMessages:
             ]
             self._files = [file for _, _, file in found]
             self._readings = [
-                {
-                    channel_id: _Reading(bag, path, channel)
-                    for channel_id, channel in file.channels.items()
-                    if topics is None or channel.topic in topics
-                }
-                for bag, path, file in found
+                _Reading(number, channel_id, bag, path, channel)
+                for number, (bag, path, file) in enumerate(found)
+                for channel_id, channel in file.channels.items()
+                if topics is None or channel.topic in topics
             ]
             self.compressions = {'zstd' for bag in entered if bag.located.compression_mode}.union(
                 *(file.compressions for file in self._files)
@@ -116,11 +115,12 @@ class BagMessages:
             self._leave_out_second_types()
             self._define()
             self._stack = stack.pop_all()
-        readings = [each for found in self._readings for each in found.values()]
-        self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
+        self.sources = {each.channel.topic: each.channel for each in reversed(self._readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
         self.latched = {
-            each.channel.topic: each.channel.depth for each in readings if each.channel.latched
+            each.channel.topic: each.channel.depth
+            for each in self._readings
+            if each.channel.latched
         }
 
     @cached_property
@@ -145,11 +145,7 @@ class BagMessages:
     @property
     def expected(self) -> int:
         """Number of messages listed in the files, including those in damaged pieces."""
-        return sum(
-            _count(file, channel_id)
-            for channels, file in zip(self._readings, self._files, strict=True)
-            for channel_id in channels
-        )
+        return sum(map(self._count, self._readings))
 
     @property
     def losses(self) -> dict[str, int | None]:
@@ -159,12 +155,7 @@ class BagMessages:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -176,7 +167,9 @@ class BagMessages:
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """Yield the messages from a log time on; None is the beginning."""
-        readings = self._readings
+        readings: list[dict[int, _Reading]] = [{} for _ in self._files]
+        for each in self._readings:
+            readings[each.number][each.channel_id] = each
         files = [
             (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
         ]
@@ -213,23 +206,22 @@ class BagMessages:
             BadBagError: No channel is left.
         """
         found: set[str] = set()
-        for channels, file in zip(self._readings, self._files, strict=True):
-            for channel_id, reading in list(channels.items()):
-                encoding = reading.channel.encoding
-                if encoding not in _READ:
-                    found.add(encoding)
-                    del channels[channel_id]
-                    text = f'{reading.channel.topic} is {encoding}, which is not read'
-                    self._leave_out(reading, text, _count(file, channel_id))
-        if found and not any(self._readings):
+        for reading in list(self._readings):
+            encoding = reading.channel.encoding
+            if encoding not in _READ:
+                found.add(encoding)
+                text = f'{reading.channel.topic} is {encoding}, which is not read'
+                self._leave_out(reading, text)
+        if found and not self._readings:
             kinds = ', '.join(sorted(found))
             expected = 'messages in cdr or of ROS 1, of which none is there'
             raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
-    def _leave_out(self, reading: _Reading, text: str, count: int) -> None:
-        """Enter a topic that is undamaged but skipped: a loss only if the bag is copied."""
+    def _leave_out(self, reading: _Reading, text: str) -> None:
+        """Skip a channel that is undamaged: a loss only if the bag is copied."""
+        self._readings.remove(reading)
         reason = f'{reading.file}: {text}'
-        channel = reading.channel
+        channel, count = reading.channel, self._count(reading)
         self.left_out.append((channel, Loss(channel.topic, count, reason)))
         if self._as_stored:
             self._findings.lose(reason, count)
@@ -243,19 +235,16 @@ class BagMessages:
             BadBagError: Bags disagree about the type.
         """
         first: dict[str, _Reading] = {}
-        for channels, file in zip(self._readings, self._files, strict=True):
-            for channel_id, reading in list(channels.items()):
-                topic, msgtype = reading.channel.topic, reading.channel.msgtype
-                known = first.setdefault(topic, reading)
-                if known.channel.msgtype == msgtype:
-                    continue
-                both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
-                if known.bag != reading.bag:
-                    expected = 'bags of one recording, which agree; give those of the other apart'
-                    raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
-                del channels[channel_id]
-                text = f'{reading.file}: {both} before; the latter is read'
-                self._findings.lose(text, _count(file, channel_id))
+        for reading in list(self._readings):
+            topic, msgtype = reading.channel.topic, reading.channel.msgtype
+            known = first.setdefault(topic, reading)
+            if known.channel.msgtype == msgtype:
+                continue
+            both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
+            if known.bag != reading.bag:
+                expected = 'bags of one recording, which agree; give those of the other apart'
+                raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
+            self._lose_channel(reading, f'{both} before; the latter is read')
 
     def _define(self) -> None:
         """Make the typestore, and skip topics of undefined types.
@@ -264,13 +253,11 @@ class BagMessages:
             BadBagError: Such a topic was requested by name.
         """
         definitions = Definitions(self._findings)
-        for channels, file in zip(self._readings, self._files, strict=True):
-            for channel_id, reading in list(channels.items()):
-                conflict = definitions.add(reading.bag, reading.file, reading.channel)
-                if conflict:
-                    self._leave_out_undefined(reading, conflict, _count(file, channel_id))
-                    del channels[channel_id]
-        needed = {each.channel.msgtype for found in self._readings for each in found.values()}
+        for reading in list(self._readings):
+            conflict = definitions.add(reading.bag, reading.file, reading.channel)
+            if conflict:
+                self._leave_out_undefined(reading, conflict)
+        needed = {each.channel.msgtype for each in self._readings}
         undefined = definitions.complete(needed)
         self._definitions = definitions
         reasons = {
@@ -281,23 +268,25 @@ class BagMessages:
             for reason in reasons.values():
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
-        for channels, file in zip(self._readings, self._files, strict=True):
-            for channel_id, reading in list(channels.items()):
-                reason = reasons.get(reading.channel.msgtype, '')
-                if reason:
-                    self._leave_out_undefined(reading, reason, _count(file, channel_id))
-                    del channels[channel_id]
+        for reading in list(self._readings):
+            if reading.channel.msgtype in reasons:
+                self._leave_out_undefined(reading, reasons[reading.channel.msgtype])
 
-    def _leave_out_undefined(self, reading: _Reading, reason: str, count: int) -> None:
+    def _leave_out_undefined(self, reading: _Reading, reason: str) -> None:
         text = f'{reading.channel.topic} cannot be read: {reason}'
         if self._topics is not None:
             raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
         if reading.channel.definition.strip():
             # The definition is present but unusable: it may be damaged.
-            self._findings.lose(f'{reading.file}: {text}', count)
+            self._lose_channel(reading, text)
         else:
-            self._leave_out(reading, text, count)
+            self._leave_out(reading, text)
 
+    def _lose_channel(self, reading: _Reading, text: str) -> None:
+        """Skip a channel whose messages are lost."""
+        self._readings.remove(reading)
+        self._findings.lose(f'{reading.file}: {text}', self._count(reading))
 
-def _count(file: BagFile, channel_id: int) -> int:
-    return sum(piece.counts.get(channel_id, 0) for piece in file.pieces)
+    def _count(self, reading: _Reading) -> int:
+        pieces = self._files[reading.number].pieces
+        return sum(piece.counts.get(reading.channel_id, 0) for piece in pieces)

@@ -121,7 +121,7 @@ def _count(files: Mapping[str, Tally], index: int) -> int:
 
 
 def _file_information(name: str, tally: Tally) -> dict[str, Any]:
-    start_ns, duration_ns = tally.span
+    start_ns, duration_ns = _span([tally])
     return {
         'path': name,
         'starting_time': {'nanoseconds_since_epoch': start_ns},
@@ -131,6 +131,7 @@ def _file_information(name: str, tally: Tally) -> dict[str, Any]:
 
 
 def _span(tallies: Sequence[Tally]) -> tuple[int, int]:
+    """Return the first stamp and the duration in nanoseconds, (0, 0) without messages."""
     filled = [tally for tally in tallies if tally.total]
     if not filled:
         return 0, 0

@@ -10,24 +10,23 @@ pieces that overlap. Damage costs at most its own piece.
 from __future__ import annotations
 
 import os
-from collections import Counter
+from abc import ABC, abstractmethod
+from copy import copy
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ..model.channels import Channel
+from .summary import BagIndex
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    import numpy.typing as npt
     from typing_extensions import Self
 
     from .findings import Findings
-    from .record_walk import Record
-    from .summary import BagIndex
-
-_LARGEST_RUN = 2**20
 
 Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
@@ -65,70 +64,52 @@ class Piece(NamedTuple):
     counts: Mapping[int, int]
 
 
-class Run:
-    """A piece that grows while records are scanned: its byte range and message counts."""
+class BagFile(ABC):
+    """A file open for reading, of any container.
 
-    def __init__(self, start: int, end: int | None = None) -> None:
-        self.end = start if end is None else end
-        self._start = start
-        self._counts: Counter[int] = Counter()
-        self._start_ns = 2**64
-        self._end_ns = 0
+    Attributes:
+        channels: By id.
+        pieces: In any order.
+        compressions: Names of the compressions of chunks found so far, including none.
+    """
 
-    def takes(self, record: Record) -> bool:
-        """Whether a record follows directly and the piece stays small enough."""
-        return record.position == self.end and record.end - self._start <= _LARGEST_RUN
+    channels: Mapping[int, StoredChannel]
+    pieces: Sequence[Piece]
+    compressions: Collection[str] = ()
+    _findings: Findings
 
-    def add(self, channel_id: int, stamp_ns: int) -> None:
-        """Enter a message."""
-        self._counts[channel_id] += 1
-        self._start_ns = min(self._start_ns, stamp_ns)
-        self._end_ns = max(self._end_ns, stamp_ns)
-
-    def end_in(self, pieces: list[Piece]) -> None:
-        """Append it to the pieces, unless it has no messages."""
-        if self._counts:
-            length = self.end - self._start
-            times = self._start_ns, self._end_ns
-            pieces.append(Piece(*times, self._start, length, self._counts))
-
-
-class BagFile(Protocol):
-    """A file open for reading, of any container."""
-
-    @property
-    def channels(self) -> Mapping[int, StoredChannel]:
-        """By id."""
-        ...
-
-    @property
-    def pieces(self) -> Sequence[Piece]:
-        """In any order."""
-        ...
-
-    @property
-    def compressions(self) -> Collection[str]:
-        """Names of the compressions of chunks found so far, including none."""
-        ...
-
+    @abstractmethod
     def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
         """Return the messages of some channels in a piece from a stamp on, in time order.
 
         Unreadable messages are skipped and entered into the bag's findings.
         """
-        ...
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the file."""
 
     def index(self) -> BagIndex:
         """Return the stamps of all messages, by topic and type."""
-        ...
+        index = BagIndex()
+        for channel in self.channels.values():
+            index.add((channel.topic, channel.msgtype), [])
+        for channel_id, stamps in self._all_stamps():
+            if channel_id in self.channels:
+                channel = self.channels[channel_id]
+                index.add((channel.topic, channel.msgtype), stamps)
+        index.compressions.update(self.compressions)
+        return index
 
     def reporting_to(self, findings: Findings) -> Self:
         """Return the same open file, which enters what it finds damaged into other findings."""
-        ...
+        other = copy(self)
+        other._findings = findings  # noqa: SLF001 - of the same class
+        return other
 
-    def close(self) -> None:
-        """Close the file."""
-        ...
+    @abstractmethod
+    def _all_stamps(self) -> Iterable[tuple[int, npt.ArrayLike]]:
+        """Return the stamps of all messages, nanoseconds, by channel id."""
 
 
 class FileBytes:
@@ -174,18 +155,6 @@ class FileBytes:
     def close(self) -> None:
         """Close the file; does nothing if it is closed."""
         self._file.close()
-
-
-class HeldBytes:
-    """Bytes in memory, by position."""
-
-    def __init__(self, view: memoryview) -> None:
-        self._view = view
-        self.size = len(view)
-
-    def read(self, position: int, length: int) -> memoryview:
-        """Return `length` bytes, fewer at the end."""
-        return self._view[position : position + length]
 
 
 def in_time_order(

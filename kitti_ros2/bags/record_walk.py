@@ -11,14 +11,13 @@ messages.
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Iterator
-    from typing import TypeAlias
 
-    Buffer: TypeAlias = bytes | memoryview
+    from .pieces import Buffer, StoredMessage
 
     class Source(Protocol):
         """Bytes by position."""
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
 
 
 _WINDOW = 2**20
+
+Head = TypeVar('Head')
 
 
 class Record(NamedTuple):
@@ -47,17 +48,30 @@ class Kind(Enum):
     NONE = 'no record'
 
 
-class RecordFormat(Protocol):
-    """The properties of a record format.
+class DamagedHeadError(ValueError):
+    """The head of a chunk is invalid."""
+
+    def __init__(self) -> None:
+        super().__init__('its head is damaged')
+
+
+class RecordFormat(Protocol[Head]):
+    """The properties of a record format, whose records have heads of a type.
 
     Attributes:
+        start: The position of a file's first record.
         chunk: The opcode of chunks.
+        message: The opcode of messages.
+        longest_message_head: The most bytes of a message up to its data.
         candidate: Matches where a record may begin, with a lookahead.
         longest: The most bytes that candidate matches.
         row: Number of consecutive records that are taken as no coincidence.
     """
 
+    start: int
     chunk: int
+    message: int
+    longest_message_head: int
     candidate: re.Pattern[bytes]
     longest: int
     row: int
@@ -74,9 +88,42 @@ class RecordFormat(Protocol):
         """Return the position of a chunk's first record, None if the chunk is compressed."""
         ...
 
+    def compression(self, record: Buffer) -> str:
+        """Return the name of a chunk's compression.
+
+        Raises:
+            DamagedHeadError: The head of the chunk is damaged or truncated.
+        """
+        ...
+
+    def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
+        """Return the records of a piece, and whether it is whole; the first ones if truncated.
+
+        Raises:
+            DamagedHeadError: The head of the chunk is damaged.
+            ValueError: The chunk is damaged.
+        """
+        ...
+
+    def split_record(self, view: Buffer, position: int) -> tuple[Head, int, int]:
+        """Return a record's head, and the start and end of its body."""
+        ...
+
+    def split_records(self, view: Buffer) -> Iterator[tuple[Head, int, int]]:
+        """Yield consecutive records as split_record does, up to the first damaged one."""
+        ...
+
+    def stored_message(self, head: Head, body: memoryview) -> StoredMessage | None:
+        """Return the message that a record is, None for others."""
+        ...
+
 
 def walk(
-    form: RecordFormat, source: Source, position: int, end: int, lose: Callable[[int, int], None]
+    form: RecordFormat[Any],
+    source: Source,
+    position: int,
+    end: int,
+    lose: Callable[[int, int], None],
 ) -> Iterator[Record]:
     """Yield the records from a position on; skip damaged bytes.
 
@@ -109,7 +156,7 @@ def walk(
         position = end if found is None else found
 
 
-def find_record(form: RecordFormat, source: Source, position: int, end: int) -> int | None:
+def find_record(form: RecordFormat[Any], source: Source, position: int, end: int) -> int | None:
     """Return the first position from which records are consecutive, None if there is none."""
     while position < end:
         window = source.read(position, min(_WINDOW, end - position) + form.longest)
@@ -124,7 +171,7 @@ def find_record(form: RecordFormat, source: Source, position: int, end: int) -> 
     return None
 
 
-def _is_believed(form: RecordFormat, source: Source, record: Record, end: int) -> bool:
+def _is_believed(form: RecordFormat[Any], source: Source, record: Record, end: int) -> bool:
     if record.end == end or form.is_checked(record.opcode):
         return True
     if form.look(source, record.end, end)[0] is Kind.WHOLE:
@@ -139,7 +186,7 @@ def _is_believed(form: RecordFormat, source: Source, record: Record, end: int) -
     return found is None
 
 
-def _begins_row(form: RecordFormat, source: Source, position: int, end: int) -> bool:
+def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int) -> bool:
     for number in range(form.row):
         kind, record = form.look(source, position, end)
         if kind is not Kind.WHOLE:

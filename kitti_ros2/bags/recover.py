@@ -71,7 +71,8 @@ def recover(
         OutputError: The output cannot be written.
     """
     bag = locate_bag(path)
-    _refuse_itself(path, out)
+    if lies_inside(out, path):
+        raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')
     storage = guess_storage(out, storage, default=bag.storage)
     as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
     with BagMessages([path], as_stored=as_stored) as messages:
@@ -162,8 +163,3 @@ def _compression(messages: BagMessages, storage: str) -> str:
     """Return the bag's own compression if the new container supports it, else none."""
     known = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
     return known[0] if known else 'none'
-
-
-def _refuse_itself(path: Path, out: Path) -> None:
-    if lies_inside(out, path):
-        raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadBagError
+from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
 from .pieces import FileBytes, Piece
 from .ros1_records import (
@@ -21,19 +22,18 @@ from .ros1_records import (
     CONNECTION,
     INDEX,
     MAGIC,
-    MESSAGE,
+    ROS1,
+    Fields,
     messages_in,
     opcode_of,
-    parse_message,
     parse_time,
     split_record,
-    unpack_chunk,
 )
-from .ros1_scan import Ros1Contents, Ros1Scan, is_chunk, parse_connection, piece_records
+from .ros1_scan import Ros1Scan, parse_connection
 
 if TYPE_CHECKING:
     from array import array
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
@@ -46,7 +46,7 @@ _COUNT = struct.Struct('<II')
 _ENTRY = np.dtype([('seconds', '<u4'), ('nanoseconds', '<u4'), ('offset', '<u4')])
 
 
-class Ros1File(ChunkedFile):
+class Ros1File(ChunkedFile[Fields]):
     """A ROS 1 .bag file, format 2.0.
 
     Args:
@@ -64,26 +64,17 @@ class Ros1File(ChunkedFile):
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as a ROS 1 bag of format 2.0 does')
         contents = _read_index(file, findings) or Ros1Scan(file, findings).run()
-        super().__init__(
-            file,
-            findings,
-            contents.channels,
-            contents.pieces,
-            contents.stamps,
-            contents.compressions,
-        )
+        super().__init__(file, findings, contents, ROS1)
         if self.pieces:
             with suppress(ValueError):
                 self._chunk_end(self.pieces[0])
 
-    def _messages(
-        self, data: bytes, wanted: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], bool]:
-        records, whole = unpack_chunk(data) if is_chunk(data) else (data, True)
-        found, end = messages_in(records, wanted, since_ns, self._compare_connection)
-        return found, whole and end == len(records)
+    def _messages_in(
+        self, records: Buffer, wanted: Collection[int], since_ns: int
+    ) -> tuple[list[StoredMessage], int]:
+        return messages_in(records, wanted, since_ns, self._compare_connection)
 
-    def _compare_connection(self, fields: dict[bytes, bytes], body: Buffer) -> None:
+    def _compare_connection(self, fields: Fields, body: Buffer) -> None:
         """Enter a loss if a chunk and the index describe a connection differently."""
         try:
             channel_id, channel = parse_connection(fields, body)
@@ -95,12 +86,6 @@ class Ros1File(ChunkedFile):
             both = f'{known.topic} ({known.msgtype}) and {channel.topic} ({channel.msgtype})'
             text = f'connection {channel_id} is described in two ways, {both}; the first counts'
             self._findings.lose(f'{self._file.name}: {text}', 0)
-
-    def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
-        for fields, body in piece_records(self._file, position, data, self._findings, cost):
-            if opcode_of(fields) == MESSAGE:
-                channel_id, stamp_ns = parse_message(fields)
-                yield stamp_ns, channel_id, body
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         end = self._chunk_end(piece)
@@ -130,7 +115,7 @@ class Ros1File(ChunkedFile):
         return Ros1Scan(self._file, self._findings).run().stamps or {}
 
 
-def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
+def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
     """Read the index at the end; None if it is missing or damaged."""
     try:
         fields, _, _ = split_record(file.read(len(MAGIC), _HEAD_READ), 0)
@@ -146,7 +131,7 @@ def _read_index(file: FileBytes, findings: Findings) -> Ros1Contents | None:
         return None
 
 
-def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) -> Ros1Contents:
+def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContents:
     """Parse an index, which must list as many chunks as the bag's header.
 
     Raises:
@@ -155,7 +140,7 @@ def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) ->
     if opcode_of(header) != BAG_HEADER:
         raise ValueError('the header does not tell where it is')
     expected = int.from_bytes(header[b'chunk_count'], 'little')
-    contents = Ros1Contents()
+    channels = {}
     infos: list[tuple[int, int, int, dict[int, int]]] = []
     position = 0
     while position < len(section):
@@ -164,19 +149,19 @@ def _indexed_contents(section: bytes, start: int, header: dict[bytes, bytes]) ->
         opcode = opcode_of(fields)
         if opcode == CONNECTION:
             channel_id, channel = parse_connection(fields, body)
-            contents.channels[channel_id] = channel
+            channels[channel_id] = channel
         elif opcode == CHUNK_INFO:
             times = parse_time(fields[b'start_time']), parse_time(fields[b'end_time'])
             counts = dict(_COUNT.iter_unpack(body))
             infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
     if len(infos) != expected:
         raise ValueError(f'{len(infos)} chunks instead of {expected}')
-    if any(not counts.keys() <= contents.channels.keys() for _, _, _, counts in infos):
+    if any(not counts.keys() <= channels.keys() for _, _, _, counts in infos):
         raise ValueError('a connection is missing')
     infos.sort(key=itemgetter(0))
     ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
-    contents.pieces = [
+    pieces = [
         Piece(start_ns, end_ns, place, end - place, counts)
         for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
     ]
-    return contents
+    return FileContents(channels, pieces)

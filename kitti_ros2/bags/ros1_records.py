@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
 from .record_walk import Kind, Record
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
 MAGIC = b'#ROSBAG V2.0\n'
+
+Fields: TypeAlias = 'dict[bytes, bytes]'
+"""Of the header of a record, by name."""
 
 _UINT32 = struct.Struct('<I')
 _TIME = struct.Struct('<II')
@@ -58,7 +61,7 @@ def parse_time(value: Buffer) -> int:
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
-def parse_fields(header: Buffer) -> dict[bytes, bytes]:
+def parse_fields(header: Buffer) -> Fields:
     """Parse the fields of a header, by name.
 
     Raises:
@@ -80,7 +83,7 @@ def parse_fields(header: Buffer) -> dict[bytes, bytes]:
     return fields
 
 
-def split_record(view: Buffer, position: int) -> tuple[dict[bytes, bytes], int, int]:
+def split_record(view: Buffer, position: int) -> tuple[Fields, int, int]:
     """Return a record's header fields, and the start and end of its data, which may be truncated.
 
     Raises:
@@ -99,7 +102,7 @@ def split_record(view: Buffer, position: int) -> tuple[dict[bytes, bytes], int, 
     return fields, start + 4, start + 4 + int(length)
 
 
-def split_records(view: Buffer) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
+def split_records(view: Buffer) -> Iterator[tuple[Fields, int, int]]:
     """Yield consecutive records, up to the first damaged one."""
     position = 0
     while position < len(view):
@@ -112,7 +115,7 @@ def split_records(view: Buffer) -> Iterator[tuple[dict[bytes, bytes], int, int]]
         yield fields, start, position
 
 
-def opcode_of(fields: dict[bytes, bytes]) -> int:
+def opcode_of(fields: Fields) -> int:
     """Return the kind of a record, 0 if its fields are invalid."""
     opcode = int.from_bytes(fields.get(b'op', b'\0'), 'little')
     for name, size in _NEEDED.get(opcode, {b'': None}).items():
@@ -121,29 +124,11 @@ def opcode_of(fields: dict[bytes, bytes]) -> int:
     return opcode
 
 
-def unpack_chunk(record: Buffer) -> tuple[Buffer, bool]:
-    """Return the records in a chunk, and whether it is whole; the first ones if it is truncated.
-
-    Raises:
-        ValueError: The chunk is damaged.
-    """
-    fields, start, end = split_record(record, 0)
-    if opcode_of(fields) != CHUNK:
-        raise ValueError('its head is damaged')
-    compression = fields[b'compression'].decode('ascii', 'replace')
-    (size,) = _UINT32.unpack(fields[b'size'])
-    stored = memoryview(record)[start:]
-    if size == 0 or end - start > len(stored):
-        # Recorders write the size once the chunk is full.
-        return decompress_beginning(compression, stored), False
-    return decompress(compression, stored[: end - start], size), True
-
-
 def messages_in(
     records: Buffer,
     wanted: Collection[int],
     since_ns: int,
-    describe: Callable[[dict[bytes, bytes], Buffer], None],
+    describe: Callable[[Fields, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
     """Return the messages of some connections, and the end of the last record that can be split.
 
@@ -184,7 +169,7 @@ def messages_in(
     return found, position
 
 
-def _record_at(view: memoryview, position: int) -> tuple[dict[bytes, bytes], int, int] | None:
+def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | None:
     """Return the record at a position as split_record does; None unless it is whole."""
     try:
         fields, start, following = split_record(view, position)
@@ -193,15 +178,18 @@ def _record_at(view: memoryview, position: int) -> tuple[dict[bytes, bytes], int
     return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
 
 
-def parse_message(fields: dict[bytes, bytes]) -> tuple[int, int]:
+def parse_message(fields: Fields) -> tuple[int, int]:
     """Return the connection and stamp of a message."""
     return int.from_bytes(fields[b'conn'], 'little'), parse_time(fields[b'time'])
 
 
 class Ros1Format:
-    """The record format of ROS 1 bags."""
+    """The record format of ROS 1 bags; the head of a record is its header's fields."""
 
+    start = len(MAGIC)
     chunk = CHUNK
+    message = MESSAGE
+    longest_message_head = _HEAD_READ
     candidate = re.compile(rb'(?=..\0\0' + _FIELD + rb')', re.DOTALL)
     longest = 32
     row = 1  # names of fields are no coincidence
@@ -234,8 +222,38 @@ class Ros1Format:
         fields, start, _ = split_record(source.read(position, _HEAD_READ), 0)
         return position + start if fields[b'compression'] == b'none' else None
 
+    def compression(self, record: Buffer) -> str:
+        """Return the name of a chunk's compression."""
+        return split_record(record, 0)[0][b'compression'].decode('ascii', 'replace')
 
-def _kind(fields: dict[bytes, bytes], length: int, record: Record, end: int) -> tuple[Kind, Record]:
+    def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
+        """Return the records of a piece, and whether it is whole."""
+        try:
+            fields, start, end = split_record(data, 0)
+        except ValueError:
+            return data, True
+        if opcode_of(fields) != CHUNK:
+            return data, True
+        compression = fields[b'compression'].decode('ascii', 'replace')
+        (size,) = _UINT32.unpack(fields[b'size'])
+        stored = memoryview(data)[start:]
+        if size == 0 or end - start > len(stored):
+            # Recorders write the size once the chunk is full.
+            return decompress_beginning(compression, stored), False
+        return decompress(compression, stored[: end - start], size), True
+
+    split_record = staticmethod(split_record)
+    split_records = staticmethod(split_records)
+
+    def stored_message(self, head: Fields, body: memoryview) -> StoredMessage | None:
+        """Return the message that a record is, None for others."""
+        if opcode_of(head) != MESSAGE:
+            return None
+        channel_id, stamp_ns = parse_message(head)
+        return stamp_ns, channel_id, body
+
+
+def _kind(fields: Fields, length: int, record: Record, end: int) -> tuple[Kind, Record]:
     """Classify a record by its header's fields and its data's length."""
     if not _agrees(record.opcode, fields, length):
         return Kind.NONE, record
@@ -245,7 +263,7 @@ def _kind(fields: dict[bytes, bytes], length: int, record: Record, end: int) -> 
     return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
 
-def _agrees(opcode: int, fields: dict[bytes, bytes], length: int) -> bool:
+def _agrees(opcode: int, fields: Fields, length: int) -> bool:
     """Whether the opcode is known and the header agrees with the data's length."""
     if opcode in _ENTRY_SIZES:
         (count,) = _UINT32.unpack(fields[b'count'])

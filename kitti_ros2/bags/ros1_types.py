@@ -14,15 +14,15 @@ All differences are handled here:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
+
+from ..messages.cdr import nested_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
 
 _HEADER = 'std_msgs/msg/Header'
@@ -62,7 +62,7 @@ class Ros1Types:
             return [msgtype]
         names = [msgtype]
         for _, description in self._ros2.fielddefs[msgtype][1]:
-            nested = _nested(description)
+            nested = nested_type(description)
             if nested is not None:
                 names += self._closure(nested)
         return names
@@ -76,14 +76,14 @@ class Ros1Types:
         for (name1, kind1), (name2, kind2) in zip(fields1, fields2, strict=True):
             if name1.lower() != name2.lower() or kind1 != kind2:
                 return False
-            nested = _nested(kind1)
+            nested = nested_type(kind1)
             if nested is not None and not self._same_layout(nested):
                 return False
         return True
 
     def _rebuild(self, message: object, msgtype: str) -> object:
         values = {
-            name: self._value(message, name, _nested(description))
+            name: self._value(message, name, nested_type(description))
             for name, description in self._ros1.fielddefs[msgtype][1]
         }
         build: Callable[..., object] = self._ros1.types[msgtype]
@@ -97,12 +97,3 @@ class Ros1Types:
         if isinstance(value, list):
             return [self._rebuild(item, nested) for item in value]
         return self._rebuild(value, nested)
-
-
-def _nested(description: FieldDesc) -> str | None:
-    kind, detail = description
-    if kind == Nodetype.NAME:
-        return str(detail)
-    if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
-        return _nested(cast('tuple[FieldDesc, int]', detail)[0])
-    return None

@@ -7,7 +7,8 @@ from __future__ import annotations
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging, keep_all, keep_all_but_bags, output_error
+from ..files.replacing import keep_all, keep_all_but_bags
+from ..files.staging import Staging, output_error
 from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
@@ -17,7 +18,6 @@ from .storages import STORAGES
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -154,13 +154,8 @@ class BagWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if error is None:
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
             self.close()
         else:
             self.abort()
@@ -201,9 +196,6 @@ class BagWriter:
             self._next_segment()
         self._size += size
 
-    def _files(self) -> dict[str, Tally]:
-        return {self._name(index): tally for index, tally in enumerate(self._tallies)}
-
     def _close_segment(self) -> None:
         segment = self._opened()
         in_rosbag2 = self._container.in_rosbag2
@@ -215,7 +207,7 @@ class BagWriter:
             self._context.options,
             self._context.typestore,
             self._channels,
-            self._files(),
+            {self._name(index): tally for index, tally in enumerate(self._tallies)},
             self._context.source_metadata,
         )
 

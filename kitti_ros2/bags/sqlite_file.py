@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import sqlite3
 from contextlib import suppress
-from copy import copy
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -21,16 +20,14 @@ from rosbags.typesys.msg import normalize_msgtype
 from ..model.errors import BadBagError
 from ..model.text import one_line
 from .offered_qos import offered_qos
-from .pieces import FileBytes, Piece, StoredChannel
+from .pieces import BagFile, FileBytes, Piece, StoredChannel
 from .sqlite_scan import Pages
-from .summary import BagIndex
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
-    from typing_extensions import Self
 
     from .findings import Findings
     from .pieces import StoredMessage
@@ -45,7 +42,7 @@ _LEAST_TOPIC_COLUMNS = 3
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
 
-class SqliteFile:
+class SqliteFile(BagFile):
     """A .db3 file.
 
     Args:
@@ -62,8 +59,6 @@ class SqliteFile:
         BadBagError: The file is no rosbag2 database.
         OSError: The file cannot be read.
     """
-
-    compressions: Collection[str] = ()
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
         self._name = name
@@ -101,20 +96,6 @@ class SqliteFile:
             if data is not None:
                 yield stamp_ns, topic_id, data
 
-    def index(self) -> BagIndex:
-        """Return the stamps of all messages, by topic and type."""
-        index = BagIndex()
-        for topic_id, channel in self.channels.items():
-            stamps = self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
-            index.add((channel.topic, channel.msgtype), stamps)
-        return index
-
-    def reporting_to(self, findings: Findings) -> Self:
-        """As BagFile has it."""
-        other = copy(self)
-        other._findings = findings  # noqa: SLF001 - of the same class
-        return other
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
@@ -122,6 +103,10 @@ class SqliteFile:
             self._connection.close()
         if self._shared is not None:
             self._shared.unlink(missing_ok=True)
+
+    def _all_stamps(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
+        for topic_id in self.channels:
+            yield topic_id, self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
 
     def _lose(self, text: str, messages: int | None) -> None:
         self._findings.lose(f'{self._name}: {text}', messages)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
 StampArray: TypeAlias = npt.NDArray[np.int64]
@@ -119,7 +118,10 @@ class BagSummary:
 
 def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSummary:
     """Summarize an index."""
-    topics = _topics(index.stamps)
+    topics = tuple(
+        summarize_topic(*key, np.concatenate(pieces))
+        for key, pieces in sorted(index.stamps.items())
+    )
     starts = [topic.start_ns for topic in topics if topic.start_ns is not None]
     ends = [topic.end_ns for topic in topics if topic.end_ns is not None]
     return BagSummary(
@@ -132,12 +134,6 @@ def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSu
         compression=', '.join(sorted(index.compressions - {'none', ''})) or 'none',
         complete=index.complete,
         findings=tuple(index.findings),
-    )
-
-
-def _topics(stamps: Mapping[TopicKey, list[StampArray]]) -> tuple[TopicSummary, ...]:
-    return tuple(
-        summarize_topic(*key, np.concatenate(pieces)) for key, pieces in sorted(stamps.items())
     )
 
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging, keep_all, keep_all_but_files, staged_file
+from ..files.replacing import keep_all, keep_all_but_files
+from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
 from ..options.table import make_settings
 from ..report.gather import gather

@@ -8,7 +8,8 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from ..files.staging import keep_all, refuse_inside, staged_file
+from ..files.replacing import keep_all
+from ..files.staging import refuse_inside, staged_file
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.streams import Stream

@@ -10,7 +10,8 @@ from contextlib import closing
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from ..files.staging import keep_all, keep_all_but_files, staged_file
+from ..files.replacing import keep_all, keep_all_but_files
+from ..files.staging import staged_file
 from ..model.errors import UsageError
 from ..options.table import make_settings
 from ..player.source import open_program

@@ -15,7 +15,7 @@ from .looks import bgr, class_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
 from .scales import SCALES, colored
-from .strokes import cut_segments, dashes, draw_segments, has_pixels, new_picture, size_of
+from .strokes import cut_segments, dashes, draw_segments, has_pixels, new_picture, sides_of, size_of
 from .text import Tag, draw_tags, extent_of, put_text
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def draw_footprints(
     for place in reversed(range(len(shown))):
         (each, predicted), outline = shown[place], outlines[place]
         color = class_color(each.kind)
-        sides, _ = cut_segments(np.stack([outline, np.roll(outline, -1, axis=0)], axis=1), size)
+        sides, _ = cut_segments(sides_of(outline), size)
         if not len(sides):
             continue
         width = 1 if predicted or np.ptp(outline, axis=0).max() < _SMALL else 2
@@ -224,8 +224,8 @@ def _draw_ego(picture: Pixels, view: BirdView) -> None:
     side = width / 2
     corners = np.array([(front, side), (front, -side), (rear, -side), (rear, side)])
     nose = np.array([(rear + 0.7 * length, side), (front, 0.0), (rear + 0.7 * length, -side)])
-    outline = view.pixels(corners)
-    lines = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
     wedge = view.pixels(nose)
-    lines = np.concatenate([lines, np.stack([wedge[:-1], wedge[1:]], axis=1)])
+    lines = np.concatenate(
+        [sides_of(view.pixels(corners)), np.stack([wedge[:-1], wedge[1:]], axis=1)]
+    )
     draw_segments(picture, cut_segments(lines, size_of(picture))[0], bgr(EGO_COLOR), 2)

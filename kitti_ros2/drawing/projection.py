@@ -21,6 +21,7 @@ import numpy as np
 from ..model.boxes import NEAR_M
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
+from .strokes import sides_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -81,19 +82,6 @@ class Projection:
             return replace(self, k=resize @ self.k)
         return replace(self, matrix=resize @ self.matrix)
 
-    def project(self, points: npt.ArrayLike) -> tuple[Float64Array, Float64Array]:
-        """Return pixels and depths of points.
-
-        Args:
-            points: (N, 3) in velo_link, metres.
-
-        Returns:
-            (N, 2) u and v, NaN for a point that the camera cannot see: behind it, or so far to the
-            side that the distortion would fold it back; (N,) depth in metres.
-        """
-        seen = self.homogeneous(points)
-        return self.pixels(seen), seen[:, 2]
-
     def homogeneous(self, points: npt.ArrayLike) -> Float64Array:
         """Transform (..., 3) points in velo_link to the input of pixels(); lines stay lines."""
         places = np.ascontiguousarray(points, np.float64)
@@ -104,7 +92,10 @@ class Projection:
         return np.asarray(seen, np.float64).reshape(places.shape)
 
     def pixels(self, seen: Float64Array) -> Float64Array:
-        """Return (..., 2) pixels of homogeneous points, NaN for invisible ones."""
+        """Return (..., 2) pixels, u and v, of homogeneous points; NaN for invisible ones.
+
+        These are behind the camera, or so far to the side that the distortion would fold them back.
+        """
         with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
             flat = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
             if self.k is None or self.d is None:
@@ -138,7 +129,7 @@ class Projection:
         Args:
             corners: (V, 3) in velo_link, metres, in order; K is 0 for one wholly behind.
         """
-        pieces, _ = self.segments(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+        pieces, _ = self.segments(sides_of(corners))
         return pieces.reshape(-1, 2)
 
 

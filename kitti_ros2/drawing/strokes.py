@@ -157,14 +157,9 @@ def tint_polygon(picture: Pixels, corners: Float64Array, color: Color, alpha: fl
 
 def rectangle_segments(bounds: Float64Array) -> Float64Array:
     """Return (4 N, 2, 2) sides of (N, 4) rectangles left, top, right, bottom."""
-    left, top, right, bottom = bounds.T
-    corners = np.stack(
-        [
-            np.stack([left, top], axis=-1),
-            np.stack([right, top], axis=-1),
-            np.stack([right, bottom], axis=-1),
-            np.stack([left, bottom], axis=-1),
-        ],
-        axis=1,
-    )
-    return np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    return sides_of(bounds[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]).reshape(-1, 2, 2)
+
+
+def sides_of(corners: Float64Array) -> Float64Array:
+    """Return (..., V, 2, D) sides of polygons of (..., V, D) corners."""
+    return np.stack([corners, np.roll(corners, -1, axis=-2)], axis=-2)

@@ -18,22 +18,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, OutputExistsError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Iterator
 
 _REPLACED = 'replaced'
 _NAMED = 'named'
-_NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
-_IN_FILE = [each for each in CONTAINERS.values() if each.in_file]
-_MAGICS = tuple(each.magic for each in _IN_FILE)
-_DIRECTORY_FILES = (
-    *(suffix for each in CONTAINERS.values() for suffix in (each.suffix, *each.side_suffixes)),
-    '.zstd',
-)
-_WITHOUT_METADATA = tuple(each.suffix for each in CONTAINERS.values() if not each.in_rosbag2)
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 # Errors of file systems without locks; there a concurrent second run is not detected.
@@ -259,35 +250,6 @@ def refuse_inside(source: Path, out: Path) -> None:
         raise UsageError(f'{out}: lies inside the recording {source}; give a path outside of it')
 
 
-def keep_all_but_bags(path: Path) -> str | None:
-    """Return why --overwrite does not replace a path; None for a bag."""
-    return None if _looks_like_bag(path) else _NO_BAG
-
-
-def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
-    """Return why a path is not replaced, whatever it is."""
-    return 'choose another name, or pass --overwrite'
-
-
-def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Path], str | None]:
-    """Return a refusal for Staging that lets only files of one kind be replaced.
-
-    Args:
-        what: The kind as messages name it, such as picture.
-        beginnings: First bytes of such files; empty files may be replaced as well.
-    """
-
-    def refusal(path: Path) -> str | None:
-        if path.is_file():
-            with path.open('rb') as file:
-                head = file.read(max(map(len, beginnings))).lower()
-            if not head or any(head.startswith(each.lower()) for each in beginnings):
-                return None
-        return f'it is no {what}, so --overwrite does not touch it; choose another name'
-
-    return refusal
-
-
 @contextmanager
 def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Path]:
     """Yield a path of the same name to write a file to; on success it is moved to out.
@@ -308,26 +270,6 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         staging.publish()
     finally:
         staging.discard()
-
-
-def _looks_like_bag(path: Path) -> bool:
-    if path.is_file():
-        with path.open('rb') as file:
-            head = file.read(max(map(len, _MAGICS)))
-        known = path.suffix in {each.suffix for each in _IN_FILE}
-        return known and (not head or head.startswith(_MAGICS))
-    if not path.is_dir():
-        return False
-    names = set()
-    for entry in path.iterdir():
-        if entry.is_symlink() or not entry.is_file():
-            return False
-        names.add(entry.name)
-    files = {name for name in names if name.endswith(_DIRECTORY_FILES)}
-    if names - files - {'metadata.yaml'}:
-        return False
-    # A split ROS 1 bag has no metadata.yaml; an empty directory may be replaced as well.
-    return 'metadata.yaml' in names or all(name.endswith(_WITHOUT_METADATA) for name in names)
 
 
 def _make_parents(folder: Path) -> list[Path]:

@@ -137,11 +137,11 @@ def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]
 
 
 def _from_path(path: Path, plan: Plan) -> Calibration:
-    if STORE.is_dir(path):
+    if path.is_dir():
         texts = {
             name: STORE.read_text(path / name)
             for name in names.RAW_CALIB
-            if STORE.is_file(path / name)
+            if (path / name).is_file()
         }
         found = parse_raw_calibration(texts, path, rectified=not is_extract(plan))
     else:

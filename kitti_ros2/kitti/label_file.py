@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from ..model.samples import TextFile
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
-EMPTY_OBJECT_LINE = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
-"""A line for empty object files, for loaders that fail on a file without lines."""
 
 _OBJECT_COLUMNS = 15
 _TRACKING_COLUMNS = 17
@@ -48,18 +46,6 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
     Object and tracking lines differ in their number of columns.
     """
     return parse_lines(text, path, EXPECTED, parse_box)
-
-
-def parse_boxes(text: str, path: Path | str) -> list[Box]:
-    """Parse all boxes of a label file.
-
-    Raises:
-        BadFileError: A line is no label; the error contains the first one.
-    """
-    lines = parse_labels(text, path)
-    for error in lines.errors.values():
-        raise error
-    return [box for box in lines.values if box is not None]
 
 
 def frame_labels(

@@ -8,6 +8,7 @@ What else differs between layouts is in LayoutTraits.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..model.errors import AmbiguousLayoutError, AmbiguousSequenceError, NotKittiError, UsageError
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .recording import KittiRecording
+    from .write_object import WriteOptions
     from .writer import LayoutWriter
 
 
@@ -47,20 +49,14 @@ def find_raw(path: Path) -> list[Candidate]:
     if not drives:
         for date in _subfolders(path, lambda folder: bool(names.RAW_DATE.fullmatch(folder.name))):
             drives += _subfolders(date, _is_drive)
-    return [
-        Candidate(drive.name, lambda options, drive=drive: RawRecording(drive, options))  # type: ignore[misc]
-        for drive in drives
-    ]
+    return [Candidate(drive.name, partial(RawRecording, drive)) for drive in drives]
 
 
 def find_object(path: Path) -> list[Candidate]:
     """Find the splits of an object set at a path: the root's, or the split itself."""
     splits = [path] if _is_object_split(path) else []
     splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
-    return [
-        Candidate(split.name, lambda options, split=split: ObjectRecording(split, options))  # type: ignore[misc]
-        for split in splits
-    ]
+    return [Candidate(split.name, partial(ObjectRecording, split)) for split in splits]
 
 
 def find_odometry(path: Path) -> list[Candidate]:
@@ -69,10 +65,7 @@ def find_odometry(path: Path) -> list[Candidate]:
     for root in (path, path / names.SEQUENCES, path / 'dataset' / names.SEQUENCES):
         if not sequences and root.name == names.SEQUENCES:
             sequences = _subfolders(root, _is_sequence)
-    return [
-        Candidate(folder.name, lambda options, folder=folder: OdometryRecording(folder, options))  # type: ignore[misc]
-        for folder in sequences
-    ]
+    return [Candidate(folder.name, partial(OdometryRecording, folder)) for folder in sequences]
 
 
 def find_tracking(path: Path) -> list[Candidate]:
@@ -81,22 +74,8 @@ def find_tracking(path: Path) -> list[Candidate]:
     for split in (path, *(path / name for name in names.SPLITS)):
         for sequence in _tracking_sequences(split):
             name = f'testing/{sequence}' if split.name == 'testing' and split != path else sequence
-
-            def open_(
-                options: ReadOptions, split: Path = split, sequence: str = sequence
-            ) -> KittiRecording:
-                return TrackingRecording(split, sequence, options)
-
-            candidates.append(Candidate(name, open_))
+            candidates.append(Candidate(name, partial(TrackingRecording, split, sequence)))
     return candidates
-
-
-@dataclass(frozen=True)
-class WriteOptions:
-    """How object sets are written: see ObjectWriter."""
-
-    label_decimals: int = 2
-    train_fraction: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -111,7 +90,7 @@ class LayoutFiles:
     """
 
     find: Callable[[Path], list[Candidate]]
-    write: Callable[[Path, str, WriteOptions], LayoutWriter]
+    write: Callable[[Path, str, WriteOptions | None], LayoutWriter]
     line_folders: Mapping[Stream, str] = field(default_factory=dict)
 
 
@@ -119,9 +98,7 @@ LAYOUTS = {
     Layout.RAW: LayoutFiles(
         find_raw, lambda root, name, _: RawWriter(root, *names.parse_drive(name))
     ),
-    Layout.OBJECT: LayoutFiles(
-        find_object, lambda root, name, options: ObjectWriter(root, name, **vars(options))
-    ),
+    Layout.OBJECT: LayoutFiles(find_object, ObjectWriter),
     Layout.ODOMETRY: LayoutFiles(
         find_odometry,
         lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
@@ -142,12 +119,12 @@ LAYOUTS = {
 def make_writer(
     layout: Layout, root: Path, name: str, options: WriteOptions | None = None
 ) -> LayoutWriter:
-    """Make the writer of a layout, for a recording of a name.
+    """Make the writer of a layout, for a recording of a name; the options are for object sets.
 
     Raises:
         UsageError: The layout has no such name.
     """
-    return LAYOUTS[layout].write(root, name, options or WriteOptions())
+    return LAYOUTS[layout].write(root, name, options)
 
 
 def guess_layout(path: Path) -> Layout:
@@ -157,7 +134,7 @@ def guess_layout(path: Path) -> Layout:
         NotKittiError: There is no such folder, or it fits no layout.
         AmbiguousLayoutError: It fits several.
     """
-    if not STORE.is_dir(path):
+    if not path.is_dir():
         found = 'is a file' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value for layout in LAYOUTS])
     fits = [layout for layout, files in LAYOUTS.items() if files.find(path)]
@@ -188,7 +165,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    candidates = LAYOUTS[layout].find(path) if STORE.is_dir(path) else []
+    candidates = LAYOUTS[layout].find(path) if path.is_dir() else []
     if not candidates:
         found = f'no {layout.value} recording' if path.exists() else 'no such folder'
         raise NotKittiError(path, found, [layout.value])
@@ -236,7 +213,7 @@ def _subfolders(path: Path, wanted: Callable[[Path], bool]) -> list[Path]:
 def _is_drive(path: Path) -> bool:
     folders = [path / name for name in (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)]
     return any(
-        STORE.is_dir(folder / names.RAW_DATA) or STORE.is_file(folder / names.TIMESTAMPS)
+        (folder / names.RAW_DATA).is_dir() or (folder / names.TIMESTAMPS).is_file()
         for folder in folders
     )
 
@@ -259,8 +236,8 @@ def _has_object_text(path: Path) -> bool:
 
 def _has_odometry_text(path: Path) -> bool:
     return (
-        STORE.is_file(path / names.ODOMETRY_CALIB)
-        or STORE.is_file(path / names.TIMES)
+        (path / names.ODOMETRY_CALIB).is_file()
+        or (path / names.TIMES).is_file()
         or any(name.endswith(names.LABEL) for name in STORE.names(path / names.POINT_LABELS))
     )
 
@@ -286,7 +263,7 @@ def _tracking_sequences(split: Path) -> list[str]:
         found |= {
             name
             for name in STORE.names(split / folder)
-            if _is_sequence_name(name) and STORE.is_dir(split / folder / name)
+            if _is_sequence_name(name) and (split / folder / name).is_dir()
         }
     for folder in (names.CALIB, names.OXTS, names.TRACKING_LABELS):
         found |= {

@@ -63,6 +63,16 @@ def file_name(number: int, digits: int, suffix: str) -> str:
     return f'{number:0{digits}d}{suffix}'
 
 
+def check_split(name: str) -> None:
+    """Check the name of a split.
+
+    Raises:
+        UsageError: There is no such split.
+    """
+    if name not in SPLITS:
+        raise UsageError(f'no split {name!r}; there are {" and ".join(SPLITS)}')
+
+
 def parse_drive(name: str) -> tuple[str, int, str]:
     """Parse the name of a raw drive into date, number and kind (sync or extract).
 

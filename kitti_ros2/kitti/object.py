@@ -16,7 +16,7 @@ import numpy as np
 
 from ..model.errors import BadFileError, describe_error
 from ..model.layouts import Layout
-from ..model.samples import FrameLabels, TextFile
+from ..model.samples import TextFile
 from ..model.streams import Stream
 from . import append_journal, names
 from .label_file import frame_labels, parse_labels
@@ -26,7 +26,7 @@ from .store import STORE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..model.samples import Calibration, Description
+    from ..model.samples import Calibration, Description, FrameLabels
     from ..options.read import ReadOptions
     from .append_journal import AppendJournal
     from .store import Listing
@@ -56,10 +56,10 @@ class ObjectRecording(KittiRecording):
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
         self._find_gaps(folders)
         self._add_turns()
-        others = [n for n in STORE.names(split) if n not in _KNOWN and STORE.is_dir(split / n)]
+        others = [n for n in STORE.names(split) if n not in _KNOWN and (split / n).is_dir()]
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')
-        self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
+        self._calibration_cached = lru_cache(maxsize=32)(self._calibration_of)
 
     def _find_journal(self) -> AppendJournal | None:
         """Find the journal of an incomplete append: its frames are left out."""
@@ -69,7 +69,7 @@ class ObjectRecording(KittiRecording):
         except (BadFileError, OSError) as error:
             self._lose_lines(Stream.RECORDING, describe_error(error))
             return None
-        if STORE.is_dir(work):
+        if work.is_dir():
             self.notes.append(
                 f'{work}: an append is running or was interrupted; its frames are left out'
             )
@@ -97,7 +97,7 @@ class ObjectRecording(KittiRecording):
         earlier = [
             TextFile(path, STORE.read_text(before / path))
             for path in map(str, self._journal.lists)
-            if STORE.is_file(before / path)  # else it has been restored already
+            if (before / path).is_file()  # else it has been restored already
         ]
         replaced = {file.name for file in earlier} | set(map(str, self._journal.files))
         files = [file for file in found.files if file.name not in replaced]
@@ -107,10 +107,9 @@ class ObjectRecording(KittiRecording):
         """Return the calibration of a frame."""
         return self._calibration_cached(number)
 
-    def _calibration(self, number: int) -> Calibration:
+    def _calibration_of(self, number: int) -> Calibration:
         name = names.file_name(number, names.FRAME_DIGITS, names.TXT)
-        path = self.split / names.CALIB / name
-        return self._load_calibration(path)
+        return self._load_calibration(self.split / names.CALIB / name)
 
     def text_paths(self) -> list[Path]:
         """List the lists of frames in ImageSets."""
@@ -123,5 +122,4 @@ class ObjectRecording(KittiRecording):
     def _labels(self, number: int) -> FrameLabels:
         path = self._listings[Stream.LABELS].path(number)
         text = STORE.read_text(path)
-        source = TextFile(path.relative_to(self.root).as_posix(), text)
-        return frame_labels(parse_labels(text, path), source, path)
+        return frame_labels(parse_labels(text, path), self._verbatim(path, text), path)

@@ -54,7 +54,7 @@ class OdometryRecording(KittiRecording):
         }
         for stream, (folder, suffix) in folders.items():
             listing = STORE.list_numbered(sequence / folder, (suffix,), names.FRAME_DIGITS)
-            if not STORE.is_dir(sequence / folder):
+            if not (sequence / folder).is_dir():
                 self.notes.append(f'{sequence / folder}: absent, {stream.value} is left out')
             elif self._times is None:
                 self._add_nominal(stream, listing.numbers, listing)
@@ -62,7 +62,7 @@ class OdometryRecording(KittiRecording):
                 self._add_stamped(stream, listing, self._times, self._times_path)
         self._add_poses()
         labels = sequence / names.POINT_LABELS
-        if STORE.is_dir(labels) and not options.semantic:
+        if labels.is_dir() and not options.semantic:
             self.notes.append(f'{labels}: not converted; --semantic takes it')
         if Stream.POSE in self.streams and self.calibration(0).cam0_T_velo is None:
             self.notes.append(f'{self._poses_path}: carried to imu_link by a nominal cam0_T_velo')
@@ -78,20 +78,12 @@ class OdometryRecording(KittiRecording):
     @cached_property
     def _times(self) -> Lines[int] | None:
         """The stamps by frame: the epoch of the options plus times.txt."""
-        if not STORE.is_file(self._times_path):
+        if not self._times_path.is_file():
             return None
         offsets = parse_times(self._text(self._times_path, Stream.SCAN), self._times_path)
         epoch = self.options.epoch_ns
         stamps = [None if offset is None else epoch + offset for offset in offsets.values]
         return Lines([s if s is None or s <= LAST_NS else None for s in stamps], offsets.errors)
-
-    def _text(self, path: Path, stream: Stream) -> str:
-        """Read a text file; an unreadable one is empty, and a loss of a stream."""
-        try:
-            return STORE.read_text(path)
-        except (BadFileError, OSError) as error:
-            self._lose_lines(stream, str(error))
-            return ''
 
     @cached_property
     def _poses_path(self) -> Path:
@@ -99,12 +91,10 @@ class OdometryRecording(KittiRecording):
             self.root / names.POSES / f'{self.sequence.name}{names.TXT}',
             self.sequence / f'{names.POSES}{names.TXT}',
         )
-        return next((path for path in candidates if STORE.is_file(path)), candidates[0])
+        return next((path for path in candidates if path.is_file()), candidates[0])
 
     @cached_property
     def _poses(self) -> Lines[Float64Array]:
-        if not STORE.is_file(self._poses_path):
-            return Lines([], {})
         return parse_poses(self._text(self._poses_path, Stream.POSE), self._poses_path)
 
     def _add_poses(self) -> None:
@@ -113,34 +103,22 @@ class OdometryRecording(KittiRecording):
             return
         for error in self._poses.errors.values():
             self._lose_lines(Stream.POSE, str(error))
-        numbers = np.array([n for n, pose in enumerate(self._poses.values) if pose is not None])
+        numbers = list(self._poses.sound())
         if self._times is None:
-            self._add_nominal(Stream.POSE, numbers.astype(np.int64), None)
+            self._add_nominal(Stream.POSE, np.array(numbers, dtype=np.int64), None)
             return
-        stamps = self._times.values
-        beyond = [n for n in numbers.tolist() if n >= len(stamps) or stamps[n] is None]
-        known = set(numbers.tolist()) | {
-            n for n, pose in enumerate(self._poses.values) if pose is None
-        }
-        short = [n for n in range(len(stamps)) if n not in known]
+        short = list(range(len(self._poses), len(self._times)))
         self._lose(Stream.POSE, short, f'{self._poses_path}: no line for frames {{}}')
+        beyond = self._add_at(Stream.POSE, numbers, self._times.values)
         self._lose(Stream.POSE, beyond, f'{self._times_path}: no time for the poses of frames {{}}')
-        good = [n for n in numbers.tolist() if n < len(stamps) and stamps[n] is not None]
-        stamps_ns = np.array([stamps[n] for n in good], dtype=np.int64)
-        self._add(Stream.POSE, np.array(good, dtype=np.int64), stamps_ns, None)
 
     @cached_property
     def _calibration(self) -> Calibration:
-        path = self.sequence / names.ODOMETRY_CALIB
-        return self._load_calibration(path)
-
-    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
-        """Return the calibration of the sequence."""
-        return self._calibration
+        return self._load_calibration(self.sequence / names.ODOMETRY_CALIB)
 
     def text_paths(self) -> list[Path]:
         """List the files of times and poses."""
-        return [path for path in (self._times_path, self._poses_path) if STORE.is_file(path)]
+        return [path for path in (self._times_path, self._poses_path) if path.is_file()]
 
     def _scan(self, number: int) -> Scan:
         scan = super()._scan(number)

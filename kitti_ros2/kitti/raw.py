@@ -29,7 +29,6 @@ from .store import STORE
 from .tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from ..model.boxes import Cuboid
@@ -58,7 +57,7 @@ class RawRecording(KittiRecording):
             for index, folder in enumerate(names.RAW_IMAGES)
         }
         self._stampless = not any(
-            STORE.is_file(drive / folder / names.TIMESTAMPS) for folder, _ in folders.values()
+            (drive / folder / names.TIMESTAMPS).is_file() for folder, _ in folders.values()
         )
         self.clock = Clock.NOMINAL if self._stampless else Clock.UTC
         self._unread: set[Stream] = set()
@@ -70,14 +69,19 @@ class RawRecording(KittiRecording):
         self._sweeps = tuple(
             self._sweep_stamps(name) for name in (names.TIMESTAMPS_START, names.TIMESTAMPS_END)
         )
-        self._add_turns(*(dict(_known(stamps)) for stamps in self._sweeps))
+        self._add_turns(
+            *(
+                {number: stamp for number, stamp in enumerate(stamps) if stamp is not None}
+                for stamps in self._sweeps
+            )
+        )
         self._add_tracklets()
         if self._stampless and self.streams:
             self._find_gaps(folders)
             self.notes.append(f'{drive}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
 
     def _add_folder(self, stream: Stream, folder: Path, suffixes: tuple[str, ...]) -> None:
-        if not STORE.is_dir(folder):
+        if not folder.is_dir():
             self.notes.append(f'{folder}: absent, {stream.value} is left out')
             return
         try:
@@ -89,7 +93,7 @@ class RawRecording(KittiRecording):
         stamps_path = folder / names.TIMESTAMPS
         if self._stampless:
             self._add_nominal(stream, listing.numbers, listing)
-        elif STORE.is_file(stamps_path):
+        elif stamps_path.is_file():
             stamps, reason = self._stamps(stamps_path)
             if stamps is None:
                 self._unread.add(stream)
@@ -112,10 +116,10 @@ class RawRecording(KittiRecording):
 
     @cached_property
     def _calibration(self) -> Calibration:
-        folder = next(
-            (folder for folder in (self.root, self.drive) if self._has_calibration(folder)),
-            self.root,
-        )
+        """The calibration of the drive's date."""
+        folders = (self.root, self.drive)
+        known = (each for each in folders if any((each / n).is_file() for n in names.RAW_CALIB))
+        folder = next(known, self.root)
         texts, missing = {}, {}
         for name in names.RAW_CALIB:
             try:
@@ -132,20 +136,12 @@ class RawRecording(KittiRecording):
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
         return replace(found, files=files, missing={**found.missing, **missing})
 
-    @staticmethod
-    def _has_calibration(folder: Path) -> bool:
-        return any(STORE.is_file(folder / name) for name in names.RAW_CALIB)
-
-    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the whole drive
-        """Return the calibration of the drive's date."""
-        return self._calibration
-
     def text_paths(self) -> list[Path]:
         """List the time stamps and data format of every stream, and the tracklets."""
         files = (names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END, names.DATAFORMAT)
         folders = (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)
         paths = [self.drive / folder / file for folder in folders for file in files]
-        return [path for path in (*paths, self.drive / names.RAW_TRACKLETS) if STORE.is_file(path)]
+        return [path for path in (*paths, self.drive / names.RAW_TRACKLETS) if path.is_file()]
 
     def _scan(self, number: int) -> Scan:
         listing = self._listings[Stream.SCAN]
@@ -158,7 +154,7 @@ class RawRecording(KittiRecording):
     def _sweep_stamps(self, name: str) -> list[int | None]:
         """Read the starts or ends of all sweeps; missing ones are losses."""
         path = self.drive / names.RAW_SCANS / name
-        if not STORE.is_file(path):
+        if not path.is_file():
             return []
         stamps, reason = self._stamps(path)
         values = stamps.values if stamps is not None else []
@@ -173,7 +169,7 @@ class RawRecording(KittiRecording):
     @cached_property
     def _cuboids(self) -> dict[int, list[Cuboid]]:
         path = self.drive / names.RAW_TRACKLETS
-        if not STORE.is_file(path):
+        if not path.is_file():
             return {}
         try:
             return cuboids_by_frame(parse_tracklets(STORE.read(path), path))
@@ -189,17 +185,13 @@ class RawRecording(KittiRecording):
         scanned = Stream.SCAN in self.streams or Stream.SCAN in self._unread
         scan_stamps = f'{names.RAW_SCANS}/{names.TIMESTAMPS}'
         path = self.drive / (scan_stamps if scanned else names.RAW_LABEL_STAMPS)
-        stamps, _ = self._stamps(path) if STORE.is_file(path) else (None, '')
-        numbers = np.array(sorted(self._cuboids), dtype=np.int64)
+        stamps, _ = self._stamps(path) if path.is_file() else (None, '')
+        numbers = sorted(self._cuboids)
         if self._stampless:
-            self._add_nominal(Stream.LABELS, numbers, None)
+            self._add_nominal(Stream.LABELS, np.array(numbers, dtype=np.int64), None)
             return
-        values = [] if stamps is None else stamps.values
-        good = [n for n in numbers.tolist() if n < len(values) and values[n] is not None]
-        without = sorted(set(numbers.tolist()) - set(good))
+        without = self._add_at(Stream.LABELS, numbers, [] if stamps is None else stamps.values)
         self._lose(Stream.LABELS, without, f'{path}: no stamp for the tracklets of frames {{}}')
-        stamps_ns = np.array([values[number] for number in good], dtype=np.int64)
-        self._add(Stream.LABELS, np.array(good, dtype=np.int64), stamps_ns, None)
 
     def _labels(self, number: int) -> FrameLabels:
         return labels_of_tracklets(self._cuboids[number], self.drive / names.RAW_TRACKLETS)
@@ -213,9 +205,4 @@ class RawRecording(KittiRecording):
     def _packet(self, number: int) -> OxtsPacket:
         path = self._listings[Stream.OXTS].path(number)
         text = STORE.read_text(path)
-        return parse_packet(text, path, 1, TextFile(path.relative_to(self.root).as_posix(), text))
-
-
-def _known(stamps: Sequence[int | None]) -> Iterator[tuple[int, int]]:
-    """Yield the readable stamps with their file numbers."""
-    return ((number, stamp) for number, stamp in enumerate(stamps) if stamp is not None)
+        return parse_packet(text, path, 1, self._verbatim(path, text))

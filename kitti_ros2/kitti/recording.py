@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from ..model.layouts import Layout
     from ..options.read import ReadOptions
 
+T = TypeVar('T')
+
 
 class KittiRecording(RecordingIndex):
     """The common part of the readers of all layouts."""
@@ -70,8 +72,13 @@ class KittiRecording(RecordingIndex):
         """List the existing text files of the whole recording."""
         return []
 
-    def calibration(self, number: int) -> Calibration:
+    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for all frames
         """Return the calibration of a frame; absent parts are listed in its missing."""
+        return self._calibration
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        """The calibration of layouts that have one for all frames."""
         raise NotImplementedError
 
     def describe(self) -> Description:
@@ -96,27 +103,34 @@ class KittiRecording(RecordingIndex):
         files: list[TextFile] = []
         missing: dict[str, str] = {}
         for path in self.text_paths():
-            name = path.relative_to(self.root).as_posix()
             try:
-                files.append(TextFile(name, STORE.read_text(path)))
+                files.append(self._verbatim(path, STORE.read_text(path)))
             except (BadFileError, OSError) as error:
-                missing[name] = str(error)
+                missing[path.relative_to(self.root).as_posix()] = str(error)
         return Description(values, files, missing)
 
     @cached_property
     def start(self) -> Start | None:
         """The first readable pose of the whole recording; see model.recording."""
-        index = self.streams.get(Stream.POSE)
+        pose = self._first(Stream.POSE, self._pose)
+        return None if pose is None else Start(pose.world_T_imu, self.level_poses)
+
+    def _first(self, stream: Stream, read: Callable[[int], T]) -> T | None:
+        """Return the first readable sample of a stream, None without one.
+
+        The poses begin there: if it is not the first, all differ, which is reported as a loss.
+        """
+        index = self.streams.get(stream)
         failure = ''
         for number in () if index is None else index.numbers.tolist():
             try:
-                pose = self._pose(number)
+                sample = read(number)
             except (KittiRos2Error, OSError) as error:
                 failure = failure or describe_error(error)
                 continue
             if failure:
                 self._lose_late(Stream.POSE, f'{failure}; map begins at frame {number} instead')
-            return Start(pose.world_T_imu, self.level_poses)
+            return sample
         return None
 
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
@@ -198,22 +212,12 @@ class KittiRecording(RecordingIndex):
 
     @cached_property
     def _world(self) -> MercatorWorld:
-        """The fixed frame of the poses, at the first readable oxts packet.
-
-        If that is not the first packet, all poses differ, which is reported as a loss.
-        """
-        failure = ''
-        for number in self.streams[Stream.OXTS].numbers.tolist():
-            try:
-                origin = MercatorWorld.at(self._packet(number))
-            except (KittiRos2Error, OSError) as error:
-                failure = failure or describe_error(error)
-                continue
-            if failure:
-                reason = f'{failure}; map begins at frame {number} instead'
-                self._lose_late(Stream.POSE, reason)
-            return origin
-        raise MissingFileError(self.root, 'the origin of the map: not one oxts packet is readable')
+        """The fixed frame of the poses, at the first readable oxts packet."""
+        packet = self._first(Stream.OXTS, self._packet)
+        if packet is None:
+            needed_for = 'the origin of the map: not one oxts packet is readable'
+            raise MissingFileError(self.root, needed_for)
+        return MercatorWorld.at(packet)
 
     @property
     def _first_number(self) -> int:
@@ -251,12 +255,26 @@ class KittiRecording(RecordingIndex):
             return image.width, image.height
         return None
 
+    def _verbatim(self, path: Path, text: str) -> TextFile:
+        """Return a text of a file, or a part of it, under the file's name in the recording."""
+        return TextFile(path.relative_to(self.root).as_posix(), text)
+
+    def _text(self, path: Path, stream: Stream) -> str:
+        """Read a text file; one that is absent is empty, an unreadable one also a loss."""
+        if not path.is_file():
+            return ''
+        try:
+            return STORE.read_text(path)
+        except (BadFileError, OSError) as error:
+            self._lose_lines(stream, str(error))
+            return ''
+
     def _load_calibration(self, path: Path) -> Calibration:
         """Read a calibration of a single file; an unreadable one is empty, with the reason."""
         files: tuple[TextFile, ...] = ()
         try:
             text = STORE.read_text(path)
-            files = (TextFile(path.relative_to(self.root).as_posix(), text),)
+            files = (self._verbatim(path, text),)
             return parse_calibration(text, path, files[0].name)
         except FileNotFoundError:
             reason = f'{path}: no such file'

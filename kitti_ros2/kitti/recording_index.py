@@ -89,6 +89,15 @@ class RecordingIndex:
             )
         self._add(stream, np.array(good, dtype=np.int64), values, listing)
 
+    def _add_at(
+        self, stream: Stream, numbers: Sequence[int], stamps: Sequence[int | None]
+    ) -> list[int]:
+        """Add the samples that have a stamp, line n for number n; return the other numbers."""
+        good = [n for n in numbers if n < len(stamps) and stamps[n] is not None]
+        stamps_ns = np.array([stamps[n] for n in good], dtype=np.int64)
+        self._add(stream, np.array(good, dtype=np.int64), stamps_ns, None)
+        return sorted(set(numbers) - set(good))
+
     def _add_nominal(self, stream: Stream, numbers: Int64Array, listing: Listing | None) -> None:
         """Add a stream without time stamps: epoch plus file number times period, of the options."""
         epoch_ns, period_ns = self.options.epoch_ns, self.options.period_ns

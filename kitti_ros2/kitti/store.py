@@ -74,14 +74,6 @@ class LocalStore:
         numbers = np.array(by_suffix[suffix], dtype=np.int64)
         return Listing(folder, numbers, digits, suffix, tuple(strays))
 
-    def is_file(self, path: Path) -> bool:
-        """Whether a path is a file."""
-        return path.is_file()
-
-    def is_dir(self, path: Path) -> bool:
-        """Whether a path is a folder."""
-        return path.is_dir()
-
     def read(self, path: Path) -> bytes:
         """Read a whole file.
 
@@ -116,14 +108,6 @@ class LocalStore:
             head = file.read(length)
             file.seek(max(size - length, len(head)))
             return head + file.read(), size
-
-    def size(self, path: Path) -> int:
-        """Return the size of a file in bytes.
-
-        Raises:
-            OSError: There is no such file.
-        """
-        return path.stat().st_size
 
     def read_text(self, path: Path) -> str:
         """Read a whole text file, line ends unchanged.

@@ -16,7 +16,6 @@ import numpy as np
 
 from ..model.errors import BadFileError
 from ..model.layouts import Layout
-from ..model.samples import FrameLabels, TextFile
 from ..model.streams import IMAGE_STREAMS, Stream
 from . import names
 from .label_file import frame_labels, parse_labels
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.boxes import Box
-    from ..model.samples import Calibration, OxtsPacket
+    from ..model.samples import Calibration, FrameLabels, OxtsPacket
     from ..options.read import ReadOptions
     from .text_file import Lines
 
@@ -62,27 +61,17 @@ class TrackingRecording(KittiRecording):
 
     @cached_property
     def _oxts_lines(self) -> list[str]:
-        if not STORE.is_file(self._oxts_path):
+        if not self._oxts_path.is_file():
             self.notes.append(f'{self._oxts_path}: absent, oxts and pose are left out')
-        lines = self._lines(self._oxts_path, Stream.OXTS)
+        lines = self._text(self._oxts_path, Stream.OXTS).splitlines(keepends=True)
         while lines and not lines[-1].strip():
             lines.pop()
         return lines
 
-    def _lines(self, path: Path, stream: Stream) -> list[str]:
-        """Read the lines of a file, with their ends; none if it is absent or unreadable."""
-        if not STORE.is_file(path):
-            return []
-        try:
-            return STORE.read_text(path).splitlines(keepends=True)
-        except (BadFileError, OSError) as error:
-            self._lose_lines(stream, str(error))
-            return []
-
     @cached_property
     def _label_text(self) -> list[str]:
         """The lines of the label file, with their ends."""
-        return self._lines(self._labels_path, Stream.LABELS)
+        return self._text(self._labels_path, Stream.LABELS).splitlines(keepends=True)
 
     @cached_property
     def _label_boxes(self) -> Lines[Box]:
@@ -108,25 +97,19 @@ class TrackingRecording(KittiRecording):
     def _calibration(self) -> Calibration:
         return self._load_calibration(self._calib_path)
 
-    def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for the sequence
-        """Return the calibration of the sequence."""
-        return self._calibration
-
     def text_paths(self) -> list[Path]:
         """List the oxts and label files."""
-        return [path for path in (self._oxts_path, self._labels_path) if STORE.is_file(path)]
+        return [path for path in (self._oxts_path, self._labels_path) if path.is_file()]
 
     def _packet(self, number: int) -> OxtsPacket:
         line = self._oxts_lines[number]
-        return parse_packet(line, self._oxts_path, number + 1, self._source(self._oxts_path, line))
+        source = self._verbatim(self._oxts_path, line)
+        return parse_packet(line, self._oxts_path, number + 1, source)
 
     def _labels(self, number: int) -> FrameLabels:
         rows = self._label_rows[number]
-        source = self._source(self._labels_path, ''.join(self._label_text[row] for row in rows))
+        source = self._verbatim(self._labels_path, ''.join(self._label_text[row] for row in rows))
         return frame_labels(self._label_boxes, source, self._labels_path, rows)
-
-    def _source(self, path: Path, text: str) -> TextFile:
-        return TextFile(path.relative_to(self.root).as_posix(), text)
 
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""

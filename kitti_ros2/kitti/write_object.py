@@ -1,28 +1,42 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writer of the object layout: training (or testing) with a calibration a frame, and ImageSets."""
+"""Writer of the object layout: training (or testing) with a calibration a frame, and ImageSets.
+
+Files of a frame: calib/NNNNNN.txt, velodyne/NNNNNN.bin, image_C/NNNNNN.png, label_2/NNNNNN.txt.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
-from ..model.errors import UsageError
 from ..model.layouts import Layout
 from . import names
 from .calib_file import format_object
-from .label_file import EMPTY_OBJECT_LINE, format_object_labels
-from .scan_file import format_scan
+from .label_file import format_object_labels
 from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
     from ..model.boxes import Box
-    from ..model.samples import Calibration, Scan
+    from ..model.samples import Calibration
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """How a set is written.
+
+    Attributes:
+        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
+        train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
+    """
+
+    label_decimals: int = 2
+    train_fraction: float = 0.5
 
 
 class ObjectWriter(LayoutWriter):
@@ -31,9 +45,7 @@ class ObjectWriter(LayoutWriter):
     Args:
         root: The dataset folder, above training and ImageSets.
         split: training or testing.
-        dont_care_when_empty: Give a frame without objects a DontCare line instead of an empty file.
-        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
-        train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
+        options: Decimals of labels, parts of the set.
     """
 
     layout: ClassVar[Layout] = Layout.OBJECT
@@ -42,47 +54,21 @@ class ObjectWriter(LayoutWriter):
         self,
         root: Path,
         split: str = names.SPLITS[0],
-        *,
-        dont_care_when_empty: bool = False,
-        label_decimals: int = 2,
-        train_fraction: float = 0.5,
+        options: WriteOptions | None = None,
     ) -> None:
-        if split not in names.SPLITS:
-            raise UsageError(f'no split {split!r}; there are {" and ".join(names.SPLITS)}')
+        names.check_split(split)
         self.path = root / split
         self._sets_path = root / names.IMAGE_SETS
         self._split = split
-        self._dont_care_when_empty = dont_care_when_empty
-        self._label_decimals = label_decimals
-        self._train_fraction = train_fraction
+        self._options = options or WriteOptions()
         self._numbers: set[int] = set()
         self._unlisted: set[int] = set()
 
-    def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """Write calib/NNNNNN.txt."""
-        STORE.write_text(self._file(names.CALIB, number, names.TXT), format_object(calibration))
-
-    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """Write calib/NNNNNN.txt, verbatim."""
-        for text in texts.values():
-            STORE.write_text(self._file(names.CALIB, number, names.TXT), text)
-
-    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """Write velodyne/NNNNNN.bin."""
-        STORE.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
-
-    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """Write image_C/NNNNNN.png."""
-        STORE.write(self._file(names.OBJECT_IMAGES[camera], number, names.PNG), png)
-
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
-        text = labels if isinstance(labels, str) else ''
         if not isinstance(labels, str):
-            text = format_object_labels(labels, self._label_decimals)
-        if not text and self._dont_care_when_empty:
-            text = EMPTY_OBJECT_LINE
-        STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), text)
+            labels = format_object_labels(labels, self._options.label_decimals)
+        STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), labels)
 
     def leave_out(self, number: int) -> None:
         """Keep an incomplete frame out of ImageSets: loaders read the frames listed there."""
@@ -95,17 +81,23 @@ class ObjectWriter(LayoutWriter):
         lists: those of the other split are written empty, unless they exist.
         """
         numbers = sorted(self._numbers - self._unlisted)
-        part = ceil(len(numbers) * self._train_fraction)
+        part = ceil(len(numbers) * self._options.train_fraction)
         sets = {'test': numbers}
         if self._split == names.SPLITS[0]:
             sets = {'trainval': numbers, 'train': numbers[:part], 'val': numbers[part:]}
         for name in ('trainval', 'train', 'val', 'test'):
             path = self._sets_path / f'{name}{names.TXT}'
-            if name in sets or not STORE.is_file(path):
+            if name in sets or not path.is_file():
                 members = sets.get(name, [])
                 text = ''.join(f'{number:0{names.FRAME_DIGITS}d}\n' for number in members)
                 STORE.write_text(path, text)
 
+    def _calibration_path(self, number: int) -> Path:
+        return self._file(names.CALIB, number, names.TXT)
+
+    def _format_calibration(self, calibration: Calibration) -> str:
+        return format_object(calibration)
+
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         self._numbers.add(number)
-        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)
+        return super()._file(folder, number, suffix)

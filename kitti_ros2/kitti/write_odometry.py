@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
 """Writer of the odometry layout: sequences/NN and poses/NN.txt."""
 
 from __future__ import annotations
@@ -9,17 +8,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
-from ..model.streams import Stream
 from . import names
 from .calib_file import format_odometry
 from .poses_file import format_poses
-from .scan_file import format_scan
 from .stamps_file import format_times
 from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from ..model.geometry import Float64Array
@@ -43,30 +39,17 @@ class OdometryWriter(LayoutWriter):
         self._poses: list[Float64Array] = []
         self._stamps: dict[int, int] = {}
 
-    def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """Write calib.txt; the last one is kept."""
-        STORE.write_text(self.path / names.ODOMETRY_CALIB, format_odometry(calibration))
-
-    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """Write calib.txt, verbatim."""
-        for text in texts.values():
-            STORE.write_text(self.path / names.ODOMETRY_CALIB, text)
-
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne/NNNNNN.bin."""
         self._stamps.setdefault(number, stamp_ns)
-        name = names.file_name(number, names.FRAME_DIGITS, names.BIN)
-        STORE.write(self.path / names.SCANS / name, format_scan(scan.points))
+        super().write_scan(number, stamp_ns, scan)
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_C/NNNNNN.png; the benchmark's times are those of camera 0."""
-        if Stream(f'image_{camera}') not in self.accepts:
-            raise self._no_place(Stream(f'image_{camera}'))
+        super().write_image(camera, number, stamp_ns, png)
         if camera == 0:
             self._stamps[number] = stamp_ns
         self._stamps.setdefault(number, stamp_ns)
-        name = names.file_name(number, names.FRAME_DIGITS, names.PNG)
-        STORE.write(self.path / names.OBJECT_IMAGES[camera] / name, png)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
         """Write a line of poses/NN.txt.
@@ -98,3 +81,9 @@ class OdometryWriter(LayoutWriter):
         STORE.write_text(self.path / names.TIMES, format_times(offsets))
         if self._poses:
             STORE.write_text(self._poses_path, format_poses(self._poses))
+
+    def _calibration_path(self, number: int) -> Path:  # noqa: ARG002 - one for the sequence
+        return self.path / names.ODOMETRY_CALIB
+
+    def _format_calibration(self, calibration: Calibration) -> str:
+        return format_odometry(calibration)

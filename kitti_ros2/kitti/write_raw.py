@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..model.boxes import box_to_velo
 from ..model.errors import UsageError
 from ..model.labels import rect_from_velo
 from ..model.layouts import Layout
-from ..model.streams import Stream
+from ..model.losses import runs_of
 from . import names
-from .box_frames import box_to_velo
 from .calib_file import format_raw
 from .oxts_file import format_packet
-from .scan_file import format_scan, format_scan_text
+from .scan_file import format_scan
 from .stamps_file import format_timestamps
 from .store import STORE
 from .tracklet_file import (
@@ -83,7 +83,6 @@ class RawWriter(LayoutWriter):
         date: The drive's date, YYYY_MM_DD.
         drive: Its number.
         kind: sync or extract.
-        text_scans: Whether scans are text (millimetres), as in KITTI's own extracts.
     """
 
     layout: ClassVar[Layout] = Layout.RAW
@@ -94,8 +93,6 @@ class RawWriter(LayoutWriter):
         date: str = '2011_09_26',
         drive: int = 1,
         kind: str = KINDS[0],
-        *,
-        text_scans: bool = False,
     ) -> None:
         name = f'{date}_drive_{drive:04d}_{kind}'
         if names.RAW_DATE.fullmatch(date) is None or names.RAW_DRIVE.fullmatch(name) is None:
@@ -104,7 +101,6 @@ class RawWriter(LayoutWriter):
                 f' and {" or ".join(KINDS)}'
             )
         self.path = root / date / name
-        self._text_scans = text_scans
         self._stamps: dict[Path, dict[int, int]] = {}
         self._tracks: dict[int, dict[int, Box]] = {}
         self._labelled = False
@@ -123,9 +119,7 @@ class RawWriter(LayoutWriter):
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write velodyne_points/data; a sweep without start and end gets its own stamp for both."""
         folder = self.path / names.RAW_SCANS
-        suffix = names.TXT if self._text_scans else names.BIN
-        data = format_scan_text(scan.points) if self._text_scans else format_scan(scan.points)
-        self._write_data(folder, number, suffix, data)
+        self._write_data(folder, number, names.BIN, format_scan(scan.points))
         start = stamp_ns if scan.start_ns is None else scan.start_ns
         end = stamp_ns if scan.end_ns is None else scan.end_ns
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
@@ -134,8 +128,7 @@ class RawWriter(LayoutWriter):
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_0C/data."""
-        if Stream(f'image_{camera}') not in self.accepts:
-            raise self._no_place(Stream(f'image_{camera}'))
+        self._check_camera(camera)
         folder = self.path / names.RAW_IMAGES[camera]
         self._write_data(folder, number, names.PNG, png)
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
@@ -188,10 +181,10 @@ class RawWriter(LayoutWriter):
         """Return a tracklet for each run of consecutive frames of each track, by track id."""
         tracklets = []
         for _, boxes in sorted(self._tracks.items()):
-            for run in _consecutive_runs(sorted(boxes)):
-                first = boxes[run[0]]
-                poses = [self._tracklet_pose(boxes[number]) for number in run]
-                tracklets.append(Tracklet(first.kind, first.size_hwl, run[0], poses))
+            for first, last in runs_of(sorted(boxes)):
+                box = boxes[first]
+                poses = [self._tracklet_pose(boxes[n]) for n in range(first, last + 1)]
+                tracklets.append(Tracklet(box.kind, box.size_hwl, first, poses))
         return tracklets
 
     def _tracklet_pose(self, box: Box) -> TrackletPose:
@@ -220,13 +213,3 @@ def fill_stamps(stamps: Mapping[int, int]) -> list[int]:
         step = stamps[right] - stamps[left]
         filled += [stamps[left] + step * k // (right - left) for k in range(right - left)]
     return [*filled, stamps[last]]
-
-
-def _consecutive_runs(numbers: list[int]) -> list[list[int]]:
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return runs

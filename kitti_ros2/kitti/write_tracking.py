@@ -1,7 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-# ruff: noqa: ARG002 - one signature for all layouts, of which each uses its part
-"""Writer of the tracking layout: training (or testing), one folder or file a sequence."""
+"""Writer of the tracking layout: training (or testing), one folder or file a sequence.
+
+Files of a sequence: calib/SSSS.txt, oxts/SSSS.txt, label_02/SSSS.txt, velodyne/SSSS/NNNNNN.bin and
+image_0C/SSSS/NNNNNN.png.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,19 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
-from ..model.streams import Stream
 from . import names
 from .calib_file import format_tracking
 from .label_file import format_tracking_labels
 from .oxts_file import format_packet
-from .scan_file import format_scan
 from .store import STORE
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
     from ..model.boxes import Box
-    from ..model.samples import Calibration, OxtsPacket, Scan
+    from ..model.samples import Calibration, OxtsPacket
 
 PARTLY_TRUNCATED = 0.15
 LARGELY_TRUNCATED = 0.5
@@ -40,41 +41,22 @@ class TrackingWriter(LayoutWriter):
     """
 
     layout: ClassVar[Layout] = Layout.TRACKING
+    _images = names.TRACKING_IMAGES
 
-    def __init__(
-        self,
-        root: Path,
-        sequence: int = 0,
-        split: str = names.SPLITS[0],
-    ) -> None:
-        if split not in names.SPLITS:
-            raise UsageError(f'no split {split!r}; there are {" and ".join(names.SPLITS)}')
+    def __init__(self, root: Path, sequence: int = 0, split: str = names.SPLITS[0]) -> None:
+        names.check_split(split)
         self.path = root / split
         self._sequence = f'{sequence:0{names.SEQUENCE_DIGITS}d}'
         self._packets: list[str] = []
         self._labels: list[str] = []
         self._labelled = False
 
-    def write_calibration(self, number: int, calibration: Calibration) -> None:
-        """Write calib/SSSS.txt; the last one is kept."""
-        STORE.write_text(self._table(names.CALIB), format_tracking(calibration))
-
-    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
-        """Write calib/SSSS.txt, verbatim."""
-        for text in texts.values():
-            STORE.write_text(self._table(names.CALIB), text)
-
-    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """Write velodyne/SSSS/NNNNNN.bin."""
-        STORE.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
-
-    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """Write image_0C/SSSS/NNNNNN.png."""
-        if Stream(f'image_{camera}') not in self.accepts:
-            raise self._no_place(Stream(f'image_{camera}'))
-        STORE.write(self._file(names.TRACKING_IMAGES[camera], number, names.PNG), png)
-
-    def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
+    def write_oxts(
+        self,
+        number: int,
+        stamp_ns: int,  # noqa: ARG002 - the layout has no time
+        packet: OxtsPacket | str,
+    ) -> None:
         """Write a line of oxts/SSSS.txt.
 
         Raises:
@@ -113,9 +95,14 @@ class TrackingWriter(LayoutWriter):
         if self._labelled:
             STORE.write_text(self._table(names.TRACKING_LABELS), ''.join(self._labels))
 
+    def _calibration_path(self, number: int) -> Path:  # noqa: ARG002 - one for the sequence
+        return self._table(names.CALIB)
+
+    def _format_calibration(self, calibration: Calibration) -> str:
+        return format_tracking(calibration)
+
     def _file(self, folder: str, number: int, suffix: str) -> Path:
-        name = names.file_name(number, names.FRAME_DIGITS, suffix)
-        return self.path / folder / self._sequence / name
+        return super()._file(f'{folder}/{self._sequence}', number, suffix)
 
     def _table(self, folder: str) -> Path:
         return self.path / folder / f'{self._sequence}{names.TXT}'

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.streams import Stream
+from . import names
+from .scan_file import format_scan
+from .store import STORE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-    from types import TracebackType
+    from pathlib import Path
 
     from typing_extensions import Self
 
@@ -34,9 +37,12 @@ class LayoutWriter:
 
     Attributes:
         layout: The layout that it writes.
+        path: The folder of the drive, sequence or split.
     """
 
     layout: ClassVar[Layout]
+    path: Path
+    _images: ClassVar[tuple[str, ...]] = names.OBJECT_IMAGES
 
     @property
     def accepts(self) -> frozenset[Stream]:
@@ -46,30 +52,27 @@ class LayoutWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.close()
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write the calibration valid from a frame on; object sets need one for each frame."""
-        raise self._no_place(Stream.CALIBRATION)
+        STORE.write_text(self._calibration_path(number), self._format_calibration(calibration))
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calibration files verbatim, by file name."""
-        raise self._no_place(Stream.CALIBRATION)
+        for text in texts.values():
+            STORE.write_text(self._calibration_path(number), text)
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
         """Write one sweep."""
-        raise self._no_place(Stream.SCAN)
+        STORE.write(self._file(names.SCANS, number, names.BIN), format_scan(scan.points))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write one image, as the bytes of its PNG file."""
-        raise self._no_place(Stream(f'image_{camera}'))
+        self._check_camera(camera)
+        STORE.write(self._file(self._images[camera], number, names.PNG), png)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
         """Write one packet of the GPS/IMU unit, or its line verbatim."""
@@ -88,6 +91,23 @@ class LayoutWriter:
 
     def close(self) -> None:
         """Write the files that KITTI has once for the whole recording."""
+
+    def _check_camera(self, camera: int) -> None:
+        """Raise UsageError if the layout has no place for the images of a camera."""
+        stream = Stream(f'image_{camera}')
+        if stream not in self.accepts:
+            raise self._no_place(stream)
+
+    def _calibration_path(self, number: int) -> Path:
+        """Return the calibration file of a frame, or that of all frames, where the last is kept."""
+        raise NotImplementedError
+
+    def _format_calibration(self, calibration: Calibration) -> str:
+        raise NotImplementedError
+
+    def _file(self, folder: str, number: int, suffix: str) -> Path:
+        """Return the file of a frame in a folder of the layout."""
+        return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)
 
     def _no_place(self, stream: Stream) -> UsageError:
         return UsageError(

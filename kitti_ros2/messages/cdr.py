@@ -136,19 +136,19 @@ def _headers(msgtype: str) -> _Headers:
     """
     if msgtype not in TYPESTORE.fielddefs:
         return _Headers.NONE
-    fields = [_type_name(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
+    fields = [nested_type(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
     inner = [name for name in fields if name and name not in (_HEADER, _KEPT)]
     if any(_headers(name) is not _Headers.NONE for name in inner):
         return _Headers.WITHIN
     return _Headers.FIRST if fields[:1] == [_HEADER] else _Headers.NONE
 
 
-def _type_name(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
+def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
     """Return the message type of a field or its elements; None for numbers and strings."""
     kind, content = description
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        kind, content = content[0]
-    return content if kind is Nodetype.NAME else None
+        return nested_type(content[0])
+    return content if kind == Nodetype.NAME else None
 
 
 def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any rosbags class

@@ -14,6 +14,7 @@ rear right to rear left, seen in the box's own frame. Corner i + 4 is above corn
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan2, cos, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -125,8 +126,8 @@ def cuboid_corners(cuboids: Sequence[Cuboid]) -> Float64Array:
 def box_rotations(rotation_y: npt.ArrayLike) -> Float64Array:
     """Return (N, 3, 3) rect_R_box: columns are forward, left and up in the camera's frame."""
     angle = np.atleast_1d(np.asarray(rotation_y, np.float64))
-    cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = [[cos, sin, zero], [zero, zero, -one], [-sin, cos, zero]]
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    rows = [[c, s, zero], [zero, zero, -one], [-s, c, zero]]
     return np.moveaxis(np.array(rows), -1, 0)
 
 
@@ -144,25 +145,10 @@ def box_corners(
     return corners
 
 
-def boxes_of_corners(corners: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return (N, 3) location, (N, 3) size and (N,) rotation_y; the inverse of box_corners."""
-    forward = corners[:, 0] - corners[:, 3]
-    left = corners[:, 0] - corners[:, 1]
-    up = corners[:, 4] - corners[:, 0]
-    size = np.column_stack([np.linalg.norm(side, axis=1) for side in (up, left, forward)])
-    return corners[:, :4].mean(axis=1), size, np.arctan2(-forward[:, 2], forward[:, 0])
-
-
 def alpha_of(location: npt.ArrayLike, rotation_y: npt.ArrayLike) -> Float64Array:
     """Return (N,) observation angles: headings relative to the ray to the box, in [-pi, pi)."""
     place = np.atleast_2d(np.asarray(location, np.float64))
     return wrap_angle(np.asarray(rotation_y) - np.arctan2(place[:, 0], place[:, 2]))
-
-
-def rotation_y_of(location: npt.ArrayLike, alpha: npt.ArrayLike) -> Float64Array:
-    """Return (N,) headings; the inverse of alpha_of."""
-    place = np.atleast_2d(np.asarray(location, np.float64))
-    return wrap_angle(np.asarray(alpha) + np.arctan2(place[:, 0], place[:, 2]))
 
 
 def project_corners(corners: Float64Array, p_rect: Float64Array) -> Float64Array:
@@ -249,3 +235,27 @@ def box_of(
     forward = rect_t_box.rotation[:, 0]
     location = rect_t_box.translation + np.array([0.0, height / 2, 0.0])
     return location, (height, width, length), float(np.arctan2(-forward[2], forward[0]))
+
+
+def box_to_velo(
+    location: npt.ArrayLike, rotation_y: float, rect_T_velo: Transform
+) -> tuple[Float64Array, float]:
+    """Convert a label's location and rotation_y to bottom centre and yaw in velo_link.
+
+    A label's yaw is about the camera's y axis, a tracklet's about the scanner's z axis. The heading
+    is carried over as a vector: where the two axes are parallel this is exact, and
+    -(pi/2 + rotation_y) up to the small angle between the sensors.
+    """
+    velo_t_rect = rect_T_velo.inverse()
+    heading = velo_t_rect.rotation @ np.array([cos(rotation_y), 0.0, -sin(rotation_y)])
+    (centre,) = velo_t_rect.apply(np.reshape(location, (1, 3)))
+    return centre, atan2(heading[1], heading[0])
+
+
+def box_to_rect(
+    centre: npt.ArrayLike, yaw: float, rect_T_velo: Transform
+) -> tuple[Float64Array, float]:
+    """Convert a bottom centre and yaw in velo_link to location and rotation_y, as box_to_velo."""
+    heading = rect_T_velo.rotation @ np.array([cos(yaw), sin(yaw), 0.0])
+    (location,) = rect_T_velo.apply(np.reshape(centre, (1, 3)))
+    return location, atan2(-heading[2], heading[0])

@@ -50,14 +50,9 @@ class Recording(Protocol):
         layout: Its layout.
         name: The drive, sequence or split.
         root: The folder that the names of its text files are relative to.
-        streams: Index by stream; a stream without samples is absent.
-        cameras: Camera index to the camera's topic name part, such as color_left.
         image_topic: image_rect, or image_raw for images that are not rectified.
         common_numbers: Whether the same number is the same moment in all streams.
-        turns: The turn of each scan, by file number.
         clock: The meaning of its stamps.
-        losses: Missing or unusable data found by listing.
-        notes: Remarks that are no loss, such as an absent stream.
     """
 
     layout: Layout
@@ -66,12 +61,12 @@ class Recording(Protocol):
 
     @property
     def streams(self) -> Mapping[Stream, StreamIndex]:
-        """Index by stream."""
+        """Index by stream; a stream without samples is absent."""
         ...
 
     @property
     def cameras(self) -> Mapping[int, str]:
-        """Camera index to the name in its topics and frames."""
+        """Camera index to the name in its topics and frames, such as color_left."""
         ...
 
     image_topic: str
@@ -85,7 +80,7 @@ class Recording(Protocol):
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """Missing data found by listing."""
+        """Missing or unusable data found by listing."""
         ...
 
     @property
@@ -98,7 +93,7 @@ class Recording(Protocol):
 
     @property
     def notes(self) -> Sequence[str]:
-        """Remarks that are no loss."""
+        """Remarks that are no loss, such as an absent stream."""
         ...
 
     def read(self, stream: Stream, number: int) -> Sample:

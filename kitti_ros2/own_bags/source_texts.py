@@ -119,9 +119,9 @@ def write_texts(
     losses = []
     for path, text in texts:
         target = root / path
-        if STORE.is_file(target) and STORE.read_text(target) != text:
+        if target.is_file() and STORE.read_text(target) != text:
             raise UsageError(f'{bag}: its {path} differs from that of another bag')
-        error = '' if STORE.is_file(target) else write_new(target, text.encode())
+        error = '' if target.is_file() else write_new(target, text.encode())
         if error:
             losses.append(Loss(TEXT_FILE, 1, error))
     return tuple(losses)

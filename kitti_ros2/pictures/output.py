@@ -7,7 +7,8 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging, keep_all_but_files, reported
+from ..files.replacing import keep_all_but_files
+from ..files.staging import Staging, reported
 from ..model.errors import UsageError
 
 if TYPE_CHECKING:

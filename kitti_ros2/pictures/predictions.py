@@ -41,9 +41,9 @@ class Predictions:
         if not path.exists():
             raise UsageError(f'{path}: no such file or folder; expected label files of predictions')
         self.path = path
-        self._folder = path / _DATA if STORE.is_dir(path / _DATA) else path
+        self._folder = path / _DATA if (path / _DATA).is_dir() else path
         names = STORE.names(self._folder)
-        if STORE.is_dir(path) and not any(_is_number(name, FRAME_DIGITS) for name in names):
+        if path.is_dir() and not any(_is_number(name, FRAME_DIGITS) for name in names):
             tracks = [name for name in names if _is_number(name, SEQUENCE_DIGITS)]
             hint = f'; give one of its files, such as {tracks[0]}' if tracks else ''
             raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
@@ -60,10 +60,10 @@ class Predictions:
         return replace(frame, predictions=found, missing={**frame.missing, **missing})
 
     def _boxes(self, number: int, missing: dict[str, str]) -> list[Box]:
-        if not STORE.is_dir(self.path):
+        if not self.path.is_dir():
             return self._tracks.get(number, [])
         path = self._folder / file_name(number, FRAME_DIGITS, TXT)
-        if not STORE.is_file(path):
+        if not path.is_file():
             missing['predictions'] = f'{self._folder}: no label file for frames {{}}'
             return []
         lines = parse_labels(STORE.read_text(path), path)

@@ -166,7 +166,7 @@ def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
 
 def _size(path: Path) -> int | None:
     try:
-        return STORE.size(path)
+        return path.stat().st_size
     except OSError:
         return None
 

@@ -72,7 +72,7 @@ class SyntheticDrive:
         self.options = options or SyntheticOptions()
         self.calibration: Calibration = make_calibration(self.options.image_size)
         self._rect_T_velo = rect_from_velo(self.calibration)
-        self._car_T_imu = _car_from_imu(self.calibration)
+        self._car_T_imu = CAR_T_VELO @ self.calibration.velo_T_imu
         self._solids = build_street(self.options.seed, self.options.frames * PERIOD_NS / NS_PER_S)
         rng = np.random.default_rng([self.options.seed, 7])
         self._jitter_ns = rng.integers(-_JITTER_NS, _JITTER_NS, self.options.frames)
@@ -154,7 +154,7 @@ class SyntheticDrive:
     def boxes(self, frame: int) -> list[Box]:
         """Return the labels of the objects that camera 2 sees, with frame and track id."""
         placed = self.placed(frame)
-        canvas = self._cameras.instances(placed, self.projection(LABEL_CAMERA))
+        canvas = self.instances(frame, LABEL_CAMERA)
         p_rect = self.calibration.cameras[LABEL_CAMERA].p_rect
         return label_solids(placed, canvas, p_rect, self._rect_T_velo, frame)
 
@@ -164,9 +164,3 @@ class SyntheticDrive:
             self.calibration.cameras[camera].p_rect @ self._rect_T_velo.matrix()
         )
         return projection
-
-
-def _car_from_imu(calibration: Calibration) -> Transform:
-    if calibration.velo_T_imu is None:
-        raise ValueError('the synthetic rig has a velo_T_imu')
-    return CAR_T_VELO @ calibration.velo_T_imu

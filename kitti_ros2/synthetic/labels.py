@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..kitti.box_frames import box_to_rect
-from ..model.boxes import Box, alpha_of, clip_bounds, project_corners
+from ..model.boxes import Box, alpha_of, box_to_rect, clip_bounds, project_corners
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -135,12 +135,8 @@ def build_street(seed: int, duration: float) -> tuple[Solid, ...]:
     rng = np.random.default_rng([seed, 1])
     end = SPEED * duration + _AHEAD
     solids = [*_traffic(rng, end, duration), *_parked(rng, end), *_people(rng, end, duration)]
-    labelled = [_numbered(solid, track_id) for track_id, solid in enumerate(solids)]
+    labelled = [replace(solid, track_id=track_id) for track_id, solid in enumerate(solids)]
     return (*labelled, *_buildings(rng, end), *_furniture(rng, end))
-
-
-def _numbered(solid: Solid, track_id: int) -> Solid:
-    return replace(solid, track_id=track_id)
 
 
 def _every(

@@ -23,6 +23,12 @@ def camera(size=SIZE, focal=FOCAL) -> Projection:
     return Projection(np.column_stack([k @ FORWARD, np.zeros(3)]))
 
 
+def project(projection: Projection, points):
+    """(N, 2) pixels and (N,) depths of (N, 3) points in velo_link."""
+    seen = projection.homogeneous(points)
+    return projection.pixels(seen), seen[:, 2]
+
+
 def canvas(size=SIZE):
     return np.zeros((size[1], size[0], 3), np.uint8)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, solid
+from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, project, solid
 
 from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
@@ -106,7 +106,7 @@ def test_a_wireframe_shows_its_front():
     away, toward = canvas(), canvas()
     draw_wireframes(away, [solid(10, yaw=0.0)], camera(), named=False)
     draw_wireframes(toward, [solid(10, yaw=np.pi)], camera(), named=False)
-    front, _ = camera().project(np.array([[8.0, 0.0, 0.0]]))
+    front, _ = project(camera(), np.array([[8.0, 0.0, 0.0]]))
     u, v = np.rint(front[0]).astype(int)
     assert drawn(toward)[v, u]
     assert bounds_of(drawn(away)) == bounds_of(drawn(toward))

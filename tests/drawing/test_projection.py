@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import camera
+from scenes import camera, project
 
 from kitti_ros2.drawing.boxes_2d import projected_bounds
 from kitti_ros2.drawing.projection import Projection
@@ -31,7 +31,7 @@ POINTS = np.random.default_rng(0).uniform((4, -6, -2), (40, 6, 2), (200, 3))
 
 @pytest.mark.parametrize('index', sorted(RIG.cameras))
 def test_rectified_cameras_are_p_r0_tr(index):
-    pixels, depth = Projection.of(RIG, index).project(POINTS)
+    pixels, depth = project(Projection.of(RIG, index), POINTS)
     seen = np.column_stack([POINTS, np.ones(len(POINTS))]) @ DRIVE.projection(index).T
     np.testing.assert_allclose(pixels, seen[:, :2] / seen[:, 2:], atol=1e-8)
     np.testing.assert_allclose(depth, seen[:, 2], atol=1e-12)
@@ -41,7 +41,7 @@ def test_cameras_with_extrinsics_of_their_own():
     side = Transform(rotation_from_rpy(-np.pi / 2, 0.0, -np.pi / 2), np.array([0.1, -0.2, 0.3]))
     own = replace(RIG.cameras[2], cam_T_velo=side)
     rig = replace(RIG, cameras={**RIG.cameras, 2: own}, cam0_T_velo=None, r0_rect=None)
-    pixels, depth = Projection.of(rig, 2).project(POINTS)
+    pixels, depth = project(Projection.of(rig, 2), POINTS)
     seen = np.column_stack([side.apply(POINTS), np.ones(len(POINTS))]) @ own.p_rect.T
     front = seen[:, 2] > 0
     np.testing.assert_allclose(pixels[front], (seen[:, :2] / seen[:, 2:])[front], atol=1e-8)
@@ -52,12 +52,12 @@ def test_cameras_with_extrinsics_of_their_own():
 def test_unrectified_cameras_are_where_rectifying_finds_them(index):
     """The other way round, by OpenCV and the CameraInfo that goes with the images."""
     rig = replace(RIG, rectified=False)
-    pixels, _ = Projection.of(rig, index).project(POINTS)
+    pixels, _ = project(Projection.of(rig, index), POINTS)
     info = encode_camera_info(rig, index, (1392, 512), 0, 'camera')
     k, r, p = info.k.reshape(3, 3), info.r.reshape(3, 3), info.p.reshape(3, 4)[:, :3]
     # OpenCV tells of each rectified pixel which raw one it comes from.
     maps = cv2.initUndistortRectifyMap(k, info.d, r, p, (1242, 375), cv2.CV_32FC1)
-    rectified = Projection.of(RIG, index).project(POINTS)[0]
+    rectified = project(Projection.of(RIG, index), POINTS)[0]
     seen = ((rectified > 0) & (rectified < [1241, 374])).all(axis=1)
     assert seen.sum() > 50
     u, v = rectified[seen].astype(np.float32).T[:, :, None]
@@ -70,7 +70,7 @@ def test_a_lens_folds_nothing_back_into_the_image():
     rig = replace(RIG, rectified=False)
     angles = np.radians(np.arange(0, 90))
     points = 20 * np.column_stack([np.cos(angles), -np.sin(angles), np.zeros_like(angles)])
-    pixels, _ = Projection.of(rig, 0).project(points)
+    pixels, _ = project(Projection.of(rig, 0), points)
     seen = np.isfinite(pixels[:, 0])
     assert 30 < seen.sum() < 80
     assert (np.diff(pixels[seen, 0]) > 0).all()
@@ -78,11 +78,13 @@ def test_a_lens_folds_nothing_back_into_the_image():
 
 
 def test_what_is_behind_has_no_pixel():
-    pixels, depth = camera().project(np.array([[-5.0, 0, 0], [0, 1, 0], [np.nan, 0, 0], [5, 0, 0]]))
+    pixels, depth = project(
+        camera(), np.array([[-5.0, 0, 0], [0, 1, 0], [np.nan, 0, 0], [5, 0, 0]])
+    )
     assert np.isnan(pixels[:3]).all()
     assert np.isfinite(pixels[3]).all()
     assert depth[0] == -5
-    assert camera().project(np.empty((0, 3)))[0].shape == (0, 2)
+    assert project(camera(), np.empty((0, 3)))[0].shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +122,8 @@ def test_what_a_calibration_lacks_is_named(rig, index, reason):
 def test_resized_images_keep_their_edges(rectified, scale_x, scale_y):
     """The image's edge is half a pixel from the middle of its first pixel."""
     projection = Projection.of(replace(RIG, rectified=rectified), 2)
-    pixels, depth = projection.project(POINTS)
-    other, same = projection.resized(scale_x, scale_y).project(POINTS)
+    pixels, depth = project(projection, POINTS)
+    other, same = project(projection.resized(scale_x, scale_y), POINTS)
     np.testing.assert_allclose(other + 0.5, (pixels + 0.5) * [scale_x, scale_y], atol=1e-6)
     np.testing.assert_array_equal(same, depth)
 
@@ -154,7 +156,7 @@ def test_lines_are_cut_before_the_camera(start, end):
     assert len(pieces) == len(lines) == ahead.any()
     for piece, place, seen in zip(pieces[:1].reshape(-1, 2), ends[0], ahead, strict=False):
         if seen:
-            np.testing.assert_allclose(piece, camera().project(place[None])[0][0], atol=1e-6)
+            np.testing.assert_allclose(piece, project(camera(), place[None])[0][0], atol=1e-6)
         else:
             share = (NEAR_M - ends[0, 0, 0]) / (ends[0, 1, 0] - ends[0, 0, 0])
             cut = ends[0, 0] + share * (ends[0, 1] - ends[0, 0])
@@ -167,7 +169,7 @@ def test_real_points_are_in_the_image(real_kitti):
     source = open_frames(real_kitti / 'object', ReadOptions())
     for number, expected in zip((0, 1, 2), (20285, 18630, 20210), strict=True):
         frame = source.frame(number, frozenset({'scan', 'image_2'}))
-        (u, v), depth = (part.T for part in Projection.of(frame.calibration, 2).project(
+        (u, v), depth = (part.T for part in project(Projection.of(frame.calibration, 2),
             frame.points[:, :3]
         ))  # fmt: skip
         height, width = frame.images[2].shape[:2]

@@ -15,7 +15,6 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize, join, serialize
@@ -37,7 +36,7 @@ from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import ELEVATIONS, MAX_RANGE, cast_scan
 
-from builders import SMALL, boxes_2d_in  # isort: skip
+from builders import SMALL, boxes_2d_in, parse_boxes  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path

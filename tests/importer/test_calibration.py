@@ -13,12 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kitti_ros2.rig.camera_info import CameraModel, camera_model
 
 from kitti_ros2.importer.calibration import make_calibration, rect_in_frame
 from kitti_ros2.kitti.calib_file import format_raw, parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.camera_info import encode_camera_info, image_frame_camera
+from kitti_ros2.messages.camera_info import (
+    CameraModel,
+    camera_model,
+    encode_camera_info,
+    image_frame_camera,
+)
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.naming import make_frames

@@ -14,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from kitti_ros2.importer.labels import TrackIds, class_name, make_boxes, max_tilt
-from kitti_ros2.kitti.label_file import format_object_labels, parse_boxes
+from kitti_ros2.kitti.label_file import format_object_labels
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.detections import (
     ABSURD,
@@ -42,6 +42,8 @@ from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.samples import CameraCalibration
 from kitti_ros2.options.messages import MarkerOptions
 from kitti_ros2.synthetic.rig import make_calibration
+
+from builders import parse_boxes  # isort: skip
 
 SIZE = (1242, 375)
 RECT_T_VELO = Transform.from_quaternion(

@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.kitti.label_file import (
-    EMPTY_OBJECT_LINE,
     format_object_box,
     format_object_labels,
     format_tracking_box,
     format_tracking_labels,
     parse_box,
-    parse_boxes,
     parse_labels,
 )
 from kitti_ros2.model.boxes import Box
 from kitti_ros2.model.errors import BadFileError
+
+from builders import parse_boxes  # isort: skip
 
 KITTI = Path(__file__).resolve().parents[3] / 'shared' / 'kitti'
 PATH = Path('label_2/000007.txt')
@@ -69,10 +69,11 @@ def test_columns_are_read_as_the_devkit_names_them() -> None:
     assert box.rotation_y == -1.67
 
 
-def test_line_for_empty_files_is_a_dont_care() -> None:
-    (box,) = parse_boxes(EMPTY_OBJECT_LINE, PATH)
+def test_dont_care_is_written_without_decimals() -> None:
+    line = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
+    (box,) = parse_boxes(line, PATH)
     assert (box.kind, box.location) == ('DontCare', (-1000.0, -1000.0, -1000.0))
-    assert format_object_labels([box]) == EMPTY_OBJECT_LINE
+    assert format_object_labels([box]) == line
 
 
 @pytest.mark.parametrize(

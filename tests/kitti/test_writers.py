@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.box_frames import box_to_rect, box_to_velo
-from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.oxts_file import COLUMNS
 from kitti_ros2.kitti.scan_file import parse_scan
 from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
@@ -20,13 +18,15 @@ from kitti_ros2.kitti.write_object import ObjectWriter
 from kitti_ros2.kitti.write_odometry import OdometryWriter
 from kitti_ros2.kitti.write_raw import DATAFORMAT, RawWriter, fill_stamps
 from kitti_ros2.kitti.write_tracking import TrackingWriter, truncation_level
-from kitti_ros2.model.boxes import Box
+from kitti_ros2.model.boxes import Box, box_to_rect, box_to_velo
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.samples import Scan
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.synthetic.path import motion_at, packet_of
 from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
+
+from builders import parse_boxes  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -164,22 +164,13 @@ def test_verbatim_text_is_written_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / 'training/label_02/0000.txt').read_text() == '0 1 Car ...\n'
 
 
-def test_empty_label_file_gets_a_dont_care_on_request(tmp_path: Path) -> None:
-    with ObjectWriter(tmp_path, dont_care_when_empty=True) as writer:
-        writer.write_labels(0, [])
-    with ObjectWriter(tmp_path, 'testing') as writer:
-        writer.write_labels(0, [])
-    assert (tmp_path / 'training/label_2/000000.txt').read_text().startswith('DontCare -1 -1 -10')
+def test_frame_without_objects_has_an_empty_label_file(tmp_path: Path) -> None:
+    for split in ('training', 'testing'):
+        with ObjectWriter(tmp_path, split) as writer:
+            writer.write_labels(0, [])
     assert (tmp_path / 'testing/label_2/000000.txt').read_text() == ''
     assert (tmp_path / 'ImageSets/test.txt').read_text() == '000000\n'
     assert (tmp_path / 'ImageSets/trainval.txt').read_text() == '000000\n'
-
-
-def test_extract_scans_are_text(tmp_path: Path) -> None:
-    with RawWriter(tmp_path, kind='extract', text_scans=True) as writer:
-        writer.write_scan(0, STAMP, SCAN)
-    path = writer.path / 'velodyne_points' / 'data' / '0000000000.txt'
-    assert path.read_text().splitlines()[1] == '4.000 5.000 6.000 7.00'
 
 
 def test_tracklets_are_split_where_a_frame_is_missing(tmp_path: Path) -> None:

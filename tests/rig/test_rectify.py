@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kitti_ros2.rig.camera_info import CameraModel
 
+from kitti_ros2.messages.camera_info import CameraModel
 from kitti_ros2.model.geometry import rotation_from_rpy
 from kitti_ros2.rig.rectify import Rectifier, needs_rectifying
 

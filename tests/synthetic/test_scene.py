@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.box_frames import box_to_velo
+from kitti_ros2.model.boxes import box_to_velo
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import MAX_RANGE

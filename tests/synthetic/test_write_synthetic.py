@@ -11,7 +11,6 @@ import pytest
 
 from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.calib_file import parse_calibration
-from kitti_ros2.kitti.label_file import parse_boxes
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.oxts_file import parse_packet
 from kitti_ros2.kitti.poses_file import parse_poses
@@ -23,6 +22,8 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import Scan
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
+
+from builders import parse_boxes  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
