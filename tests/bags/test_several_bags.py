@@ -12,6 +12,7 @@ from mcap.writer import Writer
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.model.errors import BadBagError
+from kitti_ros2.model.losses import Loss
 from kitti_ros2.options.bag import BagOptions
 
 POINT = 'geometry_msgs/msg/Point'
@@ -196,7 +197,9 @@ def test_types_that_nobody_defines_are_told_and_left_out(tmp_path):
     with open_messages(path) as messages:
         assert [each.topic for each in messages] == ['/a', '/c']
         (warning,) = messages.findings
-        assert messages.left_out == [('/b', FOREIGN, 2, warning)]
+        ((channel, loss),) = messages.left_out
+        assert (channel.topic, channel.msgtype) == ('/b', FOREIGN)
+        assert loss == Loss('/b', 2, warning)
         assert messages.complete
     assert '/b' in warning
     assert FOREIGN in warning
