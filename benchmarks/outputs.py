@@ -8,6 +8,7 @@
 Run it before and after a change, with the package of each installed, and diff the two lists. A line
 is a file, or what a command printed and its exit code: bags of every layout, container and way to
 write messages, what becomes of them on the way back, pictures, reports, descriptions, help texts.
+Pages are compared by their elements and texts.
 
 FOLDER holds real KITTI files (raw, object, odometry and tracking) and recorded bags (bags); without
 it the synthetic recordings are the only samples.
@@ -21,6 +22,7 @@ import shutil
 import subprocess
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,12 +76,26 @@ class Outputs:
         path = self.folder / out
         found = sorted(path.rglob('*')) if path.is_dir() and out else [path]
         for each in (each for each in found if each.is_file()):
-            digest = hashlib.sha256(self._here(each.read_bytes())).hexdigest()
+            data = self._here(each.read_bytes())
+            if each.suffix == '.html':
+                data = _elements(data.decode())
+            digest = hashlib.sha256(data).hexdigest()
             self.lines.append(f'{digest}  {each.relative_to(self.folder)}')
 
     def _here(self, data: bytes) -> bytes:
         """The same without the path of the folder, which is another in each run."""
         return data.replace(bytes(self.folder), b'.')
+
+
+def _elements(page: str) -> bytes:
+    """The elements and the text of a page: the same character may be escaped in several ways."""
+    found: list[tuple[object, ...]] = []
+    parser = HTMLParser()
+    for name in ('starttag', 'startendtag', 'endtag', 'data', 'comment', 'decl'):
+        setattr(parser, f'handle_{name}', lambda *event, name=name: found.append((name, *event)))
+    parser.feed(page)
+    parser.close()
+    return repr(found).encode()
 
 
 def of_recording(folder: Path, source: str) -> list[str]:
