@@ -12,10 +12,10 @@ from rosbags.interfaces import Nodetype
 
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.diagnostics import DIAGNOSTICS
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.msgtypes import DIAGNOSTICS
 from kitti_ros2.model.streams import CAMERA_NAMES
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions

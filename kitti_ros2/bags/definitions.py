@@ -18,6 +18,7 @@ from rosbags.typesys.store import Typestore
 
 from ..messages.cdr import nested_type
 from ..messages.ros_types import TYPESTORE
+from ..model.msgtypes import HEADER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from .findings import Findings
     from .pieces import StoredChannel
 
-_HEADER = 'std_msgs/msg/Header'
 _LONGEST_REASON = 80
 _IDL_DIVIDER = '=' * 80 + '\n'
 
@@ -168,9 +168,9 @@ def _check_names(types: Typesdict) -> None:
 def _ros2_like(types: Typesdict) -> Typesdict:
     """Convert the types of a ROS 1 bag to ROS 2: a Header without seq, names in lower case."""
     definitions = dict(types)
-    if _HEADER in definitions:
-        constants, fields = definitions[_HEADER]
-        definitions[_HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
+    if HEADER in definitions:
+        constants, fields = definitions[HEADER]
+        definitions[HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
     for name, known in TYPESTORE.fielddefs.items():
         if name in definitions and _kinds(definitions[name]) == _kinds(known):
             definitions[name] = known

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..kitti.turns import turn_length
 from ..messages.source import RECORDING, SWEEP, decode_description, decode_sweep
+from ..model.msgtypes import STRING
 from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .reader import open_messages
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
     from ..messages.ros_types import String
     from .reader import BagSource
-
-_STRING = 'std_msgs/msg/String'
 
 
 class ForwardStamps:
@@ -78,11 +77,11 @@ def read_lead_ns(bag: BagSource) -> int:
     """
     found = ForwardStamps()
     with open_messages(bag, {RECORDING}) as messages:
-        if (RECORDING, _STRING) not in messages.channels:
+        if (RECORDING, STRING) not in messages.channels:
             return 0
         for message in messages:
             try:
-                text: Any = messages.typestore.deserialize_cdr(bytes(message.data), _STRING)
+                text: Any = messages.typestore.deserialize_cdr(bytes(message.data), STRING)
                 found.take(RECORDING, text, message.stamp_ns)
             except Exception:  # noqa: BLE001 - generated code may raise anything
                 return 0

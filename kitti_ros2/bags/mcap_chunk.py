@@ -22,13 +22,9 @@ from typing import TYPE_CHECKING
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
+from ..files.checksums import crc32
 from ..files.workers import OrderedPool, worker_count
 from .compressors import POOL_AHEAD, compressor
-
-try:
-    from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
-except ImportError:  # isal is optional
-    from zlib import crc32
 
 if TYPE_CHECKING:
     from collections.abc import Callable

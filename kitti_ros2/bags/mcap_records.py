@@ -10,14 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mcap.opcode import Opcode
 
+from ..files.checksums import crc32
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
 from .mcap_summary import MAGIC
 from .record_walk import DamagedHeadError, Kind, Record
-
-try:
-    from isal.isal_zlib import crc32  # zlib's CRC at many times its speed
-except ImportError:  # isal is optional
-    from zlib import crc32
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator

@@ -19,13 +19,12 @@ from typing import TYPE_CHECKING
 from rosbags.typesys import Stores, get_typestore
 
 from ..messages.cdr import nested_type
+from ..model.msgtypes import HEADER
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosbags.typesys.store import Typestore
-
-_HEADER = 'std_msgs/msg/Header'
 
 
 class Ros1Types:
@@ -68,7 +67,7 @@ class Ros1Types:
         return names
 
     def _same_layout(self, msgtype: str) -> bool:
-        if msgtype == _HEADER:
+        if msgtype == HEADER:
             return True
         fields1, fields2 = (store.fielddefs[msgtype][1] for store in (self._ros1, self._ros2))
         if len(fields1) != len(fields2):

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import foxglove
 
-from ..messages.diagnostics import DIAGNOSTICS
 from ..messages.ros_types import TYPESTORE
 from ..model.channels import Channel
+from ..model.msgtypes import DIAGNOSTICS
 from ..player.source import STATE
 from ..player.transport import Audience, Transport
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import struct
 
-try:
-    from isal.isal_zlib import crc32  # the CRC of zlib, many times faster
-except ImportError:  # optional
-    from zlib import crc32
+from .checksums import crc32
 
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _CHUNK = struct.Struct('>I4s')

@@ -17,6 +17,7 @@ from ..messages.detections import ABSURD, cuboids_of_detections, has_scores
 from ..messages.marker_boxes import cuboids_of_markers
 from ..messages.pixels import pixels_of, png_of, size_of
 from ..messages.source import decode_text
+from ..model import msgtypes as types
 from ..model.errors import BadFileError, UsageError
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
@@ -25,13 +26,13 @@ from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import Scan
 from ..rig.rectify import Rectifier
 from ..rig.tf_tree import FrameTree
-from . import survey as types
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations
 from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import TF, UNKNOWN_OCCLUSION
 from .report import undecoded
+from .survey import LABEL_LINES
 
 if TYPE_CHECKING:
     from ..messages.camera_info import CameraModel
@@ -107,9 +108,9 @@ class Rigging:
         plan = self._plan.labels
         if plan is None:
             return False
-        if self._plan.scan is None and not self._models and plan.topic != types.LABEL_LINES:
+        if self._plan.scan is None and not self._models and plan.topic != LABEL_LINES:
             raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
-        if plan.topic == types.LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
+        if plan.topic == LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
             raise UsageError(
                 f'labels.occluded is for boxes; the label lines of {plan.topic} have their own:'
                 f' leave it at {UNKNOWN_OCCLUSION}'
@@ -199,7 +200,7 @@ class Rigging:
         plan, calibration = self._plan.labels, self.calibrations.at(stamp_ns)
         if plan is None or calibration is None:
             return []
-        if plan.topic == types.LABEL_LINES:
+        if plan.topic == LABEL_LINES:
             return boxes_of_lines(decode_text(message).text, self._tracks)
         size = self._sizes.get(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:

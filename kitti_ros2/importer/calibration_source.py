@@ -14,8 +14,8 @@ from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import camera_model
 from ..messages.source import CALIBRATION
+from ..model import msgtypes as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
-from . import survey as types
 from .calibration import make_calibration
 from .frames import topic_of
 from .plan import NONE, SOURCE, TF

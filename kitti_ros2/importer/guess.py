@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import guess_intensity_scale
+from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
-from . import survey as types
 from .guess_cameras import guess_cameras, keeps_distortion
 from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from .report import undecoded
+from .survey import LABEL_LINES
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
@@ -167,10 +168,10 @@ class _Guesser:
 
     def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
         """Choose labels: detections before markers."""
-        own = self._survey.topics.get(types.LABEL_LINES)
+        own = self._survey.topics.get(LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
             return LabelPlan(own.name, _main(cameras)) if cameras else None
-        topics = self._survey.of_type(types.DETECTIONS) or [
+        topics = self._survey.of_type(types.DETECTIONS_3D) or [
             each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
         ]
         if not topics or not cameras:
@@ -217,7 +218,7 @@ def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
-        wanted |= {types.DETECTIONS, types.MARKERS}
+        wanted |= {types.DETECTIONS_3D, types.MARKERS}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model import msgtypes as types
 from ..model.streams import CAMERA_NAMES
 from ..rig.rectify import needs_rectifying
-from . import survey as types
 from .plan import CameraPlan
 
 if TYPE_CHECKING:

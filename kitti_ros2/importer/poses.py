@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..messages.pose import poses_of, poses_of_link
+from ..model import msgtypes as types
 from ..model.errors import UsageError
-from . import survey as types
 from .frames import topic_of
 from .pose_track import PoseTrack
 

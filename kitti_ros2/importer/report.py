@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..model.losses import Loss
+from ..model.msgtypes import TF_TYPES
 from .frames import frame_topics
-from .survey import TF_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

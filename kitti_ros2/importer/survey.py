@@ -20,6 +20,22 @@ from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
 from ..messages.source import CALIBRATION, decode_text
 from ..model.channels import LARGE_TYPES
+from ..model.msgtypes import (
+    CAMERA_INFO,
+    CLOUD,
+    COMPRESSED,
+    DETECTIONS_3D,
+    FIX,
+    IMAGE,
+    IMU,
+    MARKERS,
+    ODOMETRY,
+    PATH,
+    POSE,
+    STRING,
+    TF_TYPES,
+    TWIST,
+)
 from ..rig.tf_tree import LinkTally
 from .sync import usable_stamps
 
@@ -32,26 +48,12 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array, TextFile
     from ..rig.tf_tree import Link
 
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-IMAGE = 'sensor_msgs/msg/Image'
-COMPRESSED = 'sensor_msgs/msg/CompressedImage'
-CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-IMU = 'sensor_msgs/msg/Imu'
-FIX = 'sensor_msgs/msg/NavSatFix'
-TWIST = 'geometry_msgs/msg/TwistStamped'
-ODOMETRY = 'nav_msgs/msg/Odometry'
-POSE = 'geometry_msgs/msg/PoseStamped'
-PATH = 'nav_msgs/msg/Path'
-TF_TYPES = frozenset({'tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage'})
-DETECTIONS = 'vision_msgs/msg/Detection3DArray'
-MARKERS = 'visualization_msgs/msg/MarkerArray'
-STRING = 'std_msgs/msg/String'
 LABEL_LINES = '/kitti/source/labels'
 
 _HEADED = frozenset(
-    {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH, DETECTIONS}
+    {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH, DETECTIONS_3D}
 )
-_DESCRIBING = TF_TYPES | {CAMERA_INFO, DETECTIONS, MARKERS, STRING}
+_DESCRIBING = TF_TYPES | {CAMERA_INFO, DETECTIONS_3D, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
 

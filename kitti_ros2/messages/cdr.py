@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from rosbags.interfaces import Nodetype
 
+from ..model.msgtypes import CLOUD, COMPRESSED, HEADER, IMAGE, POSE
 from .ros_types import TYPESTORE
 
 if TYPE_CHECKING:
@@ -32,9 +33,9 @@ _STAMP_OFFSET = 4
 
 # Bytes that follow the bulk field (`data`, uint8[]) of the message types that have one.
 BULK_TAIL = {
-    'sensor_msgs/msg/CompressedImage': 0,
-    'sensor_msgs/msg/Image': 0,
-    'sensor_msgs/msg/PointCloud2': 1,
+    COMPRESSED: 0,
+    IMAGE: 0,
+    CLOUD: 1,
 }
 
 
@@ -124,10 +125,6 @@ class _Headers(Enum):
     WITHIN = 2
 
 
-_HEADER = 'std_msgs/msg/Header'
-_KEPT = 'geometry_msgs/msg/PoseStamped'
-
-
 @lru_cache(maxsize=64)
 def _headers(msgtype: str) -> _Headers:
     """Return where a type has headers: none, as its first field only, or nested.
@@ -137,10 +134,10 @@ def _headers(msgtype: str) -> _Headers:
     if msgtype not in TYPESTORE.fielddefs:
         return _Headers.NONE
     fields = [nested_type(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
-    inner = [name for name in fields if name and name not in (_HEADER, _KEPT)]
+    inner = [name for name in fields if name and name not in (HEADER, POSE)]
     if any(_headers(name) is not _Headers.NONE for name in inner):
         return _Headers.WITHIN
-    return _Headers.FIRST if fields[:1] == [_HEADER] else _Headers.NONE
+    return _Headers.FIRST if fields[:1] == [HEADER] else _Headers.NONE
 
 
 def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
@@ -152,7 +149,7 @@ def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags ha
 
 
 def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any rosbags class
-    if message.__msgtype__ == _HEADER:
+    if message.__msgtype__ == HEADER:
         message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
         return
     for name in message.__dataclass_fields__:

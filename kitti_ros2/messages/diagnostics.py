@@ -11,7 +11,6 @@ from .cdr_writer import CdrWriter
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 OK = 0
 WARN = 1

@@ -30,6 +30,22 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..model.channels import Channel
 from ..model.errors import BadFileError, UsageError
+from ..model.msgtypes import (
+    CAMERA_INFO,
+    CLOUD,
+    COMPRESSED,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    FIX,
+    IMAGE,
+    IMU,
+    MARKERS,
+    ODOMETRY,
+    PATH,
+    STRING,
+    TF,
+    TWIST,
+)
 from ..model.samples import Description
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Preset
@@ -111,46 +127,43 @@ def _calibration_key(calibration: Calibration) -> Hashable:
 _MOST_FILES = 100
 """Above the number of text files of any recording, so that late subscribers get them all."""
 
-STRING = 'std_msgs/msg/String'
-_TF = 'tf2_msgs/msg/TFMessage'
-_IMAGE = 'sensor_msgs/msg/Image'
 _files: tuple[Encode, Decode] = (encoders.make_files, lambda message, _: decode_text(message))
 _source: tuple[Encode, Decode] = (encoders.make_source, lambda message, _: decode_text(message))
 _every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
-    Topic('/tf_static', _TF, Stream.CALIBRATION, encoders.make_static,
+    Topic('/tf_static', TF, Stream.CALIBRATION, encoders.make_static,
           change_key=_calibration_key, **_last),
     Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **_every),
     Topic(RECORDING, STRING, Stream.RECORDING,
           lambda description, _: encode_description(dict(description.values)),
           lambda message, _: Description(decode_description(message)), **_last),
     Topic(FILES, STRING, Stream.RECORDING, *_files, **_every),
-    Topic('/kitti/ground_truth/path', 'nav_msgs/msg/Path', Stream.PATH, encoders.make_path,
+    Topic('/kitti/ground_truth/path', PATH, Stream.PATH, encoders.make_path,
           **_last),
-    Topic('/kitti/ground_truth/odometry', 'nav_msgs/msg/Odometry', Stream.POSE,
+    Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,
           encoders.make_odometry,
           lambda message, origin: decode_odometry(message, origin.base_t_imu)),
-    Topic('/kitti/oxts/imu', 'sensor_msgs/msg/Imu', Stream.OXTS,
+    Topic('/kitti/oxts/imu', IMU, Stream.OXTS,
           lambda packet, moment: encode_imu(packet, *moment.at_imu)),
-    Topic('/kitti/oxts/fix', 'sensor_msgs/msg/NavSatFix', Stream.OXTS,
+    Topic('/kitti/oxts/fix', FIX, Stream.OXTS,
           lambda packet, moment: encode_fix(packet, *moment.at_imu)),
-    Topic('/kitti/oxts/vel', 'geometry_msgs/msg/TwistStamped', Stream.OXTS,
+    Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
           lambda packet, moment: encode_velocity(packet, *moment.at_imu)),
     Topic('/kitti/source/oxts', STRING, Stream.OXTS, *_source, restores=True),
-    Topic('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2', Stream.SCAN,
+    Topic('/kitti/velo/points', CLOUD, Stream.SCAN,
           encoders.make_scan, lambda message, _: decode_scan(message), restores=True),
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
-    Topic('/kitti/labels/detections', 'vision_msgs/msg/Detection3DArray', Stream.LABELS,
+    Topic('/kitti/labels/detections', DETECTIONS_3D, Stream.LABELS,
           encoders.make_detections),
-    Topic('/kitti/labels/boxes_2d', 'vision_msgs/msg/Detection2DArray', Stream.LABELS,
+    Topic('/kitti/labels/boxes_2d', DETECTIONS_2D, Stream.LABELS,
           encoders.make_boxes_2d),
-    Topic('/kitti/labels/markers', 'visualization_msgs/msg/MarkerArray', Stream.LABELS,
+    Topic('/kitti/labels/markers', MARKERS, Stream.LABELS,
           encoders.make_markers),
     Topic('/kitti/source/labels', STRING, Stream.LABELS, *_source, restores=True),
 )  # fmt: skip
 """The rows of all recordings."""
-_TF_ROW = Topic('/tf', _TF, Stream.POSE, encoders.make_tf)
+_TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
 
 
 def make_table(
@@ -173,11 +186,11 @@ def _camera_rows(
     stream: Stream, camera: str, image_topic: str, options: MessageOptions
 ) -> list[Topic]:
     image = f'{camera}/{image_topic}'
-    info = 'sensor_msgs/msg/CameraInfo'
+    info = CAMERA_INFO
     rows = [Topic(f'{camera}/camera_info', info, stream, encoders.make_camera_info)]
     pair: tuple[Encode, Decode]
     if options.images is not Images.RAW:
-        compressed = 'sensor_msgs/msg/CompressedImage'
+        compressed = COMPRESSED
         pair = (
             encoders.make_compressed,
             lambda message, origin: decode_compressed(message, origin.path),
@@ -185,9 +198,9 @@ def _camera_rows(
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
     if options.images is not Images.COMPRESSED:
         pair = encoders.make_image, lambda message, _: decode_image(message)
-        rows.append(Topic(image, _IMAGE, stream, *pair, restores=True))
+        rows.append(Topic(image, IMAGE, stream, *pair, restores=True))
     if options.annotated:
-        rows.append(Topic(f'{camera}/annotated', _IMAGE, stream, encoders.make_annotated))
+        rows.append(Topic(f'{camera}/annotated', IMAGE, stream, encoders.make_annotated))
     return rows
 
 

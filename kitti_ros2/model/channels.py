@@ -6,11 +6,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..model.msgtypes import CLOUD, COMPRESSED, IMAGE
+
 LARGE_TYPES = frozenset(
     {
-        'sensor_msgs/msg/CompressedImage',
-        'sensor_msgs/msg/Image',
-        'sensor_msgs/msg/PointCloud2',
+        COMPRESSED,
+        IMAGE,
+        CLOUD,
     }
 )
 """Types of messages of a megabyte and more."""

@@ -16,11 +16,11 @@ import numpy as np
 
 from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
-from ..importer.survey import MARKERS, STRING, TF_TYPES
 from ..kitti import names
 from ..messages.header import peek_header
 from ..messages.moment import Origin
 from ..messages.topics import decoders, own_topics
+from ..model.msgtypes import MARKERS, STRING, TF_TYPES
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import ScanStamp
 from .recorded_layout import find_blueprint

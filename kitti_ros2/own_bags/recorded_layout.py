@@ -21,9 +21,10 @@ from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
 from ..messages.moment import Origin
 from ..messages.source import CALIBRATION, FILES, RECORDING
-from ..messages.topics import STRING, decoders, own_topics
+from ..messages.topics import decoders, own_topics
 from ..model.errors import BadBagError
 from ..model.losses import Loss
+from ..model.msgtypes import STRING
 from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
 from .description import EarlierVersionError, UndescribedError, parse_description

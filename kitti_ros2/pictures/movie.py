@@ -17,7 +17,6 @@ from ..model.errors import KittiRos2Error
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -60,13 +59,8 @@ class Movie:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._encoder is not None and error is None:
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._encoder is not None and kind is None:
             self._encoder.close()
 
     def write(self, picture: Pixels) -> None:

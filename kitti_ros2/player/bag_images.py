@@ -16,8 +16,9 @@ from ..messages.cdr import join, serialize
 from ..messages.header import stamp_ns_of
 from ..messages.image import encode_pixels
 from ..messages.pixels import pixels_of
+from ..model.msgtypes import COMPRESSED, IMAGE
 from ..options.messages import Images
-from .bag_topics import IMAGE, ImageTopics
+from .bag_topics import ImageTopics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from ..messages.ros_types import Typestore
     from ..options.messages import MessageOptions
 
-COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 _SUFFIX = '/compressed'
 _DEPTH = '/compressedDepth'
 

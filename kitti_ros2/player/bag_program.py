@@ -14,6 +14,7 @@ from ..exporter.schedule import nearest_frames, never_falling
 from ..messages.cdr import Message, filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..model.losses import Loss
+from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE
 from ..own_bags.numbering import BY_POSITION, number_bag
 from .bag_topics import ImageTopics, choose_topics, define_images
 
@@ -28,10 +29,7 @@ if TYPE_CHECKING:
     from .bag_images import BagImages
     from .bag_topics import PlayedTopics
 
-_SCAN = 'sensor_msgs/msg/PointCloud2'
-_OF_CAMERA = frozenset(
-    {'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/CameraInfo'}
-)
+_OF_CAMERA = frozenset({IMAGE, COMPRESSED, CAMERA_INFO})
 
 
 class BagProgram:
@@ -242,7 +240,7 @@ def _frames_by_position(
     """
     with open_messages(bag) as messages:
         channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
-    scans = [topic for topic, msgtype in channels if msgtype == _SCAN]
+    scans = [topic for topic, msgtype in channels if msgtype == CLOUD]
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
     reference = stamps[max(candidates, key=lambda topic: len(stamps[topic]))]

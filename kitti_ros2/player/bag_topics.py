@@ -11,6 +11,7 @@ from ..messages.ros_types import TYPESTORE
 from ..messages.topics import match_names
 from ..model.channels import Channel
 from ..model.errors import UsageError
+from ..model.msgtypes import HEADER, IMAGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -19,8 +20,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessages
     from ..messages.ros_types import Typestore
 
-IMAGE = 'sensor_msgs/msg/Image'
-_OF_IMAGE = (IMAGE, 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
+_OF_IMAGE = (IMAGE, HEADER, 'builtin_interfaces/msg/Time')
 _DEPTH = 10
 
 

@@ -14,6 +14,7 @@ from ..messages.cdr import restamp_message
 from ..messages.last_keys import LastKeys
 from ..messages.markers import encode_clear
 from ..messages.naming import FrameNames
+from ..model.msgtypes import MARKERS
 from ..options.playback import Stamps
 from .playback import Playback
 from .playback_events import Idle, Jump, Send, Tick
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from .program import Program
     from .transport import Transport
 
-_MARKERS = 'visualization_msgs/msg/MarkerArray'
 LAST_WAIT_S = 1.4
 """How long to wait until the last messages have arrived."""
 
@@ -109,7 +109,7 @@ class Session:
         self._complaints: set[str] = set()
         self._last_keys = LastKeys()
         self._markers = [
-            index for index, each in enumerate(program.channels) if each.msgtype == _MARKERS
+            index for index, each in enumerate(program.channels) if each.msgtype == MARKERS
         ]
         self._stale: set[int] = set()
         self._frame: int | None = None

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
 from ..files.workers import worker_count
-from ..messages.diagnostics import DIAGNOSTICS
 from ..model.errors import UsageError
+from ..model.msgtypes import DIAGNOSTICS
 from ..model.streams import Stream
 from ..options.playback import Stamps
 from ..options.table import PlaySettings

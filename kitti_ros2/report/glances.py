@@ -17,6 +17,7 @@ from ..messages.mounts import with_nominal_mounts
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import KittiRos2Error
 from ..model.geometry import rotation_to_rpy
+from ..model.msgtypes import CAMERA_INFO, TF
 from ..options.messages import MessageOptions
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from ..messages.ros_types import CameraInfo
     from ..model.geometry import Transform
 
-_CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-_TF = 'tf2_msgs/msg/TFMessage'
 _MOST_TF = 200
 
 
@@ -92,13 +91,11 @@ def calibration_of(recording: KittiRecording) -> Calibrated:
 
 def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
     """Return the cameras and static transforms in the first messages of a bag."""
-    infos = {
-        topic.name for topic in summary.topics if topic.msgtype == _CAMERA_INFO and topic.count
-    }
+    infos = {topic.name for topic in summary.topics if topic.msgtype == CAMERA_INFO and topic.count}
     statics = {
         topic.name: min(topic.count, _MOST_TF)
         for topic in summary.topics
-        if topic.msgtype == _TF and topic.name.endswith('tf_static')
+        if topic.msgtype == TF and topic.name.endswith('tf_static')
     }
     cameras: dict[str, CameraGlance] = {}
     links: dict[str, tuple[str, str, Transform]] = {}

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
+from ..model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, FIX, MARKERS
 from .archetypes import VECTORS
 from .entities import TIME, entity_path
-from .program_survey import DETECTIONS_2D, DETECTIONS_3D, IMAGES
+from .program_survey import IMAGES
 
 if TYPE_CHECKING:
     from .program_survey import ProgramSurvey
 
-_MARKERS = ('visualization_msgs/msg/MarkerArray', 'visualization_msgs/msg/Marker')
-_FIX = ('sensor_msgs/msg/NavSatFix',)
+_MARKERS = (MARKERS, 'visualization_msgs/msg/Marker')
+_FIX = (FIX,)
 _MOST_CAMERAS = 2
 # Behind and above the vehicle, whose x points forward and z up (REP 103).
 _EYE_M = (-14.0, 0.0, 9.0)

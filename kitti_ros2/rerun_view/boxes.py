@@ -14,8 +14,9 @@ import rerun as rr
 
 from ..drawing.palette import rgb_of
 from ..model.boxes import DONT_CARE
+from ..model.msgtypes import DETECTIONS_3D
 from .entities import Converter, EntityUpdate, entity_path, image_frame
-from .program_survey import DETECTIONS_3D, frame_name
+from .program_survey import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -16,6 +16,7 @@ import numpy as np
 from ..messages.camera_info import camera_model
 from ..messages.header import peek_header
 from ..messages.transforms import decode_static
+from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, DETECTIONS_2D, IMAGE, TF
 from ..rig.stereo import viewpoints
 from ..rig.tf_tree import FrameTree
 
@@ -28,12 +29,7 @@ if TYPE_CHECKING:
     from ..player.program import Program
     from ..rig.stereo import Viewpoint
 
-CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-IMAGES = ('sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/Image')
-DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
-DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
-TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+IMAGES = (COMPRESSED, IMAGE)
 
 _LONGEST_NS = 3_000_000_000
 _MOST = 3000
@@ -162,8 +158,8 @@ def _note(survey: ProgramSurvey, program: Program, due: Message, *, first: bool)
         if outlet.msgtype == CAMERA_INFO and first:
             info: Any = program.typestore.deserialize_cdr(due.data, CAMERA_INFO)
             survey.cameras[outlet.topic] = camera_model(info)
-        if outlet.msgtype == TRANSFORMS:
-            message: Any = program.typestore.deserialize_cdr(due.data, TRANSFORMS)
+        if outlet.msgtype == TF:
+            message: Any = program.typestore.deserialize_cdr(due.data, TF)
             static = outlet.latched or outlet.topic.endswith('tf_static')
             for parent, child, link in decode_static(message):
                 survey.parents[frame_name(child)] = frame_name(parent)

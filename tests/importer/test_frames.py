@@ -7,11 +7,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kitti_ros2.importer import survey as types
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from kitti_ros2.importer.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout
@@ -22,7 +22,7 @@ MS = 1_000_000
 
 def survey(**milliseconds):
     """Topics /name with header stamps, and log times 5 ms later."""
-    kinds = {'scan': types.CLOUD, 'left': types.IMAGE, 'boxes': types.DETECTIONS}
+    kinds = {'scan': types.CLOUD, 'left': types.IMAGE, 'boxes': types.DETECTIONS_3D}
     topics = {}
     for name, stamps in milliseconds.items():
         header = [stamp * MS for stamp in stamps]

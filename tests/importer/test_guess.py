@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.importer import survey as types
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout

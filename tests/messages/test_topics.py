@@ -20,9 +20,10 @@ from kitti_ros2.kitti.layouts import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
 from kitti_ros2.messages.naming import FrameNames
-from kitti_ros2.messages.topics import STRING, make_table, own_topics
+from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.msgtypes import STRING
 from kitti_ros2.model.samples import (
     Calibration,
     Description,

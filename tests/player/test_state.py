@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.diagnostics import DIAGNOSTICS, OK, WARN, encode_diagnostics
+from kitti_ros2.messages.diagnostics import OK, WARN, encode_diagnostics
+from kitti_ros2.model.msgtypes import DIAGNOSTICS
 from kitti_ros2.player.playback import PlaybackState
 from kitti_ros2.player.session import Counts
 from kitti_ros2.player.state import encode_state

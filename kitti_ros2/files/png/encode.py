@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from ..checksums import adler32, crc32
 
+if TYPE_CHECKING:
     import numpy.typing as npt
 
 _SIGNATURE = b'\x89PNG\r\n\x1a\n'
@@ -70,7 +70,6 @@ def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: 
     height, row_bytes = rows.shape
     pixel_bytes = channels * value_bytes
     filtered = _filtered(rows, pixel_bytes)
-    adler32, crc32 = _checksums()
     header = _HEADER.pack(row_bytes // pixel_bytes, height, value_bytes * 8, colour, 0, 0, 0)
     data = [_ZLIB_HEAD, _deflated(filtered), _NUMBER.pack(adler32(filtered))]
     parts = [_SIGNATURE]
@@ -115,12 +114,3 @@ def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
             near.flush(),
         ]
     )
-
-
-def _checksums() -> tuple[Callable[..., int], Callable[..., int]]:
-    """Return the fastest available adler32 and crc32."""
-    try:
-        from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
-    except ImportError:
-        return zlib.adler32, zlib.crc32
-    return isal_zlib.adler32, isal_zlib.crc32

@@ -12,11 +12,7 @@ from typing import TYPE_CHECKING
 
 from ...model.errors import BadFileError
 from ...model.samples import Image
-
-try:
-    from isal.isal_zlib import crc32  # zlib's CRC at a third of its cost
-except ImportError:  # a workspace may do without
-    from zlib import crc32
+from ..checksums import crc32
 
 if TYPE_CHECKING:
     from pathlib import Path
