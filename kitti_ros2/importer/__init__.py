@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bag -> KITTI: bags written by to-bag byte for byte, others by a plan."""
+"""Bag -> KITTI, by a plan. own_bags/ restores the bags that to-bag wrote."""

@@ -16,7 +16,7 @@ from ..messages.clouds import decode_cloud
 from ..messages.detections import ABSURD, cuboids_of_detections, has_scores
 from ..messages.marker_boxes import cuboids_of_markers
 from ..messages.pixels import pixels_of, png_of, size_of
-from ..messages.source import decode_text
+from ..messages.source import LABEL_LINES, decode_text
 from ..model import msgtypes as types
 from ..model.errors import BadFileError, UsageError
 from ..model.geometry import Transform
@@ -32,7 +32,6 @@ from .frames import topic_of
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import TF, UNKNOWN_OCCLUSION
 from .report import undecoded
-from .survey import LABEL_LINES
 
 if TYPE_CHECKING:
     from ..messages.camera_info import CameraModel

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from ..bags.reader import path_of
 from ..files.staging import staged
 from ..kitti.names import SPLITS
+from ..messages.source import LABEL_LINES
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
 from .convert import build
 from .guess import Guess, guess_plan
 from .plan import NONE
-from .survey import LABEL_LINES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

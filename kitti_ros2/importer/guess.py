@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import guess_intensity_scale
+from ..messages.source import LABEL_LINES
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
@@ -17,7 +18,6 @@ from ..rig.tf_tree import FrameTree
 from .guess_cameras import guess_cameras, keeps_distortion
 from .plan import NONE, SOURCE, TF, CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from .report import undecoded
-from .survey import LABEL_LINES
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:

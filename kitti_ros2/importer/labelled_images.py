@@ -22,7 +22,7 @@ from ..drawing.annotate import annotate
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..kitti.label_file import labels_of_text
-from ..messages.source import decode_text
+from ..messages.source import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.layouts import Layout
 from ..model.samples import FrameLabels
@@ -31,7 +31,7 @@ from .frames import topic_of
 from .guess import guess_plan
 from .labels import own_number
 from .plan import NONE, SOURCE, TF
-from .survey import LABEL_LINES, glance
+from .survey import glance
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:

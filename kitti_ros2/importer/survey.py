@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array, TextFile
     from ..rig.tf_tree import Link
 
-LABEL_LINES = '/kitti/source/labels'
 
 _HEADED = frozenset(
     {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH, DETECTIONS_3D}

@@ -43,7 +43,7 @@ class FrameNames:
         return self.camera_pattern.format(self.cameras.get(index, str(index)))
 
 
-_RENAMED_TOPICS = {
+RENAMED_TOPICS = {
     Preset.DEFAULT: {},
     Preset.KITTI2BAG: {
         '/kitti/velo/points': '/kitti/velo/pointcloud',
@@ -55,7 +55,7 @@ _RENAMED_TOPICS = {
 
 def rename_topic(topic: str, preset: Preset) -> str:
     """Return a topic's name under a preset."""
-    for default, renamed in _RENAMED_TOPICS[preset].items():
+    for default, renamed in RENAMED_TOPICS[preset].items():
         topic = topic.replace(default, renamed)
     return topic
 

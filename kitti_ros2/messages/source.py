@@ -24,6 +24,8 @@ RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 SWEEP = '/kitti/source/sweep'
+LABEL_LINES = '/kitti/source/labels'
+OXTS_LINES = '/kitti/source/oxts'
 
 
 def encode_text(file: TextFile) -> String:

@@ -59,6 +59,8 @@ from .scan import decode_scan
 from .source import (
     CALIBRATION,
     FILES,
+    LABEL_LINES,
+    OXTS_LINES,
     RECORDING,
     SWEEP,
     decode_description,
@@ -150,7 +152,7 @@ _ROWS = (
           lambda packet, moment: encode_fix(packet, *moment.at_imu)),
     Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
           lambda packet, moment: encode_velocity(packet, *moment.at_imu)),
-    Topic('/kitti/source/oxts', STRING, Stream.OXTS, *_source, restores=True),
+    Topic(OXTS_LINES, STRING, Stream.OXTS, *_source, restores=True),
     Topic('/kitti/velo/points', CLOUD, Stream.SCAN,
           encoders.make_scan, lambda message, _: decode_scan(message), restores=True),
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
@@ -160,7 +162,7 @@ _ROWS = (
           encoders.make_boxes_2d),
     Topic('/kitti/labels/markers', MARKERS, Stream.LABELS,
           encoders.make_markers),
-    Topic('/kitti/source/labels', STRING, Stream.LABELS, *_source, restores=True),
+    Topic(LABEL_LINES, STRING, Stream.LABELS, *_source, restores=True),
 )  # fmt: skip
 """The rows of all recordings."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)

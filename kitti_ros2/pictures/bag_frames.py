@@ -20,11 +20,10 @@ from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.poses import read_track
 from ..importer.report import LossTally, damage
-from ..importer.survey import LABEL_LINES
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD
-from ..messages.source import decode_text
+from ..messages.source import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout

@@ -19,7 +19,7 @@ from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.layouts import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
-from kitti_ros2.messages.naming import FrameNames
+from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
@@ -163,3 +163,9 @@ def test_rows_without_a_decoder_are_restored_by_others():
 @pytest.mark.parametrize('layout', Layout)
 def test_each_stream_of_lines_has_a_folder(layout):
     assert LAYOUTS[layout].line_folders.keys() == layout.traits.line_streams
+
+
+def test_presets_rename_topics_of_the_table():
+    names = {row.topic for row in make_table({}, 'image_rect', MessageOptions())}
+    for renamed in RENAMED_TOPICS.values():
+        assert renamed.keys() <= names
