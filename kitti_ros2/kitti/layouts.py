@@ -87,22 +87,28 @@ class LayoutFiles:
         write: Makes a writer below a root folder for a recording of a name.
         line_folders: By line stream (see LayoutTraits) the folder of its text file, or the name of
             the file without suffix.
+        stamps: Name of the text file with the stamps of a stream, beside the stream's folder; empty
+            in a layout without time.
     """
 
     find: Callable[[Path], list[Candidate]]
     write: Callable[[Path, str, WriteOptions | None], LayoutWriter]
     line_folders: Mapping[Stream, str] = field(default_factory=dict)
+    stamps: str = ''
 
 
 LAYOUTS = {
     Layout.RAW: LayoutFiles(
-        find_raw, lambda root, name, _: RawWriter(root, *names.parse_drive(name))
+        find_raw,
+        lambda root, name, _: RawWriter(root, *names.parse_drive(name)),
+        stamps=names.TIMESTAMPS,
     ),
     Layout.OBJECT: LayoutFiles(find_object, ObjectWriter),
     Layout.ODOMETRY: LayoutFiles(
         find_odometry,
         lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
         {Stream.POSE: names.POSES},
+        stamps=names.TIMES,
     ),
     Layout.TRACKING: LayoutFiles(
         find_tracking,

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 
 from ..model.errors import UsageError
-from ..model.streams import Clock
 
 RAW_DIGITS = 10
 FRAME_DIGITS = 6
@@ -49,8 +48,6 @@ POSES = 'poses'
 TIMES = 'times.txt'
 ODOMETRY_CALIB = 'calib.txt'
 POINT_LABELS = 'labels'
-
-STAMP_FILES = {Clock.UTC: TIMESTAMPS, Clock.RELATIVE: TIMES, Clock.NOMINAL: ''}
 
 PNG = '.png'
 BIN = '.bin'

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
-from ..kitti import names
+from ..kitti.layouts import LAYOUTS
 from ..messages.header import peek_header
 from ..messages.moment import Origin
 from ..messages.topics import decoders, own_topics
@@ -133,8 +133,8 @@ def has_common_numbers(blueprint: Blueprint) -> bool:
 def clock_of(blueprint: Blueprint) -> Clock:
     """Return the meaning of a recording's stamps, by the time files in its bag."""
     files = {path.name for path in blueprint.texts}
-    clock = blueprint.layout.traits.clock
-    return clock if names.STAMP_FILES[clock] in files else Clock.NOMINAL
+    is_stamped = LAYOUTS[blueprint.layout].stamps in files
+    return blueprint.layout.traits.clock if is_stamped else Clock.NOMINAL
 
 
 def number_bag(

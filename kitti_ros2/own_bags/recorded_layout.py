@@ -17,6 +17,7 @@ from ..bags.decoding import Decoder
 from ..bags.reader import open_messages, opened, path_of
 from ..importer.report import LossTally, damage
 from ..kitti import names
+from ..kitti.layouts import LAYOUTS
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
 from ..messages.moment import Origin
@@ -110,7 +111,7 @@ class Blueprint:
 
     def stamps_path(self, stream: Stream) -> PurePosixPath:
         """Return the text file with a stream's stamps, in layouts that have one."""
-        return self.folders[stream].path.parent / names.STAMP_FILES[self.layout.traits.clock]
+        return self.folders[stream].path.parent / LAYOUTS[self.layout].stamps
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""

@@ -62,7 +62,7 @@ def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
     elif blueprint.layout.traits.tracklets:
         folder = _substitute(_tracklet_stamps(blueprint), sorted(tracklets_of(blueprint)))
     else:
-        stamps = names.STAMP_FILES[blueprint.layout.traits.clock]
+        stamps = LAYOUTS[blueprint.layout].stamps
         path = next((path for path in blueprint.texts if path.name == stamps), PurePosixPath())
         folder = _substitute(path, _lines(blueprint, stream))
     return replace(blueprint, folders={**blueprint.folders, stream: folder})
