@@ -14,7 +14,7 @@ from ..model.errors import BadBagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
 from .locate import locate_bag, reindex_advice
-from .storages import STORAGES
+from .storages import storage_of
 from .summary import BagIndex
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         try:
             plain = _unpacked(path, stack)
             name = path if plain == path else Path(f'{path} (unpacked)')
-            file = STORAGES[bag.storage].read(plain, name, findings)
+            file = storage_of(bag.storage).read(plain, name, findings)
         except BadBagError as error:
             failure = failure or error
             findings.lose(str(error))

@@ -13,7 +13,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .metadata import bag_information, information_text, metadata_yaml
-from .storages import STORAGES
+from .storages import storage_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,7 +47,7 @@ class BagWriter:
     def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
         self._context = context
         self._container = CONTAINERS[context.options.storage]
-        self._storage = STORAGES[context.options.storage]
+        self._storage = storage_of(context.options.storage)
         self._errors: tuple[type[Exception], ...] = (OSError, *self._storage.write_errors)
         self._single_file = single_file
         self._split_size = context.options.split_size

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reader and the writer of each container; model/containers.py has all other facts about it.
 
-Each is imported when it is called: the libraries behind all of them take some tenths of a second,
-and a run needs one or two.
+Those of the container NAME are STORAGE in the module NAME_storage here. Each is imported when it is
+asked for, and reader and writer when they are called: the libraries behind all of them take some
+tenths of a second, and a run needs one or two.
 """
 
 from __future__ import annotations
 
-import sqlite3
+from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -34,44 +35,7 @@ class Storage(NamedTuple):
     write_errors: tuple[type[Exception], ...] = ()
 
 
-def _read_mcap(path: Path, name: Path, findings: Findings) -> BagFile:
-    from .mcap_file import McapFile  # noqa: PLC0415
-
-    return McapFile(path, name, findings)
-
-
-def _write_mcap(path: Path, context: SegmentContext) -> SegmentWriter:
-    from .mcap_writer import McapSegment  # noqa: PLC0415
-
-    return McapSegment(path, context)
-
-
-def _read_sqlite(path: Path, name: Path, findings: Findings) -> BagFile:
-    from .sqlite_file import SqliteFile  # noqa: PLC0415
-
-    return SqliteFile(path, name, findings)
-
-
-def _write_sqlite(path: Path, context: SegmentContext) -> SegmentWriter:
-    from .sqlite_writer import SqliteSegment  # noqa: PLC0415
-
-    return SqliteSegment(path, context)
-
-
-def _read_ros1(path: Path, name: Path, findings: Findings) -> BagFile:
-    from .ros1_file import Ros1File  # noqa: PLC0415
-
-    return Ros1File(path, name, findings)
-
-
-def _write_ros1(path: Path, context: SegmentContext) -> SegmentWriter:
-    from .ros1_writer import Ros1Segment  # noqa: PLC0415
-
-    return Ros1Segment(path, context)
-
-
-STORAGES = {
-    'mcap': Storage(_read_mcap, _write_mcap),
-    'sqlite3': Storage(_read_sqlite, _write_sqlite, (sqlite3.Error,)),
-    'ros1': Storage(_read_ros1, _write_ros1),
-}
+def storage_of(container: str) -> Storage:
+    """Return the reader and the writer of a container, one of model.containers."""
+    found: Storage = import_module(f'.{container}_storage', __package__).STORAGE
+    return found
