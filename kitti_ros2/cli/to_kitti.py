@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..bags.reader import OpenBag, bag_stamps
@@ -16,14 +16,16 @@ from ..messages.source import RECORDING
 from ..model.errors import UsageError
 from ..model.losses import Loss
 from ..options.table import make_import_options
+from ..own_bags.part import select_part, select_times
 from ..own_bags.recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from ..importer.report import ImportReport
@@ -38,6 +40,7 @@ def run_to_kitti(
     *,
     plan_only: bool,
     quiet: bool,
+    json: bool = False,
 ) -> int:
     """Convert and print a summary; or print the plan.
 
@@ -47,6 +50,7 @@ def run_to_kitti(
         plan_file: A plan to use.
         plan_only: Whether to print the plan and stop.
         quiet: Print only losses.
+        json: Whether to print the summary as JSON.
 
     Returns:
         The exit code.
@@ -57,6 +61,11 @@ def run_to_kitti(
     keep_imports()
     options = make_import_options(given)
     if plan_only:
+        if options.overwrite or not options.selection.is_whole or json:
+            raise UsageError(
+                '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
+                ' and --json with the conversion'
+            )
         return _print_plan(paths, options)
     if len(paths) < 2:
         raise UsageError('to-kitti needs a bag and a folder to create: kitti-ros2 to-kitti BAG OUT')
@@ -65,15 +74,26 @@ def run_to_kitti(
         refuse_inside(bag, out)
     keep_freed_memory()
     started = time.monotonic()
+    notes: list[str] = []
+    tell = _note if not (quiet or json) else notes.append
     with ExitStack() as stack:
         opened = _open(bags, stack)
-        reports = _convert(opened, out, options, plan_file, quiet=quiet)
+        show = not (quiet or json)
+        reports = _Conversion(opened, out, options, plan_file, tell, show).run()
     elapsed = time.monotonic() - started
-    for report in () if quiet else reports:
-        _summarize(report, out, elapsed)
     losses = tuple(loss for report in reports for loss in report.losses)
+    if json:
+        values = [{**asdict(each), 'losses': losses_json(each.losses)} for each in reports]
+        print_json({'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed})
+    elif not quiet:
+        for report in reports:
+            _summarize(report, out, elapsed)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _note(text: str) -> None:
+    say(f'note: {text}')
 
 
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
@@ -81,56 +101,89 @@ def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
     return [stack.enter_context(OpenBag(path)) for path in paths]
 
 
-def _convert(
-    bags: Sequence[OpenBag],
-    out: Path,
-    options: ImportOptions,
-    plan_file: Path | None,
-    *,
-    quiet: bool,
-) -> list[ImportReport]:
-    from ..own_bags.restore import restore
+@dataclass(frozen=True)
+class _Conversion:
+    """A conversion of bags to a data set.
 
-    recordings, losses = _own(bags, options, planned=plan_file is not None)
-    keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
-    if recordings and keeps and plan_file is None:
-        files = sum(blueprint.files for _, blueprint in recordings)
-        frames = sum(_count_frames(*each) for each in recordings)
-        with conversion_progress(files, frames, show=not quiet) as progress:
-            return restore(recordings, out, progress)
-    from ..importer.append import mend
-    from ..importer.apply_plan import adapt, convert_by_plan, guess
-    from ..importer.frames import frame_topics, topic_of
-    from ..importer.plan import parse_plan
-    from ..importer.survey import look
-    from ..kitti.store import STORE
+    Attributes:
+        bags: All bags of the call.
+        out: The data set.
+        options: Of the conversion.
+        plan_file: A plan to use.
+        tell: Called with the notes known before anything is written.
+        show: Whether to show the progress.
+    """
 
-    survey = look(bags)
-    counts = {topic.name: topic.count for topic in survey.topics.values()}
-    for _, blueprint in recordings:
-        losses += (*blueprint.losses, *blueprint.shortfall(counts))
-    if plan_file is not None:
-        plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
-    else:
-        found = guess(bags, survey, options)
-        plan, losses = found.plan, (*losses, *found.losses)
-        if not quiet:
+    bags: Sequence[OpenBag]
+    out: Path
+    options: ImportOptions
+    plan_file: Path | None
+    tell: Callable[[str], None]
+    show: bool
+
+    def run(self) -> list[ImportReport]:
+        """Restore the recordings of bags written by to-bag, or convert by a plan."""
+        from ..own_bags.restore import restore
+
+        options = self.options
+        own, losses = _own(self.bags, options, planned=self.plan_file is not None)
+        keeps = all(options.keeps(blueprint.layout) for _, blueprint in own)
+        if not own or not keeps or self.plan_file is not None:
+            return [self._convert_by_plan(own, losses)]
+        selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
+        files = sum(blueprint.files for _, blueprint in selected)
+        frames = sum(_count_frames(*each) for each in selected)
+        with conversion_progress(files, frames, show=self.show) as progress:
+            return restore(selected, self.out, progress, overwrite=options.overwrite)
+
+    def _convert_by_plan(
+        self, recordings: Sequence[tuple[OpenBag, Blueprint]], losses: tuple[Loss, ...]
+    ) -> ImportReport:
+        """Convert by a plan.
+
+        Args:
+            recordings: The bags with their layouts, if to-bag wrote all of them.
+            losses: Their damaged descriptions.
+        """
+        from ..importer.append import mend
+        from ..importer.apply_plan import adapt, convert_by_plan, guess
+        from ..importer.frames import frame_topics, topic_of
+        from ..importer.plan import parse_plan
+        from ..importer.survey import look
+        from ..kitti.store import STORE
+
+        survey = look(self.bags)
+        counts = {topic.name: topic.count for topic in survey.topics.values()}
+        for _, blueprint in recordings:
+            losses += (*blueprint.losses, *blueprint.shortfall(counts))
+        if self.plan_file is not None:
+            plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
+        else:
+            found = guess(self.bags, survey, self.options)
+            plan, losses = found.plan, (*losses, *found.losses)
             for note in found.notes:
-                say(f'note: {note}')
-    for note in mend(out) if options.append else ():
-        if not quiet:
-            say(f'note: {note}')
-    samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
-    with conversion_progress(samples, samples, show=not quiet) as progress:
-        report = convert_by_plan(bags, plan, survey, out, options, progress)
-    reported = {loss.text() for loss in losses}
-    notes = tuple(note for note in report.notes if note not in reported)
-    return [replace(report, losses=(*losses, *report.losses), notes=notes)]
+                self.tell(note)
+        for note in mend(self.out) if self.options.append else ():
+            self.tell(note)
+        topics = frame_topics(plan)
+        options = self.options
+        if len(recordings) == 1:
+            reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
+            selection = select_times(*recordings[0], reference, options.selection)
+            options = replace(options, selection=selection)
+        samples = sum(topic_of(survey, topic).count for topic in topics.values())
+        with conversion_progress(samples, samples, show=self.show) as progress:
+            report = convert_by_plan(self.bags, plan, survey, self.out, options, progress)
+        reported = {loss.text() for loss in losses}
+        notes = tuple(note for note in report.notes if note not in reported)
+        return replace(report, losses=(*losses, *report.losses), notes=notes)
 
 
 def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
     from ..own_bags.numbering import number_bag
 
+    if blueprint.selected is not None:
+        return len(frozenset().union(*map(blueprint.requested, blueprint.folders)))
     numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
 
