@@ -16,7 +16,7 @@ from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
 from ..model.errors import MissingPathError, UsageError
 from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
-from ..own_bags.to_kitti import convert_bags
+from ..own_bags.to_kitti import Conversion
 from .keywords import by_name
 from .source import warn
 
@@ -124,14 +124,11 @@ def to_kitti(
             opened.append(stack.enter_context(OpenBag(path)))
         if not opened:
             raise UsageError('no bag; expected at least one')
-        reports = convert_bags(
-            opened,
-            target,
-            make_import_options(by_name(options, TO_KITTI)),
-            None if plan is None else Path(plan),
-            _shown(progress),
-            lambda _: None,
-        )
+        chosen = make_import_options(by_name(options, TO_KITTI))
+        plan_file = None if plan is None else Path(plan)
+        reports = Conversion(
+            opened, target, chosen, plan_file, lambda _: None, _shown(progress)
+        ).run()
     for report in reports:
         _warn_of(report.losses)
     return reports

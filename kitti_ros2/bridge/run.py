@@ -15,9 +15,8 @@ from ..player.to_the_end import play_to_the_end
 from .server import ViewerServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ..options.table import PlaySettings
+    from ..player.status import Terminal
     from ..player.to_the_end import StopRequest
 
 
@@ -26,10 +25,7 @@ def run_bridge(
     settings: PlaySettings,
     port: int,
     stop_request: StopRequest,
-    say: Callable[[str], None],
-    complain: Callable[[str], None],
-    *,
-    keyboard: bool,
+    terminal: Terminal,
 ) -> int:
     """Play until a stop is requested, or everything is played and the end is no pause.
 
@@ -38,9 +34,7 @@ def run_bridge(
         settings: Playback settings.
         port: TCP port on this machine; 0 takes a free one.
         stop_request: The request to stop.
-        say: Called with lines about the program, its address, and keys.
-        complain: Called with each reason why something cannot be played.
-        keyboard: Whether the keys of a terminal control it.
+        terminal: Shows the program, its address, and what cannot be played.
 
     Returns:
         The number of losses if everything was played: messages that could not be made, and data
@@ -54,15 +48,16 @@ def run_bridge(
     program = open_program(source, settings, reserved_by_viewers)
     with ExitStack() as stack:
         stack.callback(program.close)
-        server = ViewerServer(program, settings, port, complain)
+        server = ViewerServer(program, settings, port, terminal.complain)
         server.on_ended = stop_request.set
-        say(describe(program))
-        say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
+        if not terminal.quiet:
+            terminal.say(describe(program))
+        terminal.say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
         for note in program.notes():
-            complain(note)
+            terminal.complain(note)
         stack.callback(server.stop)
         server.start()
-        return play_to_the_end(server, stop_request, say, keyboard=keyboard)
+        return play_to_the_end(server, stop_request, terminal)
 
 
 def _refuse(settings: PlaySettings) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..model.errors import UsageError
+from .commands.command import Command
 from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.info import info
@@ -103,4 +104,4 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'play': play,
 }
 for _name, _command in _COMMANDS.items():
-    app.command(_name)(_command)
+    app.command(_name, cls=Command)(_command)

@@ -4,12 +4,8 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from dataclasses import asdict
-from math import isfinite
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
@@ -19,11 +15,13 @@ from ..model.text import one_line
 from ..options.table import make_settings
 from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
 from .memory import keep_imports
 from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from rich.table import Table
 
@@ -35,13 +33,14 @@ if TYPE_CHECKING:
 _MOST_FRAMES = 24
 
 
-def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
+def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
     """Print a summary of a KITTI folder or a bag.
 
     Args:
         path: The folder or the bag.
         given: The options layout and sequence.
         json: Whether to print JSON instead of tables.
+        quiet: Print only losses; all of it is in JSON.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
@@ -49,9 +48,10 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool) -> int:
     keep_imports()
     overview = overlook(path, make_settings(given).read)
     if json:
-        print_json(overview)
+        print_json(_values(overview))
     else:
-        print_overview(overview)
+        if not quiet:
+            print_overview(overview)
         show_losses(overview.losses)
     return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
@@ -65,28 +65,13 @@ def overlook(path: Path, options: ReadOptions) -> Overview:
         return inspect_bag(bag)[0]
 
 
-def print_json(overview: Overview) -> None:
-    """Print the overview as JSON; times in nanoseconds, sizes in bytes."""
-    values = _finite(asdict(overview))
+def _values(overview: Overview) -> dict[str, object]:
+    """Return the overview for JSON; times in nanoseconds, sizes in bytes."""
+    values = asdict(overview)
     if overview.compression is None:
         for series in values['series']:
             series['frames'] = series.pop('msgtype')
-    sys.stdout.write(json.dumps(values, default=_json_value, indent=2) + '\n')
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """Return the value with null for NaN and infinite numbers, which JSON does not support."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def _json_value(value: object) -> str:
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(type(value))
+    return values
 
 
 def print_overview(overview: Overview) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..model.errors import UsageError
 from ..node.installed import check_installed
 from ..options.table import PLAY_OPTIONS, make_play_settings
+from ..player.status import StatusLine, Terminal
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -64,6 +65,7 @@ def run_play(
     *,
     foxglove: int | None,
     keyboard: bool,
+    quiet: bool = False,
 ) -> int:
     """Play a recording or a bag as a ROS 2 node, or for viewers.
 
@@ -74,6 +76,7 @@ def run_play(
         ros_args: Arguments for ROS.
         foxglove: Port for viewers; None plays in ROS.
         keyboard: Whether keys in a terminal control it.
+        quiet: Print only warnings, errors, losses, and the address for viewers.
 
     Returns:
         The exit code: also 0 after Ctrl-C.
@@ -86,7 +89,8 @@ def run_play(
         of_file = load_config(config, PLAY_OPTIONS)
         chosen = {name: value for name, value in of_file.items() if value is not None} | chosen
     if foxglove is not None:
-        return _play_for_viewers(src, chosen, ros_args, ending, foxglove, keyboard=keyboard)
+        controls = {'keyboard': keyboard, 'quiet': quiet}
+        return _play_for_viewers(src, chosen, ros_args, ending, foxglove, **controls)
     make_play_settings(chosen)
     if src is not None:
         chosen['source'] = str(src)
@@ -95,7 +99,7 @@ def run_play(
 
     keep_imports()
     keep_freed_memory()
-    failures = run_player(chosen, ros_args, ending, keyboard=keyboard)
+    failures = run_player(chosen, ros_args, ending, keyboard=keyboard, quiet=quiet)
     return EXIT_LOSSES if failures else EXIT_OK
 
 
@@ -107,6 +111,7 @@ def _play_for_viewers(
     port: int,
     *,
     keyboard: bool,
+    quiet: bool,
 ) -> int:
     if not 0 <= port <= _LAST_PORT:
         raise UsageError(f'invalid port {port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
@@ -124,10 +129,17 @@ def _play_for_viewers(
         ) from error
     keep_imports()
     keep_freed_memory()
-    failures = run_bridge(str(src), settings, port, ending, _say, complain, keyboard=keyboard)
+    status = StatusLine(show=not quiet)
+
+    def tell(text: str) -> None:
+        status.hide()
+        say(text)
+        sys.stdout.flush()
+
+    def warn(text: str) -> None:
+        status.hide()
+        complain(text)
+
+    terminal = Terminal(tell, warn, status, keyboard=keyboard, quiet=quiet)
+    failures = run_bridge(str(src), settings, port, ending, terminal)
     return EXIT_LOSSES if failures else EXIT_OK
-
-
-def _say(text: str) -> None:
-    say(text)
-    sys.stdout.flush()

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..bags.recover import recover
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
 from .memory import keep_freed_memory, keep_imports
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
@@ -19,7 +21,15 @@ if TYPE_CHECKING:
     from ..bags.recover import RecoveryReport
 
 
-def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, quiet: bool) -> int:
+def run_recover(
+    bag: Path,
+    out: Path,
+    storage: str | None,
+    *,
+    overwrite: bool,
+    quiet: bool,
+    json: bool = False,
+) -> int:
     """Recover a bag and report what was lost.
 
     Args:
@@ -28,6 +38,7 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
         storage: The container, None for that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
         quiet: Print only losses.
+        json: Whether to print the summary as JSON.
 
     Returns:
         The exit code.
@@ -37,10 +48,13 @@ def run_recover(bag: Path, out: Path, storage: str | None, *, overwrite: bool, q
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:
         report = recover(bag, out, storage, overwrite=overwrite, progress=progress)
+    elapsed = time.monotonic() - started
     for loss in report.losses:
         complain(loss)
-    if not quiet:
-        _summarize(report, time.monotonic() - started)
+    if json:
+        print_json({**asdict(report), 'seconds': elapsed})
+    elif not quiet:
+        _summarize(report, elapsed)
     if not report.losses:
         return EXIT_OK
     complain(f'kitti-ros2: {_lost(report)}, listed above; exit code {EXIT_LOSSES}')

@@ -27,7 +27,13 @@ _KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
 
 def run_report(
-    src: Path, out: Path, given: Mapping[str, object], *, overwrite: bool, quiet: bool
+    src: Path,
+    out: Path,
+    given: Mapping[str, object],
+    *,
+    overwrite: bool,
+    quiet: bool,
+    show: bool = False,
 ) -> int:
     """Write the report of a KITTI folder or a bag.
 
@@ -37,6 +43,7 @@ def run_report(
         given: The options layout and sequence.
         overwrite: Whether an existing page may be replaced.
         quiet: Print only losses.
+        show: Whether to open the page in the browser.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
@@ -62,7 +69,18 @@ def run_report(
             f'{format_path(out)}: {report.verdict}{notes};'
             f' {format_bytes(size)}, took {time.monotonic() - started:.1f} s'
         )
+    if show:
+        _open(out)
     if report.sound:
         return EXIT_OK
     complain(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
+
+
+def _open(page: Path) -> None:
+    """Open a page in the browser, or say that there is none."""
+    import webbrowser
+
+    address = page.resolve().as_uri()
+    if not webbrowser.open(address):
+        complain(f'no browser is found; open {address}')

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG_OPTIONS, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
@@ -29,7 +31,13 @@ if TYPE_CHECKING:
 
 
 def run_to_bag(
-    src: Path, out: Path, given: Mapping[str, object], config: Path | None, *, quiet: bool
+    src: Path,
+    out: Path,
+    given: Mapping[str, object],
+    config: Path | None,
+    *,
+    quiet: bool,
+    json: bool = False,
 ) -> int:
     """Convert, show the progress, and print a summary.
 
@@ -39,6 +47,7 @@ def run_to_bag(
         given: Options of the command line by name.
         config: YAML file of options; the command line wins.
         quiet: Print only losses.
+        json: Whether to print the summary as JSON.
 
     Returns:
         The exit code.
@@ -53,7 +62,7 @@ def run_to_bag(
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_recording(src, settings.read)
     refuse_inside(src, out)
-    if settings.read.layout is None and not quiet:
+    if settings.read.layout is None and not quiet and not json:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')
     if settings.messages.images is not Images.COMPRESSED:
         keep_freed_memory()
@@ -68,7 +77,17 @@ def run_to_bag(
         progress=partial(conversion_progress, show=not quiet),
     )
     elapsed = time.monotonic() - started
-    if not quiet:
+    if json:
+        print_json(
+            {
+                'layout': recording.layout.value,
+                'name': recording.name,
+                **asdict(report),
+                'losses': losses_json(report.losses),
+                'seconds': elapsed,
+            }
+        )
+    elif not quiet:
         _summarize(report, elapsed, images=settings.messages.images, recording=recording)
     show_losses(report.losses)
     return EXIT_LOSSES if report.losses else EXIT_OK

@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +15,9 @@ from ..bags.reader import OpenBag
 from ..files.staging import refuse_inside
 from ..model.errors import UsageError
 from ..options.table import make_import_options
-from ..own_bags.to_kitti import convert_bags, own_bags
+from ..own_bags.to_kitti import Conversion, own_bags
 from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
@@ -36,6 +37,7 @@ def run_to_kitti(
     *,
     plan_only: bool,
     quiet: bool,
+    json: bool = False,
 ) -> int:
     """Convert and print a summary; or print the plan.
 
@@ -45,6 +47,7 @@ def run_to_kitti(
         plan_file: A plan to use.
         plan_only: Whether to print the plan and stop.
         quiet: Print only losses.
+        json: Whether to print the summary as JSON.
 
     Returns:
         The exit code.
@@ -55,6 +58,11 @@ def run_to_kitti(
     keep_imports()
     options = make_import_options(given)
     if plan_only:
+        if options.overwrite or not options.selection.is_whole or json:
+            raise UsageError(
+                '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
+                ' and --json with the conversion'
+            )
         return _print_plan(paths, options)
     if len(paths) < 2:
         raise UsageError('to-kitti needs a bag and a folder to create: kitti-ros2 to-kitti BAG OUT')
@@ -63,22 +71,27 @@ def run_to_kitti(
         refuse_inside(bag, out)
     keep_freed_memory()
     started = time.monotonic()
+    notes: list[str] = []
+    tell = _note if not (quiet or json) else notes.append
     with ExitStack() as stack:
         opened = _open(bags, stack)
-        reports = convert_bags(
-            opened,
-            out,
-            options,
-            plan_file,
-            partial(conversion_progress, show=not quiet),
-            (lambda _: None) if quiet else (lambda note: say(f'note: {note}')),
-        )
+        show = not (quiet or json)
+        progress = partial(conversion_progress, show=show)
+        reports = Conversion(opened, out, options, plan_file, tell, progress).run()
     elapsed = time.monotonic() - started
-    for report in () if quiet else reports:
-        _summarize(report, out, elapsed)
     losses = tuple(loss for report in reports for loss in report.losses)
+    if json:
+        values = [{**asdict(each), 'losses': losses_json(each.losses)} for each in reports]
+        print_json({'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed})
+    elif not quiet:
+        for report in reports:
+            _summarize(report, out, elapsed)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _note(text: str) -> None:
+    say(f'note: {text}')
 
 
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:

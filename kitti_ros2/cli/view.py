@@ -18,7 +18,7 @@ from ..pictures.modes import MODES
 from ..pictures.movie import Movie
 from ..pictures.output import PICTURES, keep_all_but_pictures, staged_folder, write_picture
 from ..pictures.predictions import Predictions
-from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of
+from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, select_frames
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -183,7 +183,10 @@ def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> li
     """Return the numbers of the frames to draw."""
     if settings.frame is not None:
         return [settings.frame]
-    return [int(source.numbers[0])] if single else parse_frames(settings.frames or ':', source)
+    if settings.frames is not None:
+        return parse_frames(settings.frames, source)
+    numbers = select_frames(source, settings.selection)
+    return numbers[:1] if single else numbers
 
 
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
@@ -193,6 +196,10 @@ def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
     if single and settings.frames is not None:
         raise UsageError(
             f'{out}: one picture takes --frame N; for --frames give a film (.mp4) or a folder'
+        )
+    if single and settings.selection.end is not None:
+        raise UsageError(
+            f'{out}: one picture takes --frame N or --start; --end is for a film (.mp4) or folder'
         )
     if not single and out.suffix and out.suffix.lower() != _MOVIE and not out.is_dir():
         known = ', '.join((*PICTURES, _MOVIE))

@@ -66,10 +66,10 @@ class Encoder:
     ) -> None:
         images = image_topic(recording.layout, recording.image_topic, options.preset)
         table = make_table(recording.cameras, images, options)
-        selected = select_topics(table, selection.topics)
+        selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule
-        self._unmatched = unmatched(table, selection.topics)
+        self._unmatched = unmatched(table, selection)
         due = {stream for stream in Stream if schedule.count(stream)}
         self.table: list[Topic] = [row for row in selected if row.stream in due]
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
@@ -206,13 +206,13 @@ def _selected_streams(
     recording: Recording, options: MessageOptions, selection: SelectionOptions
 ) -> set[Stream]:
     """Return the streams selected by topics, including cameras that are lost completely."""
-    if not selection.topics:
+    if not selection.topics and not selection.exclude_topics:
         return set(Stream)
     lost = {Stream(loss.stream).camera for loss in recording.losses}
     cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
     images = image_topic(recording.layout, recording.image_topic, options.preset)
     table = make_table({**cameras, **recording.cameras}, images, options)
-    return {row.stream for row in select_topics(table, selection.topics)}
+    return {row.stream for row in select_topics(table, selection)}
 
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:

@@ -171,7 +171,8 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
         UsageError: A stream's name is unknown, or the selection is empty.
     """
     wanted = _wanted_streams(selection.streams)
-    window = select_window(recording, selection)
+    common = recording.common_numbers
+    window = select_window(recording.streams, selection, common=common)
     rows: list[_Row] = []
     for stream in [stream for stream in recording.streams if stream in wanted]:
         index = recording.streams[stream]

@@ -12,6 +12,8 @@ from ..model.errors import UsageError
 from ..model.streams import Stream
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy.typing as npt
 
     from ..model.recording import Recording, StreamIndex
@@ -38,16 +40,24 @@ class Window(NamedTuple):
         return numbers & (index.stamps_ns >= begin_ns) & (index.stamps_ns <= end_ns)
 
 
-def select_window(recording: Recording, selection: SelectionOptions) -> Window:
-    """Return the window of a selection in a recording."""
+def select_window(
+    streams: Mapping[Stream, StreamIndex], selection: SelectionOptions, *, common: bool
+) -> Window:
+    """Return the window of a selection.
+
+    Args:
+        streams: The samples of a recording.
+        selection: Its start and end.
+        common: Whether a number is the same moment in all streams.
+    """
     numbers, stamps = list(UNLIMITED), list(UNLIMITED)
     for side, bound in enumerate((selection.start, selection.end)):
         if bound is None:
             continue
-        if bound.frame is not None and recording.common_numbers:
+        if bound.frame is not None and common:
             numbers[side] = bound.frame
         else:
-            stamps[side] = _bound_ns(recording, bound, side)
+            stamps[side] = _bound_ns(streams, bound, side)
     return Window((numbers[0], numbers[1]), (stamps[0], stamps[1]))
 
 
@@ -55,7 +65,8 @@ def nothing_selected(recording: Recording, selection: SelectionOptions) -> Usage
     """Return the error for a selection without samples: empty, or its end is before its start."""
     start, end = selection.start, selection.end
     if start is not None and end is not None:
-        first, last = _bound_ns(recording, start, 0), _bound_ns(recording, end, 1)
+        streams = recording.streams
+        first, last = _bound_ns(streams, start, 0), _bound_ns(streams, end, 1)
         # Start and end are of different kinds, both inside the recording.
         if UNLIMITED[0] < last < first < UNLIMITED[1]:
             return selection.reversed_error()
@@ -66,16 +77,16 @@ def nothing_selected(recording: Recording, selection: SelectionOptions) -> Usage
     return UsageError(f'{recording.name}: the selection takes no sample; it holds frames {extent}')
 
 
-def _bound_ns(recording: Recording, bound: Bound, side: int) -> int:
+def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) -> int:
     """Return the first (side 0) or last (side 1) stamp within a bound."""
     if bound.stamp_ns is not None:
         return bound.stamp_ns
     if bound.offset_ns is not None:
-        first = min(int(index.stamps_ns.min()) for index in recording.streams.values())
+        first = min(int(index.stamps_ns.min()) for index in streams.values())
         return first + bound.offset_ns
     # Streams without a common frame number are cut where the reference stream has that frame.
-    reference = next(s for s in (Stream.SCAN, *Stream) if s in recording.streams)
-    index = recording.streams[reference]
+    reference = next(s for s in (Stream.SCAN, *Stream) if s in streams)
+    index = streams[reference]
     frame = bound.frame or 0
     position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
     if position < 0:

@@ -184,14 +184,19 @@ class Staging:
 
 
 @contextmanager
-def staged(out: Path) -> Iterator[Path]:
+def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> Iterator[Path]:
     """Yield a folder to build a data set in; its content is moved to out on success.
+
+    Args:
+        out: The data set: absent, an empty folder, or one that the refusal lets be replaced.
+        refusal: As in Staging; None keeps all.
 
     Raises:
         OutputExistsError: out is not empty.
         OutputError: It cannot be written.
     """
-    staging = Staging(out, _refuse_content)
+    keep = refusal or _keep_content
+    staging = Staging(out, lambda path: None if _is_empty(path) else keep(path))
     try:
         with reported(out):
             staging.content.mkdir()
@@ -201,10 +206,12 @@ def staged(out: Path) -> Iterator[Path]:
         staging.discard()
 
 
-def _refuse_content(path: Path) -> str | None:
-    if path.is_dir() and not any(path.iterdir()):
-        return None
-    return 'choose another name, or an empty folder'
+def _is_empty(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())
+
+
+def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
+    return 'choose another name, an empty folder, or pass --overwrite'
 
 
 def lock_exclusively(fd: int, path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..bags.reader import path_of
 from ..files.staging import staged
 from ..kitti.names import SPLITS
+from ..kitti.replacing import keep_all_but_data_sets
 from ..messages.source import LABEL_LINES
 from ..model.errors import UsageError
 from ..model.layouts import Layout
@@ -96,7 +97,7 @@ def convert_by_plan(
         bags: Those of one recording.
         plan: The rules of the conversion.
         survey: Their content.
-        out: The data set's folder, absent or empty unless the options append.
+        out: The data set's folder, absent or empty unless the options append or overwrite.
         options: Of the output.
         progress: Called with the samples and the bytes written so far.
 
@@ -111,5 +112,6 @@ def convert_by_plan(
         with appended(out, plan.name) as place:
             report = build(bags, plan, survey, place.stage, options, place.first, progress)
         return replace(report, notes=(*place.notes, *report.notes))
-    with staged(out) as stage:
+    refusal = keep_all_but_data_sets(1) if options.overwrite else None
+    with staged(out, refusal) as stage:
         return build(bags, plan, survey, stage, options, 0, progress)

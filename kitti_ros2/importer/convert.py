@@ -69,7 +69,7 @@ def build(
     """
     losses = LossTally()
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
-    frames = choose_frames(plan, survey, track)
+    frames = choose_frames(plan, survey, track, options.selection)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, stage, plan.name, written) as writer:

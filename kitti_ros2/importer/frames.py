@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.samples import Int64Array
+    from ..options.selection import SelectionOptions
     from .plan import Plan
     from .pose_track import PoseTrack
     from .survey import Survey, TopicSurvey
@@ -60,13 +61,20 @@ def frame_topics(plan: Plan) -> dict[Stream, str]:
     return topics
 
 
-def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames:
+def choose_frames(
+    plan: Plan,
+    survey: Survey,
+    track: PoseTrack | None,
+    selection: SelectionOptions | None = None,
+) -> Frames:
     """Choose the frames of a plan.
 
     Args:
         plan: Names the reference stream and the treatment of incomplete frames.
         survey: The stamps of all topics.
         track: The poses, where each frame needs one: frames without a pose are dropped.
+        selection: First and last of these frames, by their positions from 0, seconds from the
+            first, or stamps; None is all.
 
     Raises:
         UsageError: The plan names a missing topic, or no frame is left.
@@ -99,12 +107,56 @@ def choose_frames(plan: Plan, survey: Survey, track: PoseTrack | None) -> Frames
             f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
             f' the plan, set incomplete: keep, or take the stream that lacks out of the plan'
         )
+    if selection is not None and not selection.is_whole:
+        kept &= _span(reference, kept, selection)
     return Frames(
         reference[kept],
         {stream: indices[kept] for stream, indices in samples.items()},
         stamps,
         tuple(notes),
     )
+
+
+def _span(
+    stamps_ns: Int64Array, kept: npt.NDArray[np.bool_], selection: SelectionOptions
+) -> npt.NDArray[np.bool_]:
+    """Return which frames a selection takes.
+
+    Raises:
+        UsageError: None of those that are kept.
+    """
+    numbers = np.cumsum(kept) - 1
+    chosen = within(selection, numbers, stamps_ns)
+    if not (chosen & kept).any():
+        seconds = (int(stamps_ns[kept].max()) - int(stamps_ns.min())) / NS_PER_S
+        raise UsageError(
+            f'the selection takes no frame; there are frames 0 to {numbers[-1]},'
+            f' seconds 0s to {seconds:.3f}s'
+        )
+    return chosen
+
+
+def within(
+    selection: SelectionOptions, numbers: Int64Array, stamps_ns: Int64Array
+) -> npt.NDArray[np.bool_]:
+    """Return (N,) which frames are between the start and the end of a selection, both included.
+
+    Args:
+        selection: Its seconds count from the first frame.
+        numbers: (N,) of the frames.
+        stamps_ns: (N,) of the frames.
+    """
+    chosen = np.ones(len(numbers), dtype=np.bool_)
+    for bound, compare in ((selection.start, np.greater_equal), (selection.end, np.less_equal)):
+        if bound is None:
+            continue
+        if bound.frame is not None:
+            chosen &= compare(numbers, bound.frame)
+        elif bound.offset_ns is not None:
+            chosen &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
+        else:
+            chosen &= compare(stamps_ns, bound.stamp_ns or 0)
+    return chosen
 
 
 def topic_of(survey: Survey, name: str) -> TopicSurvey:

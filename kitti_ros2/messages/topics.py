@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping
 
     from ..model.samples import Calibration, Sample
+    from ..options.selection import SelectionOptions
     from .moment import Moment, Origin
 
     Encode: TypeAlias = Callable[[Any, Moment], object | None]
@@ -226,27 +227,36 @@ def decoders() -> Mapping[str, Decode]:
     return {name: row.decode for name, row in own_topics().items() if row.decode is not None}
 
 
-def select_topics(table: list[Topic], patterns: tuple[str, ...]) -> list[Topic]:
-    """Select the rows whose names match a pattern (shell wildcards); all without patterns.
+def select_topics(table: list[Topic], selection: SelectionOptions) -> list[Topic]:
+    """Select the rows whose names match a pattern of topics and none of exclude_topics.
+
+    Patterns are shell wildcards; without topics all are selected.
 
     Raises:
-        UsageError: There are patterns, and none matches a row.
+        UsageError: No row is selected.
     """
-    names = set(match_names([row.topic for row in table], patterns))
+    names = set(match_names([row.topic for row in table], selection))
     return [row for row in table if row.topic in names]
 
 
-def match_names(names: list[str], patterns: tuple[str, ...]) -> list[str]:
-    """Select the topic names that match a pattern; see select_topics."""
-    if not patterns:
-        return names
-    selected = [name for name in names if any(fnmatchcase(name, each) for each in patterns)]
-    if not selected:
+def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
+    """Select topic names; see select_topics."""
+    patterns, excluded = selection.topics, selection.exclude_topics
+    selected = [name for name in names if not patterns or _matches(name, patterns)]
+    if not selected and patterns:
         known = ', '.join(sorted(names))
         raise UsageError(f'no topic is called {" or ".join(patterns)}; there are {known}')
-    return selected
+    kept = [name for name in selected if not _matches(name, excluded)]
+    if selected and not kept:
+        raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
+    return kept
 
 
-def unmatched(table: list[Topic], patterns: tuple[str, ...]) -> list[str]:
-    """Return the patterns that match no row."""
+def _matches(name: str, patterns: tuple[str, ...]) -> bool:
+    return any(fnmatchcase(name, each) for each in patterns)
+
+
+def unmatched(table: list[Topic], selection: SelectionOptions) -> list[str]:
+    """Return the patterns of topics and exclude_topics that match no row."""
+    patterns = (*selection.topics, *selection.exclude_topics)
     return [each for each in patterns if not any(fnmatchcase(row.topic, each) for row in table)]

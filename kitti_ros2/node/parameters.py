@@ -52,6 +52,8 @@ class _Commands:
 def _parameter(declared: Option) -> Option:
     """Return an option as a parameter, with a default of ROS's types."""
     default, meaning = declared.plain(declared.default), declared.meaning
+    if declared.choices:
+        meaning += f': {" or ".join(declared.choices)}'
     if declared.unset:
         default = [''] if isinstance(default, tuple) else ''
         meaning += f'; empty: {declared.unset}'

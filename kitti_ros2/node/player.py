@@ -40,11 +40,27 @@ _LIVE = ('rate', 'loop', 'step')
 _OF_SOURCE = ('source', 'layout', 'sequence')
 
 
+class _AnnouncedLogger:
+    """An rclpy logger that calls a function before each use.
+
+    It only looks methods up: rclpy throttles each calling line of code by itself.
+    """
+
+    def __init__(self, logger: Any, before: Callable[[], None]) -> None:  # noqa: ANN401 - of rclpy
+        self._logger = logger
+        self._before = before
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - any method of the logger
+        self._before()
+        return getattr(self._logger, name)
+
+
 class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     """Plays one source after another; the constructor only declares parameters.
 
     Args:
         overrides: Parameter values with precedence over all others.
+        before_log: Called before each line of the log.
         context: The rclpy context.
 
     Attributes:
@@ -56,7 +72,13 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         UsageError: A parameter's value has another type, or is out of range.
     """
 
-    def __init__(self, overrides: Sequence[Parameter] = (), **options: Any) -> None:  # noqa: ANN401
+    def __init__(
+        self,
+        overrides: Sequence[Parameter] = (),
+        before_log: Callable[[], None] = lambda: None,
+        **options: Any,  # noqa: ANN401 - those of Node
+    ) -> None:
+        self._before_log = before_log
         super().__init__(
             NODE_NAME,
             parameter_overrides=list(overrides),
@@ -74,6 +96,10 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self._values = declare(self)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state_publisher = self.create_publisher(DiagnosticArray, '~/state', latched)
+
+    def get_logger(self) -> Any:  # noqa: ANN401 - rclpy has no types
+        """Return the logger, which calls before_log first."""
+        return _AnnouncedLogger(super().get_logger(), self._before_log)
 
     # Start and stop.
 
@@ -163,9 +189,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             program,
             settings,
             lambda program: Outlets(self, program, overrides, self._tell_time),
-            self.get_logger().error,
+            lambda text: self.get_logger().error(text),
             self._tell_state_sometimes,
-            self.get_logger().info,
+            lambda text: self.get_logger().info(text),
         )
         self.stop()
         self._session = session

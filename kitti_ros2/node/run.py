@@ -8,8 +8,10 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 
 from ..player.session import LAST_WAIT_S, favour_what_is_due
+from ..player.status import StatusLine, Terminal
 from ..player.to_the_end import play_to_the_end
 from .closing import Closing
 from .creation import create_node
@@ -24,7 +26,12 @@ if TYPE_CHECKING:
 
 
 def run_player(
-    values: Mapping[str, Any], ros_args: Sequence[str], stop_request: StopRequest, *, keyboard: bool
+    values: Mapping[str, Any],
+    ros_args: Sequence[str],
+    stop_request: StopRequest,
+    *,
+    keyboard: bool,
+    quiet: bool = False,
 ) -> int:
     """Play until everything is played, or a stop is requested, or ROS shuts down.
 
@@ -33,6 +40,7 @@ def run_player(
         ros_args: Arguments from --ros-args on.
         stop_request: The request to stop.
         keyboard: Whether the keys of a terminal control it.
+        quiet: Whether to log only warnings and errors, without a status line.
 
     Returns:
         The number of losses if everything was played: messages that could not be made, data missing
@@ -46,7 +54,12 @@ def run_player(
     context = start_ros(ros_args)
     with Closing(stop_request) as closing:
         closing.callback(context.try_shutdown)
-        node = create_node(lambda: KittiPlayer(to_parameters(values), context=context))
+        status = StatusLine(show=not quiet)
+        node = create_node(
+            lambda: KittiPlayer(to_parameters(values), before_log=status.hide, context=context)
+        )
+        if quiet:
+            node.get_logger().set_level(LoggingSeverity.WARN)
         node.on_ended = stop_request.set
         closing.callback(node.destroy_node)
         executor = SingleThreadedExecutor(context=context)
@@ -59,7 +72,14 @@ def run_player(
         )
         thread.start()
         closing.callback(_end_spin, executor, stop, thread)
-        losses = play_to_the_end(node, stop_request, node.get_logger().info, keyboard=keyboard)
+        terminal = Terminal(
+            lambda text: node.get_logger().info(text),
+            lambda text: node.get_logger().warning(text),
+            status,
+            keyboard=keyboard,
+            quiet=quiet,
+        )
+        losses = play_to_the_end(node, stop_request, terminal)
         if node.session.late:
             closing.seconds -= LAST_WAIT_S
         return losses

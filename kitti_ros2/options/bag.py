@@ -5,11 +5,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .declare import option
 from .parsers import parse_flag, parse_integer, parse_seconds_ns, parse_split_size, parse_text
+
+_COMPRESSIONS = tuple(
+    dict.fromkeys(name for each in CONTAINERS.values() for name in each.compressions)
+)
 
 
 @dataclass(frozen=True)
@@ -28,8 +33,12 @@ class BagOptions:
         UsageError: A value is unknown or does not match the others.
     """
 
+    group: ClassVar = 'Bag'
+
     storage: str = 'mcap'
-    compression: str = option('none', 'none, lz4, zstd or (ros1) bz2', parse_text)
+    compression: str = option(
+        'none', 'mcap: lz4, zstd; sqlite3: zstd; ros1: lz4, bz2', parse_text, choices=_COMPRESSIONS
+    )
     compression_level: int | None = option(
         None, 'lz4 0 to 16, zstd 1 to 22', parse_integer, unset="the compressor's default"
     )
@@ -38,6 +47,7 @@ class BagOptions:
         'Start a new file after so many bytes, such as 2GB (at least 1MB)',
         parse_split_size,
         unset='never',
+        metavar='SIZE',
     )
     split_duration_ns: int | None = option(
         None,

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S
-from .parsers import parse_seconds_ns
+from .parsers import parse_choice, parse_seconds_ns
 
 Parser: TypeAlias = Callable[[str, object], Any]
 T = TypeVar('T')
@@ -37,6 +37,9 @@ class Option:
         flags: Further spellings on the command line; one with two dashes replaces --name.
         live: Whether the ROS parameter may change while the node runs.
         any_type: Whether the ROS parameter takes values of other types, such as 12 for '12'.
+        group: Heading of the option in help texts; that of its dataclass unless declared.
+        choices: All values, for an option that takes one of a few words.
+        metavar: Placeholder of the value in help texts, where the parser's is too general.
     """
 
     field: str
@@ -49,6 +52,9 @@ class Option:
     flags: tuple[str, ...] = ()
     live: bool = False
     any_type: bool = False
+    group: str = ''
+    choices: tuple[str, ...] = ()
+    metavar: str = ''
 
     def plain(self, value: Any) -> Any:  # noqa: ANN401 - of the type that the option has
         """Return a field's value as users write it: seconds for ns, a word for a choice."""
@@ -74,11 +80,23 @@ def option(default: T, meaning: str, parse: Parser, **rest: Any) -> T:  # noqa: 
     )
 
 
+def choice(default: T, meaning: str, kind: type[Enum], **rest: Any) -> T:  # noqa: ANN401 - as above
+    """Return a dataclass field that is an option with the values of an enum."""
+    words = tuple(each.value for each in kind)
+    return option(default, meaning, parse_choice(kind), choices=words, **rest)
+
+
 def options_of(kind: type) -> tuple[Option, ...]:
-    """Return the options that are declared on the fields of a dataclass, in their order."""
+    """Return the options that are declared on the fields of a dataclass, in their order.
+
+    The attribute group of the class is the group of its options.
+    """
+    group = getattr(kind, 'group', '')
     return tuple(
         Option(
-            field=each.name, default=each.default, **{'name': each.name} | each.metadata[_METADATA]
+            field=each.name,
+            default=each.default,
+            **{'name': each.name, 'group': group} | each.metadata[_METADATA],
         )
         for each in fields(kind)
         if _METADATA in each.metadata

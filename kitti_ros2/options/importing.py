@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from ..model.layouts import LAYOUT_NAMES, Layout
-from .declare import option
-from .parsers import parse_choice, parse_flag, parse_number, parse_path, parse_text
+from ..model.layouts import Layout
+from .declare import choice, option
+from .parsers import parse_flag, parse_number, parse_path, parse_text
+from .selection import SelectionOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,22 +27,25 @@ class ImportOptions:
         calib: A KITTI calibration file or folder instead of the bag's own calibration.
         train_fraction: Fraction of an object set's frames in train, 0 to 1.
         append: Whether to continue the numbering of an existing object set.
+        overwrite: Whether an existing data set may be replaced.
+        selection: First and last frame to convert: KITTI's file numbers in a bag written by
+            to-bag, else the numbers that a conversion of the whole bag gives.
 
     Raises:
         UsageError: A value is out of range, or does not go with the others.
     """
 
-    layout: Layout | None = option(
-        None,
-        LAYOUT_NAMES,
-        parse_choice(Layout),
-        unset='that of a bag written by to-bag',
+    group: ClassVar = 'Data set'
+
+    layout: Layout | None = choice(
+        None, 'Layout to write', Layout, unset='that of a bag written by to-bag'
     )
     name: str | None = option(
         None,
         '2011_09_26_drive_0001_sync, training or testing, sequence 00 or 0000',
         parse_text,
         unset="the plan's",
+        metavar='NAME',
     )
     calib: Path | None = option(
         None,
@@ -59,7 +63,12 @@ class ImportOptions:
         False, 'Object: continue the numbering of the data set in OUT', parse_flag
     )
 
+    overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag)
+    selection: SelectionOptions = field(default_factory=SelectionOptions)
+
     def __post_init__(self) -> None:
+        if self.append and self.overwrite:
+            raise UsageError('--append and --overwrite exclude each other')
         if not 0 <= self.train_fraction <= 1:
             raise UsageError(f'a split of {self.train_fraction:g}; expected 0 to 1, such as 0.8')
 

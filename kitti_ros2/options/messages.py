@@ -7,10 +7,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import ClassVar
 
 from ..model.errors import UsageError
-from .declare import check_bounds, option
-from .parsers import parse_choice, parse_flag, parse_number, parse_place, parse_seconds_ns
+from .declare import check_bounds, choice, option
+from .parsers import parse_flag, parse_number, parse_place, parse_seconds_ns
 
 
 class Preset(str, Enum):
@@ -64,11 +65,10 @@ class MarkerOptions:
         UsageError: A size is not positive, or alpha is out of range.
     """
 
-    colors: MarkerColors = option(
-        MarkerColors.CLASS,
-        'Colour of label markers: class or track',
-        parse_choice(MarkerColors),
-        name='marker_colors',
+    group: ClassVar = 'Label markers'
+
+    colors: MarkerColors = choice(
+        MarkerColors.CLASS, 'One colour per class or per track', MarkerColors, name='marker_colors'
     )
     alpha: float = option(
         0.35, 'Opacity of label boxes', parse_number, name='marker_alpha', bounds=(0.0, 1.0)
@@ -134,18 +134,16 @@ class MessageOptions:
         UsageError: base_to_imu is not three finite numbers.
     """
 
-    images: Images = option(
-        Images.COMPRESSED,
-        'compressed (the PNG itself), raw (pixels) or both',
-        parse_choice(Images),
+    group: ClassVar = 'Messages'
+
+    images: Images = choice(
+        Images.COMPRESSED, "The PNG file's own bytes (compressed) or its pixels (raw)", Images
     )
-    preset: Preset = option(
-        Preset.DEFAULT, 'Topic and frame names: default or kitti2bag', parse_choice(Preset)
-    )
-    map: MapFrame = option(
+    preset: Preset = choice(Preset.DEFAULT, 'Names of topics and frames', Preset)
+    map: MapFrame = choice(
         MapFrame.ENU,
-        "Map frame: enu (east-north-up at the first base_link) or devkit (KITTI's poses)",
-        parse_choice(MapFrame),
+        "Map frame: east-north-up at the first base_link, or that of KITTI's poses",
+        MapFrame,
     )
     publish_tf: bool = option(
         True, 'map -> base_link on /tf; off where a SLAM stack publishes it', parse_flag, name='tf'
@@ -158,6 +156,7 @@ class MessageOptions:
         'x,y,z of imu_link in base_link, metres',
         parse_place,
         unset="the preset's, -0.05,0.32,0.93",
+        metavar='X,Y,Z',
     )
     semantic: bool = False
     markers: MarkerOptions = field(default_factory=MarkerOptions)

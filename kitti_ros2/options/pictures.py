@@ -7,10 +7,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import ClassVar
 
 from ..model.errors import UsageError
-from .declare import option
-from .parsers import parse_choice, parse_four_numbers, parse_integer, parse_number, parse_texts
+from .declare import choice, option
+from .parsers import parse_four_numbers, parse_integer, parse_number, parse_texts
 
 
 class ColorBy(str, Enum):
@@ -50,18 +51,19 @@ class BirdOptions:
         UsageError: A range is empty, or the picture would be of no pixels or of too many.
     """
 
+    group: ClassVar = "Bird's-eye view"
+
     # --range sets both ranges; table.py takes it apart.
     x_range: tuple[float, float] = option(
         (-10.0, 60.0),
-        'Of bev, metres: from,to forward, from,to to the left',
+        'Metres forward from, to; metres to the left from, to',
         parse_four_numbers,
         name='range',
         unset='-10,60,-25,25',
+        metavar='X,X,Y,Y',
     )
     y_range: tuple[float, float] = (-25.0, 25.0)
-    pixels_per_metre: float = option(
-        14.0, 'Of bev: pixels per metre', parse_number, name='resolution'
-    )
+    pixels_per_metre: float = option(14.0, 'Pixels per metre', parse_number, name='resolution')
 
     def __post_init__(self) -> None:
         for name, (low, high) in (('x', self.x_range), ('y', self.y_range)):
@@ -107,20 +109,16 @@ class PictureOptions:
         UsageError: A value is out of range.
     """
 
+    group: ClassVar = 'Pictures'
+
     camera: int | None = option(
         None, "KITTI's camera number", parse_integer, unset='2, or the first'
     )
-    color_by: ColorBy = option(
-        ColorBy.DEPTH, 'Colour of points: depth, height or intensity', parse_choice(ColorBy)
-    )
-    color_map: ColorMap = option(
-        ColorMap.TURBO, 'turbo, viridis, plasma, cividis, ...', parse_choice(ColorMap)
-    )
+    color_by: ColorBy = choice(ColorBy.DEPTH, 'What the colour of a point shows', ColorBy)
+    color_map: ColorMap = choice(ColorMap.TURBO, 'Colours of its scale', ColorMap)
     point_size: int = option(2, 'Diameter of a point, pixels', parse_integer)
     bird: BirdOptions = field(default_factory=BirdOptions)
-    classes: tuple[str, ...] = option(
-        (), 'Only objects of this class; repeatable', parse_texts, unset='all'
-    )
+    classes: tuple[str, ...] = option((), 'Only objects of these classes', parse_texts, unset='all')
     named: bool = True
 
     def __post_init__(self) -> None:

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import ClassVar
 
 from ..model.errors import UsageError
-from .declare import check_bounds, option
+from .declare import check_bounds, choice, option
 from .parsers import (
-    parse_choice,
     parse_flag,
     parse_integer,
     parse_number,
@@ -56,6 +56,8 @@ class PlaybackOptions:
         UsageError: A value is out of range.
     """
 
+    group: ClassVar = 'Playback'
+
     rate: float = option(
         1.0,
         'Seconds of recording per second, 0.01 to 100',
@@ -95,13 +97,13 @@ class PlaybackOptions:
     )
     wait_for: int | None = option(
         None,
-        'Wait until so many nodes subscribe, to any of the topics, and for 1 s no subscription'
-        ' was added: a recorder subscribes to one topic after the other',
+        'Wait until so many nodes subscribe to any of the topics, and 1 s more without a new'
+        ' subscription',
         parse_integer,
         unset='1 with lossless, else 0',
         any_type=True,
     )
-    at_end: AtEnd = option(AtEnd.EXIT, 'exit or pause', parse_choice(AtEnd))
+    at_end: AtEnd = choice(AtEnd.EXIT, 'Exit, or pause and wait for a seek', AtEnd)
 
     def __post_init__(self) -> None:
         check_bounds(self, 'rate', 'clock', 'step')

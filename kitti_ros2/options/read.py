@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import ClassVar
 
 from ..model.errors import UsageError
-from ..model.layouts import LAYOUT_NAMES, Layout
+from ..model.layouts import Layout
 from ..model.stamps import NS_PER_S
-from .declare import check_bounds, option
-from .parsers import parse_choice, parse_epoch, parse_flag, parse_seconds_ns, parse_text
+from .declare import check_bounds, choice, option
+from .parsers import parse_epoch, parse_flag, parse_seconds_ns, parse_text
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
 """2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
@@ -49,12 +50,10 @@ class ReadOptions:
         UsageError: The epoch is not after 1970, or the period is out of range.
     """
 
-    layout: Layout | None = option(
-        None,
-        LAYOUT_NAMES,
-        parse_choice(Layout),
-        unset='detected',
-        live=True,
+    group: ClassVar = 'Source'
+
+    layout: Layout | None = choice(
+        None, 'Layout of the KITTI folder', Layout, unset='detected', live=True
     )
     sequence: str | None = option(
         None,
@@ -63,12 +62,14 @@ class ReadOptions:
         unset='the only one',
         live=True,
         any_type=True,
+        metavar='NAME',
     )
     epoch_ns: int = option(
         DEFAULT_EPOCH_NS,
         'UTC start of recordings without absolute time',
         parse_epoch,
         name='epoch',
+        metavar='TIME',
         unset='2011-09-26 00:00:00',
     )
     semantic: bool = option(
@@ -81,10 +82,10 @@ class ReadOptions:
         name='period',
         bounds=_PERIODS_S,
     )
-    scan_stamp: ScanStamp = option(
+    scan_stamp: ScanStamp = choice(
         ScanStamp.FORWARD,
-        'Stamp of a scan: start (of its turn) or forward (facing forward)',
-        parse_choice(ScanStamp),
+        'Stamp of a scan: the start of its turn, or when it faces forward',
+        ScanStamp,
         unset='start with ring time, else forward',
     )
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ..model.errors import UsageError
 from ..model.stamps import NS_PER_S, format_stamp, parse_seconds, parse_stamp
@@ -76,23 +77,29 @@ class SelectionOptions:
     Attributes:
         streams: Names of streams; image selects all cameras; empty selects all.
         topics: Names of topics, wildcards allowed; empty selects all.
+        exclude_topics: Names of topics to leave out of those, wildcards allowed.
         start, end: First and last moment, both included; None is unlimited.
 
     Raises:
         UsageError: The end is before the start.
     """
 
+    group: ClassVar = 'Selection'
+
     streams: tuple[str, ...] = option(
         (),
-        'Only these: scan, image, image_0..4, oxts, pose, path, labels, calibration; repeatable',
+        'Only these: scan, image, image_0..4, oxts, pose, path, labels, calibration',
         parse_texts,
         unset='all',
     )
     topics: tuple[str, ...] = option(
         (),
-        "Only these topics; * matches, such as '/kitti/oxts/*'; repeatable",
+        "Only these topics; * matches, such as '/kitti/oxts/*'",
         parse_texts,
         unset='all',
+    )
+    exclude_topics: tuple[str, ...] = option(
+        (), "All but these topics; * matches, such as '*image*'", parse_texts, unset='none'
     )
     start: Bound | None = option(
         None,
@@ -100,14 +107,25 @@ class SelectionOptions:
         parse_bound,
         unset='the first',
         any_type=True,
+        metavar='WHEN',
     )
     end: Bound | None = option(
-        None, 'Last one, included; written as start', parse_bound, unset='the last', any_type=True
+        None,
+        'Last one, included; written as start',
+        parse_bound,
+        unset='the last',
+        any_type=True,
+        metavar='WHEN',
     )
 
     def __post_init__(self) -> None:
         if self.start is not None and self.end is not None and self.end.is_before(self.start):
             raise self.reversed_error()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether neither start nor end limit it."""
+        return self.start is None and self.end is None
 
     def reversed_error(self) -> UsageError:
         """Return the error for an end before the start."""

@@ -8,15 +8,15 @@ Command lines, YAML files and ROS parameters all fill the same objects.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..model.containers import CONTAINER_NAMES
+from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
-from .declare import check_bounds, option, options_of, parse_values, values_for
+from .declare import check_bounds, choice, option, options_of, parse_values, values_for
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
-from .parsers import parse_choice, parse_flag, parse_integer, parse_number, parse_path, parse_text
+from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
@@ -40,12 +40,18 @@ class Settings:
         strict: Whether to stop at the first loss.
     """
 
+    group: ClassVar = 'Bag'
+
     read: ReadOptions
     messages: MessageOptions
     selection: SelectionOptions
     bag: Callable[[str], BagOptions]
     storage: str | None = option(
-        None, CONTAINER_NAMES, parse_text, unset="by OUT's ending, else mcap"
+        None,
+        'Container of the bag',
+        parse_text,
+        unset="by OUT's ending, else mcap",
+        choices=tuple(CONTAINERS),
     )
     strict: bool = option(False, 'Stop at the first bad file and leave nothing behind', parse_flag)
 
@@ -64,14 +70,14 @@ class PlaySettings:
         UsageError: read_ahead is out of range.
     """
 
+    group: ClassVar = 'Playback'
+
     read: ReadOptions
     messages: MessageOptions
     selection: SelectionOptions
     playback: PlaybackOptions
-    stamps: Stamps = option(
-        Stamps.ORIGINAL,
-        'original (of the recording) or now (the current time, without /clock)',
-        parse_choice(Stamps),
+    stamps: Stamps = choice(
+        Stamps.ORIGINAL, 'Stamps of the recording, or the current time without /clock', Stamps
     )
     read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=(1, 1000))
     qos_overrides_path: Path | None = option(
@@ -92,6 +98,7 @@ class ViewSettings:
 
     Attributes:
         read, pictures: The options objects of each part.
+        selection: First and last frame of a film or folder; the first is that of a picture.
         mode: What is drawn.
         frame: The frame of a picture; None is the first.
         frames: Frames of a film or folder, FIRST:LAST[:STEP]; None is all.
@@ -103,15 +110,24 @@ class ViewSettings:
         UsageError: A value is out of range, or excludes another.
     """
 
+    group: ClassVar = 'Pictures'
+
     read: ReadOptions
     pictures: PictureOptions
-    mode: str = option('panel', 'camera, boxes, lidar, bev or panel', parse_text)
+    selection: SelectionOptions
+    mode: str = option(
+        'panel',
+        'Kind of picture, see above',
+        parse_text,
+        choices=('camera', 'boxes', 'lidar', 'bev', 'panel'),
+    )
     frame: int | None = option(None, 'Frame number of a picture', parse_integer, unset='the first')
     frames: str | None = option(
         None,
         'FIRST:LAST[:STEP] of a film or folder, both included',
         parse_text,
         unset='all',
+        metavar='FRAMES',
     )
     predictions: Path | None = option(
         None,
@@ -131,6 +147,10 @@ class ViewSettings:
     def __post_init__(self) -> None:
         if self.frame is not None and self.frames is not None:
             raise UsageError('--frame and --frames exclude each other')
+        named = '--frames' if self.frame is None else '--frame'
+        chosen = self.frame if self.frames is None else self.frames
+        if chosen is not None and (self.selection.start or self.selection.end):
+            raise UsageError(f'{named} does not go with --start and --end; give one or the other')
         low, high = FPS
         if self.rate_hz is not None and not low <= self.rate_hz <= high:
             raise UsageError(f'{self.rate_hz:g} pictures a second; expected {low:g} to {high:g}')
@@ -158,12 +178,19 @@ PLAY = tuple(
         *_MESSAGES,
     )
 )
-TO_KITTI = options_of(ImportOptions)
+_SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
+TO_KITTI = (*options_of(ImportOptions), *_SPAN)
 VIEW = (
     *options_of(ViewSettings),
     *options_of(PictureOptions),
     *options_of(BirdOptions),
     *SOURCE,
+    *_SPAN,
+    *(
+        replace(each, meaning=f'With --rerun: {each.meaning}')
+        for each in options_of(SelectionOptions)
+        if each.name in {'topics', 'exclude_topics'}
+    ),
 )
 
 
@@ -202,7 +229,9 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    return ImportOptions(**values_for(ImportOptions, parse_values(values, TO_KITTI)))
+    parsed = parse_values(values, TO_KITTI)
+    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
+    return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
@@ -219,6 +248,7 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     return ViewSettings(
         read=ReadOptions(**values_for(ReadOptions, parsed)),
         pictures=PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird)),
+        selection=SelectionOptions(**values_for(SelectionOptions, parsed)),
         **values_for(ViewSettings, parsed),
     )
 

@@ -66,6 +66,7 @@ class Blueprint:
         calibrations: Calibration files, in the order of their frames.
         topics: Topics of the bag.
         missing: Text files missing in the bag.
+        selected: File numbers of the requested part, by stream; None is all.
         losses: Those files, and texts that are unreadable or invalid.
         damage: Damage that the bag's reader found so far, and the number of messages lost by each;
             None: unknown.
@@ -81,6 +82,7 @@ class Blueprint:
     calibrations: Mapping[PurePosixPath, str]
     topics: frozenset[str] = frozenset()
     missing: frozenset[PurePosixPath] = frozenset()
+    selected: Mapping[Stream, frozenset[int]] | None = None
     losses: tuple[Loss, ...] = ()
     damage: Mapping[str, int | None] = field(default_factory=dict)
 
@@ -95,8 +97,13 @@ class Blueprint:
 
     @property
     def files(self) -> int:
-        """Number of numbered files written to the bag."""
-        return sum(len(folder.carried) for folder in self.folders.values())
+        """Number of requested numbered files."""
+        return sum(len(self.requested(stream)) for stream in self.folders)
+
+    def requested(self, stream: Stream) -> frozenset[int]:
+        """Return the numbers of a stream's files to restore, of those written to the bag."""
+        carried = frozenset(self.folders[stream].carried)
+        return carried if self.selected is None else carried & self.selected.get(stream, carried)
 
     def numbers_by_stamp(self, stream: Stream) -> dict[int, list[int]] | None:
         """Map stamps to the file numbers of a stream; None if the file of the stamps is missing."""

@@ -23,6 +23,7 @@ from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
 from ..importer.report import ImportReport, LossTally, damage, merged
 from ..kitti import names
+from ..kitti.replacing import keep_all_but_data_sets
 from ..kitti.scan_file import format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
 from ..messages.header import stamp_ns_of
@@ -80,13 +81,16 @@ def restore(
     recordings: Sequence[tuple[BagSource, Blueprint]],
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+    *,
+    overwrite: bool = False,
 ) -> list[ImportReport]:
     """Restore the recordings in bags written by to-bag, in one data set.
 
     Args:
         recordings: Each bag with the layout of its recording.
-        out: The data set's folder, absent or empty.
+        out: The data set's folder, absent or empty unless it is overwritten.
         progress: Called with the files and the bytes written so far of one bag.
+        overwrite: Whether a data set in the folder may be replaced.
 
     Raises:
         BadBagError: A bag cannot be read.
@@ -100,7 +104,8 @@ def restore(
         other = known.setdefault((blueprint.layout, blueprint.name), path)
         if other is not path:
             raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
-    with staged(out) as stage:
+    refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
+    with staged(out, refusal) as stage:
         return [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
 
 
@@ -134,6 +139,10 @@ class _Writer:
         self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
         self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
         self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._left_out = {
+            stream: frozenset(folder.carried) - blueprint.requested(stream)
+            for stream, folder in blueprint.folders.items()
+        }
         self._unplaced: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
@@ -153,7 +162,7 @@ class _Writer:
                 if own_topics()[message.topic].is_frame_text
                 else self._sample(decoded, message)
             )
-            if file is not None:
+            if file is not None and file.number not in self._left_out[file.stream]:
                 yield file
 
     def _lose(self, message: BagMessage, reason: str) -> None:
@@ -257,7 +266,8 @@ class _Writer:
             if stream is Stream.CALIBRATION:
                 found = self._blueprint.calibrations
                 written = {number for number in folder.carried if folder.file(number) in found}
-            absent = sorted({*folder.carried} - written - self._lost[stream])
+            requested = self._blueprint.requested(stream)
+            absent = sorted(requested - written - self._lost[stream])
             if len(absent) > self._unplaced[stream]:
                 text = f'the bag does not hold {stream.value} of frames {{}}'
                 missing.append(Loss(stream.value, len(absent), text, tuple(absent)))
@@ -282,4 +292,9 @@ class _Writer:
         common = numbered.by_stream() if numbered is not None else {}
         written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
         numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        selected = self._blueprint.selected
+        if selected is not None:
+            numbers = {
+                s: found[np.isin(found, [*selected.get(s, ())])] for s, found in numbers.items()
+            }
         return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))

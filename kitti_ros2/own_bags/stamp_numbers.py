@@ -35,7 +35,7 @@ class StampNumbers:
 
     def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
         """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
-        known, numbers = self._pairs(stream)
+        known, numbers = self.pairs(stream)
         first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
         turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
         found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
@@ -43,8 +43,8 @@ class StampNumbers:
         found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
         return found
 
-    def _pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
-        """Return stamps, ascending, and the number of each."""
+    def pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
+        """Return the stamps of a stream's messages, ascending, and the number of each."""
         if stream not in self._sorted:
             mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
             pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..bags.reader import bag_stamps
 from ..messages.source import RECORDING
 from ..model.losses import Loss
 from .numbering import number_bag
+from .part import select_part, select_times
 from .recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
 from .restore import restore
 
@@ -25,66 +26,91 @@ if TYPE_CHECKING:
     from .recorded_layout import Blueprint
 
 
-def convert_bags(
-    bags: Sequence[OpenBag],
-    out: Path,
-    options: ImportOptions,
-    plan_file: Path | None,
-    progress: ShowProgress,
-    note: Callable[[str], None],
-) -> list[ImportReport]:
-    """Convert bags to one data set: byte for byte where to-bag wrote them, else by a plan.
+@dataclass(frozen=True)
+class Conversion:
+    """A conversion of bags to a data set.
 
-    Args:
-        bags: The bags, open.
-        out: The folder to create, or to append to.
+    Attributes:
+        bags: All bags of the call.
+        out: The data set.
         options: Of the conversion.
-        plan_file: A plan to use, None for the one that the bags suggest.
+        plan_file: A plan to use.
+        note: Called with each note that is known before anything is written.
         progress: Called with the number of samples and of frames; returns a context with a function
             that is called with the samples done and the bytes written so far.
-        note: Called with each remark before the conversion.
-
-    Raises:
-        KittiRos2Error: A bag, the plan or an option is invalid, or the output cannot be written.
-        OSError: A file cannot be read.
     """
-    recordings, losses = own_bags(bags, options, planned=plan_file is not None)
-    keeps = all(options.keeps(blueprint.layout) for _, blueprint in recordings)
-    if recordings and keeps and plan_file is None:
-        files = sum(blueprint.files for _, blueprint in recordings)
-        frames = sum(_count_frames(*each) for each in recordings)
-        with progress(files, frames) as show:
-            return restore(recordings, out, show)
-    # Bags that to-bag wrote need none of these.
-    from ..importer.append import mend  # noqa: PLC0415
-    from ..importer.apply_plan import adapt, convert_by_plan, guess  # noqa: PLC0415
-    from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
-    from ..importer.plan import parse_plan  # noqa: PLC0415
-    from ..importer.survey import look  # noqa: PLC0415
-    from ..kitti.store import STORE  # noqa: PLC0415
 
-    survey = look(bags)
-    counts = {topic.name: topic.count for topic in survey.topics.values()}
-    for _, blueprint in recordings:
-        losses += (*blueprint.losses, *blueprint.shortfall(counts))
-    if plan_file is not None:
-        plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
-    else:
-        found = guess(bags, survey, options)
-        plan, losses = found.plan, (*losses, *found.losses)
-        for remark in found.notes:
-            note(remark)
-    for remark in mend(out) if options.append else ():
-        note(remark)
-    samples = sum(topic_of(survey, topic).count for topic in frame_topics(plan).values())
-    with progress(samples, samples) as show:
-        report = convert_by_plan(bags, plan, survey, out, options, show)
-    reported = {loss.text() for loss in losses}
-    notes = tuple(each for each in report.notes if each not in reported)
-    return [replace(report, losses=(*losses, *report.losses), notes=notes)]
+    bags: Sequence[OpenBag]
+    out: Path
+    options: ImportOptions
+    plan_file: Path | None
+    note: Callable[[str], None]
+    progress: ShowProgress
+
+    def run(self) -> list[ImportReport]:
+        """Restore the recordings of bags written by to-bag, or convert by a plan.
+
+        Raises:
+            KittiRos2Error: A bag, the plan or an option is invalid; nothing is left behind.
+            OSError: A file cannot be read.
+        """
+        options = self.options
+        own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
+        keeps = all(options.keeps(blueprint.layout) for _, blueprint in own)
+        if not own or not keeps or self.plan_file is not None:
+            return [self._convert_by_plan(own, losses)]
+        selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
+        files = sum(blueprint.files for _, blueprint in selected)
+        frames = sum(_count_frames(*each) for each in selected)
+        with self.progress(files, frames) as show:
+            return restore(selected, self.out, show, overwrite=options.overwrite)
+
+    def _convert_by_plan(
+        self, recordings: Sequence[tuple[OpenBag, Blueprint]], losses: tuple[Loss, ...]
+    ) -> ImportReport:
+        """Convert by a plan.
+
+        Args:
+            recordings: The bags with their layouts, if to-bag wrote all of them.
+            losses: Their damaged descriptions.
+        """
+        from ..importer.append import mend  # noqa: PLC0415
+        from ..importer.apply_plan import adapt, convert_by_plan, guess  # noqa: PLC0415
+        from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
+        from ..importer.plan import parse_plan  # noqa: PLC0415
+        from ..importer.survey import look  # noqa: PLC0415
+        from ..kitti.store import STORE  # noqa: PLC0415
+
+        survey = look(self.bags)
+        counts = {topic.name: topic.count for topic in survey.topics.values()}
+        for _, blueprint in recordings:
+            losses += (*blueprint.losses, *blueprint.shortfall(counts))
+        if self.plan_file is not None:
+            plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
+        else:
+            found = guess(self.bags, survey, self.options)
+            plan, losses = found.plan, (*losses, *found.losses)
+            for remark in found.notes:
+                self.note(remark)
+        for remark in mend(self.out) if self.options.append else ():
+            self.note(remark)
+        topics = frame_topics(plan)
+        options = self.options
+        if len(recordings) == 1:
+            reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
+            selection = select_times(*recordings[0], reference, options.selection)
+            options = replace(options, selection=selection)
+        samples = sum(topic_of(survey, topic).count for topic in topics.values())
+        with self.progress(samples, samples) as show:
+            report = convert_by_plan(self.bags, plan, survey, self.out, options, show)
+        reported = {loss.text() for loss in losses}
+        notes = tuple(each for each in report.notes if each not in reported)
+        return replace(report, losses=(*losses, *report.losses), notes=notes)
 
 
 def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
+    if blueprint.selected is not None:
+        return len(frozenset().union(*map(blueprint.requested, blueprint.folders)))
     numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
 

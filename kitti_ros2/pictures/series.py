@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..files.workers import ordered_map, worker_count
+from ..importer.frames import within
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S
 from ..options.read import NOMINAL_PERIOD_NS
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
     from ..options.pictures import PictureOptions
+    from ..options.selection import SelectionOptions
     from .frame import Frame, FrameSource
     from .modes import Mode
 
@@ -98,6 +100,20 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
         span = f'{numbers[0]} to {numbers[-1]}'
         raise UsageError(f'{source.name} has no frame in {text}; it has {span}')
     found: list[int] = chosen[:: step or 1].tolist()
+    return found
+
+
+def select_frames(source: FrameSource, selection: SelectionOptions) -> list[int]:
+    """Return the frames from the start to the end of a selection, both included.
+
+    Raises:
+        UsageError: There are none.
+    """
+    chosen = within(selection, source.numbers, source.stamps_ns)
+    if not chosen.any():
+        span = f'{source.numbers[0]} to {source.numbers[-1]}'
+        raise UsageError(f'{source.name}: the selection takes no frame; it has {span}')
+    found: list[int] = source.numbers[chosen].tolist()
     return found
 
 

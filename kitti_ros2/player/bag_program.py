@@ -68,7 +68,7 @@ class BagProgram:
             self.name = bag.path.name
             counts = {key: sum(map(len, found)) for key, found in bag.index.stamps.items()}
             made = ImageTopics() if images is None else images.topics(dict(counts.keys()))
-            played = choose_topics(bag.path, counts, selection.topics, reserved, made)
+            played = choose_topics(bag.path, counts, selection, reserved, made)
             self._notes = played.notes
             stamps = bag.index.by_topic()
             self._open(bag, played, stamps, exact={*played.names} == {*selection.topics})

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessages
     from ..messages.ros_types import Typestore
+    from ..options.selection import SelectionOptions
 
 _OF_IMAGE = (IMAGE, HEADER, 'builtin_interfaces/msg/Time')
 _DEPTH = 10
@@ -93,7 +94,7 @@ class PlayedTopics:
 def choose_topics(
     path: Path,
     counts: Mapping[tuple[str, str], int],
-    patterns: tuple[str, ...],
+    selection: SelectionOptions,
     reserved: Callable[[str, str], str],
     made: ImageTopics,
 ) -> PlayedTopics:
@@ -102,16 +103,16 @@ def choose_topics(
     Args:
         path: The bag, for error messages.
         counts: Message counts by topic and type.
-        patterns: Requested names, wildcards allowed; none selects all.
+        selection: Requested topics.
         reserved: Maps a topic and its type to the reason for skipping it, or to an empty string.
         made: Image topics to be made.
 
     Raises:
-        UsageError: The patterns match nothing, or only skipped topics.
+        UsageError: The selection matches no topic, or only skipped ones.
     """
     reasons = {key: why for key in counts if (why := reserved(*key))}
     names = {topic for topic, _ in counts} | {*made.sources}
-    wanted = match_names(sorted(names - made.hidden), patterns)
+    wanted = match_names(sorted(names - made.hidden), selection)
     left_out = tuple(
         f'{path}: {key[0]} is left out, {counts[key]} messages: {why}'
         for key, why in reasons.items()

@@ -109,13 +109,13 @@ class Keyboard:
     def _turn(self) -> bool:
         """Wait for a key or the next check of the terminal; False at the end."""
         watched = [self._reader]
-        if _in_foreground(self._terminal):
+        if in_foreground(self._terminal):
             _set_again(self._terminal)
             watched.append(self._terminal)
         ready, _, _ = select.select(watched, [], [], _LOOK_AGAIN_S)
         if self._reader in ready:
             return False
-        if self._terminal in ready and _in_foreground(self._terminal):
+        if self._terminal in ready and in_foreground(self._terminal):
             return self._press()
         return True
 
@@ -160,7 +160,7 @@ def _set_again(terminal: int) -> None:
 
 def _restore(terminal: int, attributes: list[Any]) -> None:
     """Restore the mode, only in the foreground: a background process would be stopped."""
-    if _in_foreground(terminal):
+    if in_foreground(terminal):
         with contextlib.suppress(termios.error):  # the terminal may be gone
             termios.tcsetattr(terminal, termios.TCSANOW, attributes)
 
@@ -169,10 +169,10 @@ def _is_our_terminal(stream: TextIO | None) -> bool:
     """Whether a stream is a terminal in the foreground; stdin may be None."""
     if stream is None or stream.closed or not stream.isatty():
         return False
-    return _in_foreground(stream.fileno())
+    return in_foreground(stream.fileno())
 
 
-def _in_foreground(terminal: int) -> bool:
+def in_foreground(terminal: int) -> bool:
     """Whether this process is in the foreground; a background read would stop it."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()

@@ -35,13 +35,17 @@ class Controlled(Protocol):
 
 
 def player_keyboard(
-    player: Controlled, say: Callable[[str], None], quit_now: Callable[[], None]
+    player: Controlled,
+    say: Callable[[str], None],
+    complain: Callable[[str], None],
+    quit_now: Callable[[], None],
 ) -> Keyboard:
     """Create the keyboard with the keys of keyboard.HELP.
 
     Args:
         player: The controlled player.
         say: Called with one line that describes what a key did.
+        complain: Called with the reason why a key had no effect.
         quit_now: The handler of q.
     """
 
@@ -69,5 +73,5 @@ def player_keyboard(
             Key.DOWN: lambda: faster(-1),
             Key.QUIT: quit_now,
         },
-        on_error=lambda error: say(str(error)),
+        on_error=lambda error: complain(str(error)),
     )

@@ -7,7 +7,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..messages.cdr import restamp_message
@@ -52,13 +53,17 @@ class Counts:
     """The statistics of a session so far.
 
     Attributes:
+        frames: Played frames; a frame counts again when it is played again.
         messages: Published messages.
         failures: Messages that could not be made.
+        dropped: Their numbers by reason.
         late_ns: Maximum delay of a published message, nanoseconds.
     """
 
+    frames: int = 0
     messages: int = 0
     failures: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
     late_ns: int = 0
 
 
@@ -200,6 +205,7 @@ class Session:
             if self._frame is not None:
                 self._clear_stale()
             self._frame = frame
+            self.counts.frames += 1
         sent = 0
         for message in messages:
             if self.playback.stopped:
@@ -220,7 +226,7 @@ class Session:
             return 0
         self._stale.discard(outlet)
         if outlet in self._transport.complaints:
-            self.counts.failures += 1
+            self._count_dropped(self._transport.complaints[outlet], 1)
             return 0
         data = message.data
         if self._settings.stamps is Stamps.NOW:
@@ -279,7 +285,11 @@ class Session:
 
     def _complain(self, complaint: str, messages: int) -> None:
         """Log a complaint once; always count its messages."""
-        self.counts.failures += messages
+        self._count_dropped(complaint, messages)
         if complaint not in self._complaints:
             self._complaints.add(complaint)
             self._complain_once(complaint)
+
+    def _count_dropped(self, reason: str, messages: int) -> None:
+        self.counts.failures += messages
+        self.counts.dropped[reason] += messages

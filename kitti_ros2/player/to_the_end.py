@@ -6,17 +6,19 @@ from __future__ import annotations
 
 import gc
 import sys
+import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Protocol
 
 from .keyboard import HELP
 from .keys import Controlled, player_keyboard
+from .status import describe_now, describe_result
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from threading import Event
 
     from .session import Session
+    from .status import Terminal
 
 
 class StopRequest(Protocol):
@@ -47,16 +49,13 @@ class Player(Controlled, Protocol):
     def session(self) -> Session: ...  # noqa: D102 - see Session
 
 
-def play_to_the_end(
-    player: Player, stop_request: StopRequest, say: Callable[[str], None], *, keyboard: bool
-) -> int:
+def play_to_the_end(player: Player, stop_request: StopRequest, terminal: Terminal) -> int:
     """Wait until a stop is requested, by the player or from outside.
 
     Args:
         player: A started player, which requests the stop when everything is played.
         stop_request: The request to wait for.
-        say: Called with one line that describes what a key did.
-        keyboard: Whether the keys of a terminal control it.
+        terminal: Shows the status, what a key did, and a summary at the end.
 
     Returns:
         The number of losses if everything was played: messages that could not be made, data missing
@@ -66,17 +65,25 @@ def play_to_the_end(
     Raises:
         BaseException: The error that stopped the player.
     """
+    status, say = terminal.status, terminal.say
+    started = time.monotonic()
     with ExitStack() as stack:
-        if keyboard:
-            keys = stack.enter_context(player_keyboard(player, say, stop_request.set))
+        if terminal.keyboard:
+            tell = (lambda _: status.draw()) if status.shown else say
+            keys = stack.enter_context(
+                player_keyboard(player, tell, terminal.complain, stop_request.set)
+            )
             if keys.listening:
                 sys.stderr.write(f'{HELP}\n')
+        stack.enter_context(status.follow(lambda: describe_now(player.session)))
         gc.freeze()
         stop_request.wait()
-        if player.error is not None:
-            raise player.error
-        session = player.session
-        losses = session.counts.failures + len(session.program.losses)
-        if session.playback.options.lossless:
-            losses += len(session.late)
-        return losses if player.ended.is_set() else 0
+    if player.error is not None:
+        raise player.error
+    session = player.session
+    if not terminal.quiet:
+        say(describe_result(session, time.monotonic() - started, ended=player.ended.is_set()))
+    losses = session.counts.failures + len(session.program.losses)
+    if session.playback.options.lossless:
+        losses += len(session.late)
+    return losses if player.ended.is_set() else 0

@@ -71,8 +71,8 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['to-bag'], "Missing argument 'src'"),
-        (['to-bag', 'x'], "Missing argument 'out'"),
+        (['to-bag'], "Missing argument 'SRC'"),
+        (['to-bag', 'x'], "Missing argument 'OUT'"),
         (['to-bag', '{tmp}/absent', '{tmp}/o.mcap'], '{tmp}/absent: no such folder'),
         (['to-bag', '{tmp}', '{tmp}/o.mcap'], 'the folder is empty'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--bogus'], 'No such option: --bogus'),

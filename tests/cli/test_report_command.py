@@ -91,7 +91,7 @@ def test_pages_are_replaced_on_demand_and_nothing_else_ever(recordings, tmp_path
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['report'], "Missing argument 'src'"),
+        (['report'], "Missing argument 'SRC'"),
         (['report', '{tmp}/absent'], 'no such file or folder'),
         (['report', '{tmp}'], 'the folder is empty'),
         (['report', '{raw}', '--layout', 'nuscenes'], 'raw or object or odometry'),

@@ -44,7 +44,8 @@ def test_parameters_are_described_with_their_ranges():
     assert rate.floating_point_range[0].to_value == 100.0
     assert described['step'].integer_range[0].to_value == 10_000
     assert described['period'].read_only
-    assert described['layout'].description == 'raw, object, odometry or tracking; empty: detected'
+    words = 'Layout of the KITTI folder: raw or object or odometry or tracking; empty: detected'
+    assert described['layout'].description == words
 
 
 def test_the_player_applies_every_parameter_that_may_change():

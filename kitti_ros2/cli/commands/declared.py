@@ -11,11 +11,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from ...options.declare import Option
 
-QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses.')]
+QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
+OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
+JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
+
+
+def source(help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
+    """Return the argument SRC of a command."""
+    return typer.Argument(metavar='SRC', help=help_text)
+
+
+def one_of(words: Iterable[str]) -> str:
+    """Return the placeholder of an option that takes one of a few words."""
+    return f'[{"|".join(words)}]'
+
 
 Command = TypeVar('Command', bound='Callable[..., int]')
 
@@ -68,7 +81,12 @@ def chosen(given: Mapping[str, object]) -> dict[str, object]:
 
 
 def _parameter(option: Option) -> Parameter:
-    described = typer.Option(*_spellings(option), help=_help(option))
+    described = typer.Option(
+        *_spellings(option),
+        help=_help(option),
+        metavar=_metavar(option),
+        rich_help_panel=option.group or None,
+    )
     kind: Any = Annotated[_kind(option), described]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
 
@@ -84,6 +102,22 @@ def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
         parsers.parse_texts: Optional[list[str]],
     }
     return kinds.get(option.parse, Optional[str])
+
+
+def _metavar(option: Option) -> str | None:
+    """Return the placeholder of a value in help texts; None for a flag."""
+    from ...options import parsers
+
+    general: dict[Any, str] = {
+        parsers.parse_integer: 'N',
+        parsers.parse_number: 'X',
+        parsers.parse_path: 'PATH',
+        parsers.parse_seconds_ns: 'SECONDS',
+        parsers.parse_texts: 'NAME...',
+    }
+    if option.choices:
+        return one_of(option.choices)
+    return option.metavar or general.get(option.parse)
 
 
 def _spellings(option: Option) -> tuple[str, ...]:

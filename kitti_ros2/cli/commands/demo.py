@@ -7,25 +7,35 @@ from typing import Annotated
 
 import typer
 
-from ...model.layouts import LAYOUT_NAMES
-from .declared import QuietOption
+from ...model.layouts import Layout
+from .declared import OverwriteOption, QuietOption, one_of
 
 
 def demo(
-    out: Annotated[Path, typer.Argument(help='Folder for the recording and its bag.')] = Path(
-        'kitti_ros2_demo'
-    ),
-    layout: Annotated[str, typer.Option(help=LAYOUT_NAMES)] = 'raw',
-    frames: Annotated[int, typer.Option(help='Number of frames.')] = 20,
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar='OUT',
+            help='Folder for the recording and its bag [default: kitti_ros2_demo]',
+        ),
+    ] = Path('kitti_ros2_demo'),
+    layout: Annotated[
+        str, typer.Option(metavar=one_of(Layout), help='Layout of the recording')
+    ] = 'raw',
+    frames: Annotated[int, typer.Option(metavar='N', help='Number of frames')] = 20,
     seed: Annotated[
-        int, typer.Option(help='Seed of the street; the same seed gives the same bytes.')
+        int,
+        typer.Option(metavar='N', help='Seed of the street; the same seed gives the same bytes'),
     ] = 0,
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='Replace an existing demo.')
-    ] = False,
+    overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Write a synthetic KITTI recording, convert it to MCAP, and summarize it."""
+    """Write a synthetic recording, convert it, and summarize it.
+
+    Examples:
+      kitti-ros2 demo
+      kitti-ros2 demo street --layout tracking --frames 100
+    """
     from ..demo import run_demo
 
     return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)

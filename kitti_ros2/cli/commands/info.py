@@ -5,18 +5,24 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from .declared import chosen, takes
+from .declared import JsonOption, QuietOption, chosen, source, takes
 
 
 @takes('SOURCE')
 def info(
-    path: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
-    json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
+    src: Annotated[Path, source('A KITTI folder or any bag')],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Summarize a KITTI folder or a bag: streams, counts, rates, gaps, calibration."""
+    """Summarize a KITTI folder or a bag.
+
+    Layout or container, streams with counts, rates and gaps, calibration.
+
+    Examples:
+      kitti-ros2 info 2011_09_26/2011_09_26_drive_0005_sync
+      kitti-ros2 info drive_0005.mcap --json
+    """
     from ..info import run_info
 
-    return run_info(path, chosen(given), json=json)
+    return run_info(src, chosen(given), json=json, quiet=quiet)

@@ -7,19 +7,20 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import chosen, takes
+from .declared import QuietOption, chosen, source, takes
+
+_PLAYBACK = 'Playback'
 
 
 @takes('PLAY', but=('loop',))
-def play(
+def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     context: typer.Context,
     src: Annotated[
-        Optional[Path], typer.Argument(help='A KITTI folder or a bag [default: parameter source]')
+        Optional[Path], source('A KITTI folder or a bag [default: parameter source]')
     ] = None,
-    loop: Annotated[bool, typer.Option('--loop', '-l', help='Play endlessly.')] = False,
-    times: Annotated[Optional[int], typer.Option(help='Play so many times [default: 1]')] = None,
     config: Annotated[
-        Optional[Path], typer.Option(help='A YAML file of options; the command line wins')
+        Optional[Path],
+        typer.Option(metavar='PATH', help='A YAML file of options; the command line wins'),
     ] = None,
     foxglove: Annotated[
         Optional[int],
@@ -31,17 +32,36 @@ def play(
     keyboard: Annotated[
         bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
     ] = True,
+    quiet: QuietOption = False,
+    loop: Annotated[
+        bool, typer.Option('--loop', '-l', help='Play endlessly', rich_help_panel=_PLAYBACK)
+    ] = False,
+    times: Annotated[
+        Optional[int],
+        typer.Option(
+            metavar='N', help='Play so many times [default: 1]', rich_help_panel=_PLAYBACK
+        ),
+    ] = None,
     **given: object,
 ) -> int:
-    """Play a KITTI recording or a bag live in ROS 2, with the controls of ros2 bag play.
+    """Play a KITTI folder or a bag live, in ROS 2 or for Foxglove.
+
+    The controls are those of ros2 bag play. In a terminal: space pauses, right and left play the
+    next frame and the one before, up and down change the rate, q quits.
 
     Arguments after --ros-args go to ROS: parameters (-p), remappings (-r), a parameter file.
 
     With --foxglove it plays without ROS. It starts when the first viewer connects; the play
     controls of the viewer pause, seek and set the speed. At the end it pauses, unless --at-end
     exit is given. --clock is then how often viewers receive the time [default: 20].
+
+    Examples:
+      kitti-ros2 play 2011_09_26/2011_09_26_drive_0005_sync --loop
+      kitti-ros2 play drive_0005.mcap --rate 0.5 --topics /kitti/velo/points '/tf*'
     """
     from ..play import run_play
 
     settings = chosen({'loop': 0 if loop else times, **given})
-    return run_play(src, settings, config, context.obj, foxglove=foxglove, keyboard=keyboard)
+    return run_play(
+        src, settings, config, context.obj, foxglove=foxglove, keyboard=keyboard, quiet=quiet
+    )

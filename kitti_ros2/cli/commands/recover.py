@@ -7,23 +7,32 @@ from typing import Annotated, Optional
 
 import typer
 
-from ...model.containers import CONTAINER_NAMES
-from .declared import QuietOption
+from ...model.containers import CONTAINERS
+from .declared import JsonOption, OverwriteOption, QuietOption, one_of
 
 
 def recover(
-    bag: Annotated[Path, typer.Argument(help='A truncated or damaged bag.')],
-    out: Annotated[Path, typer.Argument(help='The repaired bag, named like OUT of to-bag.')],
+    bag: Annotated[Path, typer.Argument(metavar='BAG', help='A truncated or damaged bag')],
+    out: Annotated[
+        Path, typer.Argument(metavar='OUT', help='The repaired bag, named like OUT of to-bag')
+    ],
     storage: Annotated[
         Optional[str],
-        typer.Option(help=f'{CONTAINER_NAMES} [default: by OUT, else that of BAG]'),
+        typer.Option(
+            metavar=one_of(CONTAINERS),
+            help='Container of the repaired bag [default: by OUT, else that of BAG]',
+        ),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='Replace an existing bag.')
-    ] = False,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Repair a truncated or damaged bag; each loss is listed."""
+    """Repair a truncated or damaged bag; each loss is listed.
+
+    Examples:
+      kitti-ros2 recover truncated.mcap repaired.mcap
+      kitti-ros2 recover recording.bag repaired --storage mcap
+    """
     from ..recover import run_recover
 
-    return run_recover(bag, out, storage, overwrite=overwrite, quiet=quiet)
+    return run_recover(bag, out, storage, overwrite=overwrite, json=json, quiet=quiet)

@@ -7,25 +7,30 @@ from typing import Annotated
 
 import typer
 
-from .declared import QuietOption, chosen, takes
+from .declared import OverwriteOption, QuietOption, chosen, source, takes
 
 
 @takes('SOURCE')
 def report(
-    src: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
-    out: Annotated[Path, typer.Option('--out', '-o', help='The page to write.')] = Path(
-        'report.html'
-    ),
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='Replace an existing page.')
-    ] = False,
+    src: Annotated[Path, source('A KITTI folder or any bag')],
+    out: Annotated[
+        Path,
+        typer.Option('--out', '-o', metavar='OUT', help='The page to write'),
+    ] = Path('report.html'),
+    show: Annotated[bool, typer.Option('--open', help='Open the page in the browser')] = False,
+    overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Write a report on a KITTI folder or a bag: one self-contained HTML file.
+    """Write an HTML report on a KITTI folder or a bag.
 
-    Findings, frames in pictures, streams with gaps and jitter, route, objects, calibration.
+    One self-contained file: findings, frames in pictures, streams with gaps and jitter, route,
+    objects, calibration.
+
+    Examples:
+      kitti-ros2 report 2011_09_26/2011_09_26_drive_0005_sync --open
+      kitti-ros2 report drive_0005.mcap -o drive_0005.html
     """
     from ..report import run_report
 
-    return run_report(src, out, chosen(given), overwrite=overwrite, quiet=quiet)
+    return run_report(src, out, chosen(given), overwrite=overwrite, show=show, quiet=quiet)

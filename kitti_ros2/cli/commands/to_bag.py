@@ -8,20 +8,30 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.containers import FILE_NAMES
-from .declared import QuietOption, chosen, takes
+from .declared import JsonOption, QuietOption, chosen, source, takes
 
 
 @takes('TO_BAG')
 def to_bag(
-    src: Annotated[Path, typer.Argument(help='A KITTI folder: a drive, a data set, a sequence.')],
-    out: Annotated[Path, typer.Argument(help=f'The bag: {FILE_NAMES}, or a rosbag2 directory.')],
+    src: Annotated[Path, source('A KITTI folder: a drive, a data set, a sequence')],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar='OUT', help=f'The bag: {FILE_NAMES}, or a rosbag2 directory'),
+    ],
     config: Annotated[
-        Optional[Path], typer.Option(help='A YAML file of these options; the command line wins')
+        Optional[Path],
+        typer.Option(metavar='PATH', help='A YAML file of these options; the command line wins'),
     ] = None,
+    json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Write a KITTI recording to a bag (MCAP, rosbag2 sqlite3, ROS 1)."""
+    """Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).
+
+    Examples:
+      kitti-ros2 to-bag 2011_09_26/2011_09_26_drive_0005_sync drive_0005.mcap
+      kitti-ros2 to-bag odometry seq_00 --sequence 00 --exclude-topics '*image*'
+    """
     from ..to_bag import run_to_bag
 
-    return run_to_bag(src, out, chosen(given), config, quiet=quiet)
+    return run_to_bag(src, out, chosen(given), config, json=json, quiet=quiet)

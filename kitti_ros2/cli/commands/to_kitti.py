@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import QuietOption, chosen, takes
+from .declared import JsonOption, QuietOption, chosen, takes
 
 
 @takes('TO_KITTI')
@@ -15,22 +15,28 @@ def to_kitti(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            metavar='BAG... OUT', help='Bags of one recording, then the folder to create.'
+            metavar='BAG... OUT', help='Bags of one recording, then the folder to create'
         ),
     ],
     plan: Annotated[
-        bool, typer.Option('--plan', help='Print which topic is which stream, and stop; no OUT.')
+        bool, typer.Option('--plan', help='Print which topic is which stream, and stop; no OUT')
     ] = False,
     plan_file: Annotated[
-        Optional[Path], typer.Option(help='Use this plan, in the format that --plan prints.')
+        Optional[Path],
+        typer.Option(metavar='PATH', help='Use this plan, in the format that --plan prints'),
     ] = None,
+    json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
     """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
 
     A bag written by to-bag becomes the original recording; others are converted by a plan.
+
+    Examples:
+      kitti-ros2 to-kitti drive_0005.mcap raw_data
+      kitti-ros2 to-kitti drive.bag my_set --layout object --start 10s --end 20s
     """
     from ..to_kitti import run_to_kitti
 
-    return run_to_kitti(paths, chosen(given), plan_file, plan_only=plan, quiet=quiet)
+    return run_to_kitti(paths, chosen(given), plan_file, plan_only=plan, json=json, quiet=quiet)

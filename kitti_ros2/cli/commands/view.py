@@ -8,55 +8,68 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.errors import UsageError
-from .declared import QuietOption, chosen, takes
+from .declared import QuietOption, chosen, source, takes
 
-_COMMON = ('layout', 'sequence', 'overwrite')
+_COMMON = ('layout', 'sequence', 'overwrite', 'start', 'end')
 """Options of pictures and of Rerun."""
+_TOPICS = ('topics', 'exclude_topics')
+_RERUN = 'Rerun'
 
 
 @takes('VIEW')
-def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
-    src: Annotated[Path, typer.Argument(help='A KITTI folder or any bag.')],
+def view(
+    src: Annotated[Path, source('A KITTI folder or any bag')],
     out: Annotated[
         Optional[Path],
-        typer.Option('--out', '-o', help='Picture (.png, .jpg, .webp), film (.mp4) or folder'),
+        typer.Option(
+            '--out',
+            '-o',
+            metavar='OUT',
+            help='Picture (.png, .jpg, .webp), film (.mp4) or folder of pictures',
+            rich_help_panel='Pictures',
+        ),
     ] = None,
     rerun: Annotated[
-        bool, typer.Option('--rerun', help='Show it all in the Rerun viewer.')
+        bool,
+        typer.Option('--rerun', help='Show it all in the Rerun viewer', rich_help_panel=_RERUN),
     ] = False,
-    web: Annotated[bool, typer.Option('--web', help='With --rerun: in a browser.')] = False,
+    web: Annotated[
+        bool, typer.Option('--web', help='With --rerun: in a browser', rich_help_panel=_RERUN)
+    ] = False,
     save: Annotated[
-        Optional[Path], typer.Option(help='With --rerun: write an .rrd file instead')
-    ] = None,
-    start: Annotated[
-        Optional[str], typer.Option(help='With --rerun: first frame, seconds (3.5s) or time')
-    ] = None,
-    end: Annotated[Optional[str], typer.Option(help='With --rerun: last one, included')] = None,
-    topics: Annotated[
-        Optional[list[str]], typer.Option(help='With --rerun: only these; repeatable')
+        Optional[Path],
+        typer.Option(
+            metavar='PATH', help='With --rerun: write an .rrd file instead', rich_help_panel=_RERUN
+        ),
     ] = None,
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Draw frames of a KITTI folder or a bag, or show all of it in Rerun.
+    """Draw frames of a KITTI folder or a bag, or show it in Rerun.
 
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
     boxes from above. panel: all of these on one page.
+
+    A picture shows --frame, or the first frame from --start on. A film or a folder of pictures
+    shows all frames from --start to --end, or --frames.
+
+    Examples:
+      kitti-ros2 view object/training --frame 8 --mode boxes -o boxes.png
+      kitti-ros2 view drive_0005.mcap --start 5s --end 15s -o drive.mp4
     """
     drawn = chosen(given)
     if rerun:
-        common = {name: drawn.pop(name) for name in _COMMON if name in drawn}
+        selected = {name: drawn.pop(name) for name in (*_COMMON, *_TOPICS) if name in drawn}
         pictures = ['out'] * (out is not None) + list(drawn)
         if pictures:
             option = pictures[0].replace('_', '-')
             raise UsageError(f'--{option} is for pictures and does not go with --rerun')
         from ..view_rerun import run_rerun
 
-        overwrite = bool(common.pop('overwrite', False))
-        selected = chosen({**common, 'start': start, 'end': end, 'topics': topics})
+        overwrite = bool(selected.pop('overwrite', False))
         return run_rerun(src, selected, web=web, save=save, overwrite=overwrite, quiet=quiet)
-    if web or save is not None or start is not None or end is not None or topics:
-        raise UsageError('--web, --save, --start, --end and --topics go with --rerun')
+    if web or save is not None or drawn.keys() & set(_TOPICS):
+        raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
     if out is None:
         raise UsageError('view needs -o OUT (a picture, a film, a folder), or --rerun')
     from ..view import run_view

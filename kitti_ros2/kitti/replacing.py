@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Data sets that --overwrite may replace: those of one recording, without files of others."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..model.text import format_count
+from . import names
+from .layouts import LAYOUTS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_ENDINGS = (names.PNG, names.BIN, names.TXT, names.LABEL, '.xml')
+
+
+def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
+    """Return a refusal for Staging that lets only a data set of KITTI be replaced.
+
+    Args:
+        recordings: Number of recordings that replace it: a data set of more is kept.
+    """
+
+    def refusal(path: Path) -> str | None:
+        found = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
+        if not found or not _is_plain(path):
+            return 'it is no KITTI data set, so --overwrite does not touch it; choose another name'
+        if found > recordings:
+            return (
+                f'it holds {format_count(found, "recording")}, and --overwrite would remove all of'
+                f' them; choose another name'
+            )
+        return None
+
+    return refusal
+
+
+def _is_plain(folder: Path) -> bool:
+    """Whether a folder holds files of KITTI's endings only, and no symbolic links."""
+    for root, folders, files in os.walk(folder):
+        if not all(name.endswith(_ENDINGS) for name in files):
+            return False
+        if any(Path(root, name).is_symlink() for name in (*folders, *files)):
+            return False
+    return True
