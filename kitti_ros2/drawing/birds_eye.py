@@ -75,7 +75,7 @@ def birds_eye(
     objects: Sequence[LabelledObject],
     predictions: Sequence[LabelledObject],
     options: BirdOptions,
-    color_map: ColorMap = ColorMap.TURBO,
+    color_map: ColorMap = ColorMap.VIRIDIS,
     *,
     named: bool = True,
 ) -> Pixels:
@@ -106,7 +106,7 @@ def draw_points_from_above(
     picture: Pixels,
     points: Float32Array,
     view: BirdView,
-    color_map: ColorMap = ColorMap.TURBO,
+    color_map: ColorMap = ColorMap.VIRIDIS,
     point_size: int = 1,
 ) -> None:
     """Draw points, the highest on top, coloured by height."""

@@ -29,7 +29,7 @@ def draw_points(
     points: Float32Array,
     projection: Projection,
     color_by: ColorBy = ColorBy.DEPTH,
-    color_map: ColorMap = ColorMap.TURBO,
+    color_map: ColorMap = ColorMap.VIRIDIS,
     point_size: int = 2,
 ) -> None:
     """Draw the points that the camera sees, and a colour bar.

@@ -114,7 +114,7 @@ class PictureOptions:
         ColorBy.DEPTH, 'Colour of points: depth, height or intensity', parse_choice(ColorBy)
     )
     color_map: ColorMap = option(
-        ColorMap.TURBO, 'turbo, viridis, plasma, cividis, ...', parse_choice(ColorMap)
+        ColorMap.VIRIDIS, 'viridis, plasma, cividis, turbo, ...', parse_choice(ColorMap)
     )
     point_size: int = option(2, 'Diameter of a point, pixels', parse_integer)
     bird: BirdOptions = field(default_factory=BirdOptions)

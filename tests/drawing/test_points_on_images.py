@@ -22,7 +22,7 @@ def points_of(*rows) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4)
 
 
-def color_at(value, color_by=ColorBy.DEPTH, color_map=ColorMap.TURBO):
+def color_at(value, color_by=ColorBy.DEPTH, color_map=ColorMap.VIRIDIS):
     shade = SCALES[color_by].shades(np.array([value]))[0]
     return color_table(color_map)[shade, 0].tolist()
 
