@@ -22,10 +22,10 @@ CLASS_COLORS = {
 }
 """KITTI's classes: red, green, blue, 0..255.
 
-Any two, and PREDICTION_COLOR, are a CIEDE2000 difference of 12 apart, also as seen with deuteranopia
-(G. M. Machado, M. M. Oliveira, L. A. F. Fernandes, "A Physiologically-based Model for Simulation of
-Color Vision Deficiency", IEEE TVCG 15(6), 2009; severity 1). Each has a contrast of 3:1 to white and
-to the background of pictures (WCAG 2.1, 1.4.11).
+Any two, and PREDICTION_COLOR, are a CIEDE2000 difference of 12 apart, also for people with
+deuteranopia (G. M. Machado, M. M. Oliveira, L. A. F. Fernandes, "A Physiologically-based Model for
+Simulation of Color Vision Deficiency", IEEE TVCG 15(6), 2009; severity 1). Each has a contrast of
+3:1 to white and to the background of pictures (WCAG 2.1, 1.4.11).
 """
 
 PREDICTION_COLOR = (248, 87, 172)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import cv2
 import numpy as np
@@ -77,8 +77,7 @@ def test_steps_of_the_default_map_are_even():
     def steps(color_map):
         colors = [lab(linear(bgr[::-1])) for bgr in color_table(color_map)[1::8, 0]]
         lightness = np.array([color[0] for color in colors])
-        pairs = zip(colors[:-1], colors[1:], strict=True)
-        return np.array([ciede2000(a, b) for a, b in pairs]), lightness
+        return np.array([ciede2000(a, b) for a, b in pairwise(colors)]), lightness
 
     differences, lightness = steps(PictureOptions().color_map)
     assert differences.std() / differences.mean() < 0.35
