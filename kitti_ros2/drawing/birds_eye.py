@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..options.pictures import ColorBy, ColorMap
-from .looks import bgr, class_color, corners_of, name_of, nearest_first
+from .looks import bgr, box_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
 from .points import scatter
 from .scales import SCALES, colored
@@ -155,7 +155,7 @@ def draw_footprints(
     arrows = view.pixels(_arrows(corners))
     for place in reversed(range(len(shown))):
         (each, predicted), outline = shown[place], outlines[place]
-        color = class_color(each.kind)
+        color = box_color(each, predicted=predicted)
         sides, _ = cut_segments(sides_of(outline), size)
         if not len(sides):
             continue

@@ -143,6 +143,7 @@ class BagFrames:
             points=made.get(Stream.SCAN),
             calibration=calibration,
             objects=objects_of(labels, calibration),
+            labelled=Stream.LABELS in made,
             pose=self._pose(stamp_ns),
             missing=missing,
         )

@@ -29,6 +29,7 @@ class Frame:
         points: (N, 4) float32 x y z in metres in velo_link and reflectance 0..1; None without.
         calibration: Calibration of this frame, None without any.
         objects: Labels.
+        labelled: Whether the frame has labels, possibly none of an object.
         predictions: Objects found by a detector, drawn in a second style.
         packet: Packet of the GPS/IMU unit, if any.
         pose: Pose of the vehicle, if known.
@@ -43,6 +44,7 @@ class Frame:
     points: Float32Array | None = None
     calibration: Calibration | None = None
     objects: Sequence[LabelledObject] = ()
+    labelled: bool = False
     predictions: Sequence[LabelledObject] = ()
     packet: OxtsPacket | None = None
     pose: Pose | None = None

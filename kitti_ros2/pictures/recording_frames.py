@@ -97,6 +97,7 @@ class RecordingFrames:
             points=None if scan is None else scan.points,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
+            labelled=Stream.LABELS in samples,
             packet=_of(samples, Stream.OXTS, OxtsPacket),
             pose=None if pose is None else place_pose(pose, self._map_t_world),
             timed=self._recording.clock is Clock.UTC,

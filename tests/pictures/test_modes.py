@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.frame import Frame
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel import BIRD, BOXES_2D, CLASSES, DISTANCE, INTENSITY, LIDAR, SIZE
+from kitti_ros2.pictures.predictions import Predictions, compared
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
@@ -141,6 +143,37 @@ def test_predictions_are_seen_and_seen_to_be_predictions(mode):
     neither = draw(make_frame(objects=()), ANY)
     assert (draw(predictions, ANY) != neither).any()
     assert (draw(predictions, ANY) != draw(labels, ANY)).any()
+
+
+def test_predictions_are_compared_with_labels():
+    car = next(each for each in FRAME.objects if each.kind == 'Car')
+    cyclist = next(each for each in FRAME.objects if each.kind == 'Cyclist')
+    found = [replace(car, score=0.9), replace(car, score=0.5)]
+    frame = compared(make_frame(objects=[car, cyclist], predictions=found))
+    assert dict(facts_of(frame, ANY))['compared'] == '1 TP, 1 FP, 1 FN'
+    assert [each.match.verdict.value for each in frame.predictions] == ['TP', 'FP']
+    assert [each.match.verdict.value for each in frame.objects] == ['TP', 'FN']
+    assert 'compared' not in dict(facts_of(make_frame(predictions=found), ANY))
+    assert (MODES['boxes'].draw(frame, ANY) != MODES['boxes'].draw(FRAME, ANY)).any()
+
+
+@pytest.mark.parametrize('labels', ['absent', 'empty', 'there'])
+def test_predictions_are_compared_where_there_are_labels(recordings, tmp_path, labels):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    path = root / 'training/label_2/000001.txt'
+    lines = path.read_text()
+    if labels == 'absent':
+        path.unlink()
+    if labels == 'empty':
+        path.write_text('')
+    (tmp_path / '000001.txt').write_text(
+        ''.join(f'{line} 0.9\n' for line in lines.splitlines() if 'DontCare' not in line)
+    )
+    frame = Predictions(tmp_path).add_to(open_frames(root, ReadOptions()).frame(1))
+    assert frame.predictions
+    found = {each.match.verdict.value if each.match else None for each in frame.predictions}
+    assert found == {'absent': {None}, 'empty': {'FP'}, 'there': {'TP'}}[labels]
 
 
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
