@@ -19,6 +19,7 @@ class ColorBy(str, Enum):
     DEPTH = 'depth'
     HEIGHT = 'height'
     INTENSITY = 'intensity'
+    SEMANTIC = 'semantic'
 
 
 class ColorMap(str, Enum):
@@ -96,9 +97,10 @@ class PictureOptions:
 
     Attributes:
         camera: KITTI camera index; None is camera 2, or the first of the recording.
-        color_by: Quantity that the colour of a point on an image shows.
-        color_map: Its colours.
-        point_size: Diameter of a point on an image, pixels.
+        color_by: Quantity that the colour of a point shows; None is depth on an image, else
+            height.
+        color_map: Its colours; classes of points have their own.
+        point_size: Diameter of a point on an image or in perspective, pixels.
         bird: The bird's-eye view.
         classes: Classes of the objects to draw; empty is all.
         named: Whether boxes have tags with class, track and score.
@@ -110,8 +112,11 @@ class PictureOptions:
     camera: int | None = option(
         None, "KITTI's camera number", parse_integer, unset='2, or the first'
     )
-    color_by: ColorBy = option(
-        ColorBy.DEPTH, 'Colour of points: depth, height or intensity', parse_choice(ColorBy)
+    color_by: ColorBy | None = option(
+        None,
+        "Colour of points: depth, height, intensity or semantic (SemanticKITTI's labels)",
+        parse_choice(ColorBy),
+        unset='depth on images, else height',
     )
     color_map: ColorMap = option(
         ColorMap.VIRIDIS, 'viridis, plasma, cividis, turbo, ...', parse_choice(ColorMap)

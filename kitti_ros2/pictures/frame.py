@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy as np
+    import numpy.typing as npt
+
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
     from ..model.losses import Loss
@@ -27,6 +30,7 @@ class Frame:
         images: (H, W, 3) uint8 BGR by KITTI camera index, read-only; grey ones have three equal
             channels.
         points: (N, 4) float32 x y z in metres in velo_link and reflectance 0..1; None without.
+        point_labels: (N,) SemanticKITTI labels of the points; None without, or if not read.
         calibration: Calibration of this frame, None without any.
         objects: Labels.
         labelled: Whether the frame has labels, possibly none of an object.
@@ -42,6 +46,7 @@ class Frame:
     stamp_ns: int
     images: Mapping[int, Pixels]
     points: Float32Array | None = None
+    point_labels: npt.NDArray[np.uint32] | None = None
     calibration: Calibration | None = None
     objects: Sequence[LabelledObject] = ()
     labelled: bool = False

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..model.streams import Stream
 from .frame_parts import camera_image, chosen_camera, of_classes
-from .painters import Shown, draw_bird, paint_boxes_2d, paint_boxes_3d, paint_scan
+from .painters import Shown, draw_bird, draw_from_behind, paint_boxes_2d, paint_boxes_3d, paint_scan
 from .panel import draw_panel
 
 if TYPE_CHECKING:
@@ -67,5 +67,6 @@ MODES: Mapping[str, Mode] = {
     'boxes': Mode(_on_image(paint_boxes_3d), image=True, others=_LABELS),
     'lidar': Mode(_on_image(paint_scan), image=True, others=_SCAN),
     'bev': Mode(draw_bird, image=False, others=_SCAN | _LABELS),
+    'perspective': Mode(draw_from_behind, image=False, others=_SCAN | _LABELS),
     'panel': Mode(draw_panel, image=True, others=_SCAN | _LABELS | _MOTION),
 }

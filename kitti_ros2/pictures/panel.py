@@ -16,7 +16,7 @@ import numpy as np
 
 from ..drawing.birds_eye import BACKGROUND
 from ..drawing.range_maps import ROWS, range_maps
-from ..drawing.scales import SCALES, colored, draw_bar, draw_ramp
+from ..drawing.scales import SCALES, color_table, colored, draw_ramp
 from ..drawing.strokes import new_picture
 from ..drawing.text import extent_of, fitted, put_text
 from ..model.errors import MissingDataError
@@ -172,8 +172,6 @@ def _draw_bird(page: Pixels, frame: Frame, options: PictureOptions) -> None:
         window[:] = draw_bird(frame, replace(options, bird=_filling(options.bird, BIRD)))
     except MissingDataError as error:
         _say(window, frame, error)
-        return
-    draw_bar(window, SCALES[ColorBy.HEIGHT], options.color_map, (0, BIRD.height - 45), (120, 7))
 
 
 def _filling(bird: BirdOptions, area: Area) -> BirdOptions:
@@ -199,5 +197,5 @@ def _draw_maps(page: Pixels, frame: Frame, options: PictureOptions) -> None:
     for shades, (area, kind) in zip(maps, parts, strict=True):
         size = area.width, area.height
         large = np.asarray(cv2.resize(shades, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-        cv2.copyTo(colored(large, options.color_map), large, area.of(page))
+        cv2.copyTo(colored(large, color_table(options.color_map)), large, area.of(page))
         draw_ramp(page, SCALES[kind], options.color_map, (area.left + area.width, area.top - 7))

@@ -21,6 +21,7 @@ from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
 from .frame import Frame
+from .frame_parts import POINT_LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -86,6 +87,8 @@ class RecordingFrames:
             except (KittiRos2Error, OSError) as error:
                 missing[stream.value] = str(error)
         scan = _of(samples, Stream.SCAN, Scan)
+        for reason in scan.missing.values() if scan else ():
+            missing[POINT_LABELS] = reason
         pose = _of(samples, Stream.POSE, Pose)
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
@@ -95,6 +98,7 @@ class RecordingFrames:
             stamp_ns=int(self.stamps_ns[place]),
             images=self._decoded(samples, number, missing),
             points=None if scan is None else scan.points,
+            point_labels=None if scan is None or scan.missing else scan.labels,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             labelled=Stream.LABELS in samples,

@@ -16,7 +16,14 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.pictures import movie
 from kitti_ros2.pictures.modes import MODES
 
-NEEDS = {'camera': 'image', 'boxes': 'image', 'lidar': 'scan', 'bev': 'scan', 'panel': ''}
+NEEDS = {
+    'camera': 'image',
+    'boxes': 'image',
+    'lidar': 'scan',
+    'bev': 'scan',
+    'perspective': 'scan',
+    'panel': '',
+}
 
 
 def test_the_modes_are_these() -> None:

@@ -41,7 +41,7 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     """Draw frames of a KITTI folder or a bag, or show all of it in Rerun.
 
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
-    boxes from above. panel: all of these on one page.
+    boxes from above. perspective: the same from behind. panel: all about a frame on one page.
     """
     drawn = chosen(given)
     if rerun:
