@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.samples import Int64Array
     from ..own_bags.places import Place
@@ -145,6 +146,9 @@ class BagFrames:
             objects=objects_of(labels, calibration),
             labelled=Stream.LABELS in made,
             pose=self._pose(stamp_ns),
+            path=self._path(stamp_ns) if wanted and Stream.PATH.value in wanted else None,
+            imaged=bool(self.cameras),
+            scanned=Stream.SCAN in self._places,
             missing=missing,
         )
 
@@ -164,6 +168,16 @@ class BagFrames:
                 missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
             return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
         return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
+
+    def _path(self, stamp_ns: int) -> Float64Array | None:
+        """Return (N, 3) positions up to a time, None without any."""
+        track = self.trajectory()
+        found = [
+            pose.translation
+            for stamp, pose in zip(track.stamps_ns.tolist(), track.world_T_imu, strict=True)
+            if stamp <= stamp_ns
+        ]
+        return np.array(found) if found else None
 
     def _pose(self, stamp_ns: int) -> Pose | None:
         if self._track is None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
+    from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose
 
@@ -37,6 +38,9 @@ class Frame:
         predictions: Objects found by a detector, drawn in a second style.
         packet: Packet of the GPS/IMU unit, if any.
         pose: Pose of the vehicle, if known.
+        path: (N, 3) positions of the vehicle up to this frame, in the frame of its pose, metres;
+            None without poses, or if not read.
+        imaged, scanned: Whether the recording has images and scans, this frame's or others.
         timed: Whether the layout has times; otherwise stamps are nominal.
         missing: Missing or unreadable data of this frame: name to the reason, one line.
     """
@@ -53,6 +57,9 @@ class Frame:
     predictions: Sequence[LabelledObject] = ()
     packet: OxtsPacket | None = None
     pose: Pose | None = None
+    path: Float64Array | None = None
+    imaged: bool = True
+    scanned: bool = True
     timed: bool = True
     missing: Mapping[str, str] = field(default_factory=dict)
 
@@ -83,8 +90,8 @@ class FrameSource(Protocol):
 
         Args:
             number: One of numbers.
-            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); all by
-                default.
+            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); by
+                default all but path, which takes the poses of all frames.
 
         Raises:
             UsageError: The frame does not exist.

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.pixels import Pixels
+    from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.recording import Recording
     from ..model.samples import Int64Array, Sample
@@ -52,6 +55,7 @@ class RecordingFrames:
         self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self._recording = recording
+        self._reading_poses = Lock()
         mount = base_t_imu(MessageOptions())
         self._map_t_world = map_from_world(recording.start, mount, MapFrame.ENU)
         self.cameras: Mapping[int, str] = recording.cameras
@@ -103,6 +107,9 @@ class RecordingFrames:
             objects=objects_of(labels, calibration),
             labelled=Stream.LABELS in samples,
             packet=_of(samples, Stream.OXTS, OxtsPacket),
+            path=self._path(number, missing) if _wants_path(wanted) else None,
+            imaged=bool(self.cameras),
+            scanned=Stream.SCAN in self._recording.streams,
             pose=None if pose is None else place_pose(pose, self._map_t_world),
             timed=self._recording.clock is Clock.UTC,
             missing=missing,
@@ -112,6 +119,35 @@ class RecordingFrames:
         """See FrameSource; a folder's files are open only while they are read."""
         if isinstance(self._recording, BagRecording):
             self._recording.close()
+
+    def _path(self, number: int, missing: dict[str, str]) -> Float64Array | None:
+        """Return (N, 3) positions up to a frame, None without any."""
+        poses = self._samples.get(Stream.POSE, {})
+        last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
+        with self._reading_poses:
+            numbers, positions, failures = self._all_positions
+        reason = next((why for failed, why in failures.items() if failed <= last), None)
+        if reason is not None:
+            missing[Stream.PATH.value] = f'poses are left out of the path; the first: {reason}'
+        found = positions[numbers <= last]
+        return found if len(found) else None
+
+    @cached_property
+    def _all_positions(self) -> tuple[Int64Array, Float64Array, dict[int, str]]:
+        """Numbers and (N, 3) positions of all poses; the reason by number of unreadable ones."""
+        index = self._recording.streams.get(Stream.POSE)
+        found: dict[int, Float64Array] = {}
+        failures: dict[int, str] = {}
+        for number in () if index is None else index.numbers.tolist():
+            try:
+                pose = self._recording.read(Stream.POSE, number)
+            except (KittiRos2Error, OSError) as error:
+                failures[number] = str(error)
+                continue
+            if isinstance(pose, Pose):
+                found[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
+        positions = np.array([*found.values()], np.float64).reshape(-1, 3)
+        return np.array([*found], np.int64), positions, failures
 
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
@@ -127,6 +163,10 @@ class RecordingFrames:
                 path = self._recording.path(stream, self._samples[stream][number])
                 missing[stream.value] = str(BadFileError(path, str(error), 'a whole PNG'))
         return images
+
+
+def _wants_path(wanted: frozenset[str] | None) -> bool:
+    return wanted is not None and Stream.PATH.value in wanted
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:

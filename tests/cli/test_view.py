@@ -87,6 +87,18 @@ def test_a_film(recordings, tmp_path, monkeypatch, h264, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['out.mp4', 'two.png']
 
 
+def test_points_by_class_need_labels(recordings, tmp_path, capsys):
+    out = tmp_path / 'out.png'
+    for layout, reason in (
+        (Layout.RAW, 'semantic is for the odometry layout'),
+        (Layout.ODOMETRY, '000000.label: no such file'),
+    ):
+        words = ['view', str(recordings[layout]), '-o', str(out), '--mode', 'bev']
+        assert main([*words, '--color-by', 'semantic']) == 2
+        assert reason in one_line(capsys.readouterr().err)
+        assert not out.exists()
+
+
 def test_a_folder_of_pictures(recordings, tmp_path):
     out = tmp_path / 'out'
     words = ['view', str(recordings[Layout.TRACKING]), '-o', str(out), '--mode', 'bev', '-q']
