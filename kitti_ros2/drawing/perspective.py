@@ -41,6 +41,7 @@ _GROUND_Z = -1.73
 """Of KITTI's road below its scanner, metres."""
 
 _GRID_X, _GRID_Y, _GRID_STEP = (-20, 80), (-40, 40), 10
+_LABELS = (10, 20, 30, 40, 60, 80)
 _GRID_COLOR = (66, 60, 55)
 _GRID_TEXT = (186, 178, 172)
 _TEXT_SCALE = 0.4
@@ -87,6 +88,7 @@ def draw_perspective(
         shades = colors.shades(points, chosen[order])
         layer = scatter(pixels[order], shades, SIZE, point_size)
         colors.paint(picture, layer)
+    _label_grid(picture, projection)
     _draw_car(picture, projection)
     draw_wireframes(picture, objects, projection, predictions, named=named)
     if layer is not None:
@@ -95,16 +97,20 @@ def draw_perspective(
 
 
 def _draw_grid(picture: Pixels, projection: Projection) -> None:
-    """Draw lines on the ground, 10 m apart, and the distance of each ahead of the scanner."""
+    """Draw lines on the ground, 10 m apart."""
     xs = np.arange(_GRID_X[0], _GRID_X[1] + 1, _GRID_STEP)
     ys = np.arange(_GRID_Y[0], _GRID_Y[1] + 1, _GRID_STEP)
     across = [[(x, ys[0], _GROUND_Z), (x, ys[-1], _GROUND_Z)] for x in xs]
     along = [[(xs[0], y, _GROUND_Z), (xs[-1], y, _GROUND_Z)] for y in ys]
     _draw_lines(picture, projection, np.array(across + along, np.float64), _GRID_COLOR, 1)
+
+
+def _label_grid(picture: Pixels, projection: Projection) -> None:
+    """Write the distance of lines ahead of the scanner, halfway to their right end."""
     scale = _TEXT_SCALE * scale_of(picture)
-    for x in xs[xs > 0]:
+    for x in _LABELS:
         label = f'{x} m'
-        place = projection.pixels(projection.homogeneous((x, float(ys[0]) / 2, _GROUND_Z)))
+        place = projection.pixels(projection.homogeneous((x, _GRID_Y[0] / 2, _GROUND_Z)))
         left = place[0] - extent_of(label, scale).width / 2
         put_text(picture, label, (left, place[1] - 2), scale, _GRID_TEXT)
 

@@ -33,7 +33,7 @@ _MAPS = {
 }
 
 
-_ENDS = (64, 244)
+_ENDS = (40, 255)
 DIM = 0.35
 """The brightness that remains below a legend."""
 
@@ -78,10 +78,10 @@ class Scale:
 SCALES = {
     # Near points have the detail, so steps of depth are ratios, and near is bright.
     ColorBy.DEPTH: Scale(
-        2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
+        4.0, 60.0, (5.0, 10.0, 20.0, 40.0), 'depth, m', logarithmic=True, reverse=True
     ),
     # Of velo_link: KITTI's road is at -1.73 m.
-    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-2.0, 0.0, 2.0), 'height, m'),
+    ColorBy.HEIGHT: Scale(-2.5, 1.5, (-2.0, -1.0, 0.0, 1.0), 'height, m'),
     ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
 
@@ -89,7 +89,7 @@ SCALES = {
 @lru_cache(maxsize=len(_MAPS))
 def color_table(color_map: ColorMap) -> Pixels:
     """Return (256, 1, 3) BGR of the shades."""
-    # The ends of the maps are dark, which is hardly visible on a dark background.
+    # The low ends of the maps are dark, which is hardly visible on a dark background.
     ramp = np.linspace(*_ENDS, 255).round().astype(np.uint8)
     shades = np.concatenate([ramp[:1], ramp])[:, None]
     table = np.asarray(cv2.applyColorMap(shades, _MAPS[color_map]), np.uint8)

@@ -80,8 +80,8 @@ def test_steps_of_the_default_map_are_even():
         return np.array([ciede2000(a, b) for a, b in pairwise(colors)]), lightness
 
     differences, lightness = steps(PictureOptions().color_map)
-    assert differences.std() / differences.mean() < 0.35
+    assert differences.std() / differences.mean() < 0.3
     assert (np.diff(lightness) > 0).all()
     uneven, rainbow = steps(ColorMap.JET)
-    assert uneven.std() / uneven.mean() > 0.35
+    assert uneven.std() / uneven.mean() > 0.3
     assert not (np.diff(rainbow) > 0).all()
