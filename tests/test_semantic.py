@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.drawing.semantic import SEMANTIC_COLORS as COLORS
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.clouds import read_field
-from kitti_ros2.messages.scan import COLORS, decode_scan, packed_colors
+from kitti_ros2.messages.scan import decode_scan, packed_colors
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream

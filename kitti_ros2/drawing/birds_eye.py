@@ -4,28 +4,34 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from ..options.pictures import ColorBy, ColorMap
-from .looks import bgr, class_color, corners_of, name_of, nearest_first
+from ..model.boxes import DONT_CARE
+from ..options.pictures import ColorBy
+from .looks import bgr, box_color, corners_of, name_of, nearest_first
 from .palette import EGO_COLOR, EGO_SIZE_LWH
+from .point_colors import PointColors
 from .points import scatter
-from .scales import SCALES, colored
+from .scales import DIM, SCALES
 from .strokes import cut_segments, dashes, draw_segments, has_pixels, new_picture, sides_of, size_of
-from .text import Tag, draw_tags, extent_of, put_text
+from .text import Tag, draw_tags, extent_of, fitted, put_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    import numpy.typing as npt
 
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array
     from ..options.pictures import BirdOptions
     from .objects import LabelledObject
     from .pixels import Pixels
+    from .strokes import Bounds
 
 BACKGROUND = (24, 20, 18)
 _RING_COLOR = (84, 76, 70)
@@ -35,12 +41,17 @@ _MOST_RINGS = 8
 _LARGEST = 1 << 20
 """Greatest distance of a ring, pixels; OpenCV's fixed point overflows beyond."""
 
+BY_HEIGHT = PointColors(ColorBy.HEIGHT)
+_LEGEND_SCALE = 0.9
+_LEGEND_WIDTH = 180
+"""Of the colour bar at this scale, at least, pixels."""
+
 _SHIFT = 4
 _SMALL = 30.0
 _TEXT_SCALE = 0.36
 _ARROW_M = (0.5, 1.2)
 """Least and greatest length of an arrow outside of its box, metres."""
-_EGO_MIDDLE_X = 0.59
+EGO_MIDDLE_X = 0.59
 """The centre of KITTI's car ahead of its scanner, metres: 1.35 m ahead of the rear axle, which is
 0.76 m behind the scanner."""
 
@@ -75,7 +86,7 @@ def birds_eye(
     objects: Sequence[LabelledObject],
     predictions: Sequence[LabelledObject],
     options: BirdOptions,
-    color_map: ColorMap = ColorMap.TURBO,
+    colors: PointColors = BY_HEIGHT,
     *,
     named: bool = True,
 ) -> Pixels:
@@ -86,7 +97,7 @@ def birds_eye(
         objects: Ground truth; those without a 3D box are left out.
         predictions: Drawn in the style of predictions.
         options: Range and resolution.
-        color_map: The colours of heights.
+        colors: The colours of points.
         named: Whether boxes have tags.
     """
     picture = new_picture(options.size, BACKGROUND)
@@ -94,35 +105,33 @@ def birds_eye(
     radii = _ring_radii(options)
     _draw_rings(picture, view, radii)
     if points is not None:
-        draw_points_from_above(picture, points, view, color_map)
+        layer = draw_points_from_above(picture, points, view, colors)
     _label_rings(picture, view, radii)
     _draw_ego(picture, view)
+    if points is not None:
+        colors.draw_legend(picture, layer, _LEGEND_SCALE, below=True)
+    _draw_notes(picture, left_out(objects, predictions, view, size_of(picture)))
     draw_footprints(picture, objects, view, predictions, named=named)
     return picture
 
 
 @np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_points_from_above(
-    picture: Pixels,
-    points: Float32Array,
-    view: BirdView,
-    color_map: ColorMap = ColorMap.TURBO,
-    point_size: int = 1,
-) -> None:
-    """Draw points, the highest on top, coloured by height."""
-    if not has_pixels(picture):
-        return
+    picture: Pixels, points: Float32Array, view: BirdView, colors: PointColors = BY_HEIGHT
+) -> npt.NDArray[np.uint8]:
+    """Draw points, the highest on top, and return their (H, W) shades."""
     width, height = size_of(picture)
     scale = np.float32(view.pixels_per_metre)
-    with np.errstate(over='ignore'):
-        columns = (np.float32(view.left_m) - points[:, 1]) * scale
-        rows = (np.float32(view.top_m) - points[:, 0]) * scale
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    shades = SCALES[ColorBy.HEIGHT].shades(points[inside, 2])
-    order = np.argsort(shades, kind='stable')
+    columns = (np.float32(view.left_m) - points[:, 1]) * scale
+    rows = (np.float32(view.top_m) - points[:, 0]) * scale
+    inside = np.flatnonzero((columns >= 0) & (columns < width) & (rows >= 0) & (rows < height))
+    heights = SCALES[ColorBy.HEIGHT].shades(points[inside, 2])
+    order = np.argsort(heights, kind='stable')
     places = np.stack([columns[inside], rows[inside]], axis=1).astype(np.int32)
-    layer = scatter(places[order], shades[order], (width, height), point_size)
-    cv2.copyTo(colored(layer, color_map), layer, picture)
+    shades = heights if colors.by is ColorBy.HEIGHT else colors.shades(points, inside)
+    layer = scatter(places[order], shades[order], (width, height), 1)
+    colors.paint(picture, layer)
+    return layer
 
 
 @np.errstate(all='ignore')  # labels and scans may hold any numbers
@@ -155,18 +164,68 @@ def draw_footprints(
     arrows = view.pixels(_arrows(corners))
     for place in reversed(range(len(shown))):
         (each, predicted), outline = shown[place], outlines[place]
-        color = class_color(each.kind)
-        sides, _ = cut_segments(sides_of(outline), size)
-        if not len(sides):
+        color = box_color(each, predicted=predicted)
+        bounds = _bounds(outline, size)
+        if bounds is None:
             continue
+        sides, _ = cut_segments(sides_of(outline), size)
         width = 1 if predicted or np.ptp(outline, axis=0).max() < _SMALL else 2
         draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, width)
         draw_segments(picture, cut_segments(arrows[place], size)[0], color, width)
-        seen = sides.reshape(-1, 2).clip(0, np.array(size) - 1.0)
-        bounds = (*seen.min(axis=0).tolist(), *seen.max(axis=0).tolist())
         tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))
     if named:
         draw_tags(picture, tags[::-1], _TEXT_SCALE)
+
+
+def _bounds(outline: Float64Array, size: tuple[int, int]) -> Bounds | None:
+    """Return the bounds within a picture of a (4, 2) outline, None for one out of range."""
+    sides, _ = cut_segments(sides_of(outline), size)
+    if not len(sides):
+        return None
+    seen = sides.reshape(-1, 2).clip(0, np.array(size) - 1.0)
+    (left, top), (right, bottom) = seen.min(axis=0).tolist(), seen.max(axis=0).tolist()
+    return (left, top, right, bottom) if right > left and bottom > top else None
+
+
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
+def left_out(
+    objects: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject],
+    view: BirdView,
+    size: tuple[int, int],
+) -> list[str]:
+    """Return one line for each reason why objects are not in a view: their classes and number."""
+    lines = []
+    for title, shown in (('', objects), ('predictions ', predictions)):
+        outlines = view.pixels(corners_of([(each, False) for each in shown])[:, :4, :2])
+        out: Counter[str] = Counter()
+        flat: Counter[str] = Counter()
+        for each, outline in zip(shown, outlines, strict=True):
+            if each.cuboid is None:
+                flat[each.kind] += each.kind != DONT_CARE
+            elif _bounds(outline, size) is None:
+                out[each.kind] += 1
+        for reason, counts in (('out of range', out), ('without a 3D box', flat)):
+            if +counts:
+                kinds = (f'{count} {kind}' for kind, count in (+counts).most_common())
+                lines.append(f'{title}{reason}: {", ".join(kinds)}')
+    return lines
+
+
+def _draw_notes(picture: Pixels, lines: Sequence[str]) -> None:
+    """Write lines in the lower right corner, right of the legend, on a darkened strip."""
+    extent, room = extent_of('0', _TEXT_SCALE), picture.shape[1] - _LEGEND_WIDTH
+    line, pad = extent.above + extent.below + 2, extent.above
+    shown = [fitted(text, room - 3 * pad, _TEXT_SCALE) for text in lines]
+    width = max((extent_of(text, _TEXT_SCALE).width for text in shown), default=0) + 2 * pad
+    height = line * len(shown) + pad
+    if not shown or width > room or height > picture.shape[0]:
+        return
+    strip = picture[-height - pad : -pad, -width - pad : -pad]
+    strip[:] = cv2.convertScaleAbs(strip, alpha=DIM)
+    for place, text in enumerate(shown):
+        baseline = place * line + pad // 2 + extent.above + 1
+        put_text(strip, text, (pad, baseline), _TEXT_SCALE, _RING_TEXT)
 
 
 def _arrows(corners: Float64Array) -> Float64Array:
@@ -220,7 +279,7 @@ def _label_rings(picture: Pixels, view: BirdView, radii: Sequence[int]) -> None:
 def _draw_ego(picture: Pixels, view: BirdView) -> None:
     """Draw the recording car and its heading."""
     length, width, _ = EGO_SIZE_LWH
-    front, rear = _EGO_MIDDLE_X + length / 2, _EGO_MIDDLE_X - length / 2
+    front, rear = EGO_MIDDLE_X + length / 2, EGO_MIDDLE_X - length / 2
     side = width / 2
     corners = np.array([(front, side), (front, -side), (rear, -side), (rear, side)])
     nose = np.array([(rear + 0.7 * length, side), (front, 0.0), (rear + 0.7 * length, -side)])

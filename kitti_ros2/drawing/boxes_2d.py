@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..model.boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
-from .looks import caption_2d, class_color, line_width, nearest_first, scale_of
+from .looks import box_color, caption_2d, line_width, nearest_first, scale_of
 from .strokes import cut_segments, dashes, draw_segments, has_pixels, rectangle_segments, size_of
 from .text import Tag, draw_tags
 
@@ -66,7 +66,7 @@ def draw_boxes_2d(
             _shade(picture, cut[place])
             continue
         sides, _ = cut_segments(rectangle_segments(np.rint(bounds[place : place + 1])), size)
-        color, seen = class_color(each.kind), tuple(cut[place].tolist())
+        color, seen = box_color(each, predicted=predicted), tuple(cut[place].tolist())
         if predicted:
             draw_segments(picture, dashes(sides, scale), color)
         else:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The appearance of an object: its colour, caption and line width.
 
-Ground truth has solid lines and a filled tag; predictions have dashed lines and an outlined tag.
+Ground truth has the colour of its class, solid lines and a filled tag; predictions have a colour of
+their own, dashed lines and an outlined tag. Where both are compared, the tag of a prediction shows
+TP or FP and the intersection over union, and that of a label that no prediction finds shows FN.
 Lines of an object that is labelled as occluded, or is small, are half as wide; the tag of a 2D box
 shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
 """
@@ -15,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.boxes import cuboid_corners
-from .palette import rgb_of
+from ..model.matching import Verdict
+from .palette import PREDICTION_COLOR, rgb_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +28,10 @@ if TYPE_CHECKING:
     from .pixels import Pixels
     from .strokes import Bounds, Color
 
+PREDICTION_BGR = PREDICTION_COLOR[::-1]
 _KITTI_AREA = 1242 * 375
 _SMALL = 40.0
+_LEAST_SHOWN = 0.005
 _OCCLUSIONS = {1: ' occ 1', 2: ' occ 2', 3: ' occ ?'}
 
 
@@ -42,6 +47,11 @@ def class_color(kind: str) -> Color:
     return blue, green, red
 
 
+def box_color(each: LabelledObject, *, predicted: bool) -> Color:
+    """Return the colour of an object's box."""
+    return PREDICTION_BGR if predicted else class_color(each.kind)
+
+
 def scale_of(picture: Pixels) -> float:
     """Return the scale of lines and letters: 1 in KITTI's images, more in larger ones."""
     area = picture.shape[0] * picture.shape[1]
@@ -55,10 +65,21 @@ def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int
 
 
 def name_of(each: LabelledObject) -> str:
-    """Format class, track and score."""
+    """Format class, track, score, and the result of the comparison."""
     track = '' if each.track_id is None else f' {each.track_id}'
     score = '' if each.score is None else f' {each.score:.2f}'
-    return f'{each.kind}{track}{score}'
+    return f'{each.kind}{track}{score}{_mark(each)}'
+
+
+def _mark(each: LabelledObject) -> str:
+    """Format the result of the comparison of a prediction, or of a label that none finds."""
+    verdict, overlap = (
+        (None, 0.0) if each.match is None else (each.match.verdict, each.match.overlap)
+    )
+    if verdict is None or (each.score is None and verdict is Verdict.TRUE_POSITIVE):
+        return ''
+    shown = f' IoU {overlap:.2f}' if overlap >= _LEAST_SHOWN and each.score is not None else ''
+    return f' {verdict.value}{shown}'
 
 
 def caption_2d(each: LabelledObject) -> str:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Box, Cuboid
     from ..model.geometry import Transform
+    from ..model.matching import Match
     from ..model.samples import Calibration, FrameLabels
 
 
@@ -37,6 +38,7 @@ class LabelledObject:
         occluded: 0 visible, 1 partly, 2 largely, 3 unknown, None without a value.
         score: Detection score, None for ground truth.
         track_id: Identity across frames, None without one.
+        match: Comparison of labels and predictions, None without one.
     """
 
     kind: str
@@ -46,6 +48,7 @@ class LabelledObject:
     occluded: int | None = None
     score: float | None = None
     track_id: int | None = None
+    match: Match | None = None
 
 
 def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[LabelledObject]:

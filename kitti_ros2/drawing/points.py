@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..options.pictures import ColorBy, ColorMap
 from .looks import scale_of
-from .scales import EMPTY, SCALES, colored, draw_bar
+from .point_colors import PointColors
+from .scales import EMPTY
 from .strokes import has_pixels, size_of
 
 if TYPE_CHECKING:
@@ -20,26 +19,22 @@ if TYPE_CHECKING:
     from .pixels import Pixels
     from .projection import Projection
 
-_BAR_SIZE = (150, 7)
-
 
 @np.errstate(all='ignore')  # labels and scans may hold any numbers
 def draw_points(
     picture: Pixels,
     points: Float32Array,
     projection: Projection,
-    color_by: ColorBy = ColorBy.DEPTH,
-    color_map: ColorMap = ColorMap.TURBO,
+    colors: PointColors = PointColors(),  # noqa: B008 - immutable
     point_size: int = 2,
 ) -> None:
-    """Draw the points that the camera sees, and a colour bar.
+    """Draw the points that the camera sees, and the legend of their colours.
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
         points: (N, 4) x y z in velo_link, metres, and reflectance 0..1.
         projection: Into the picture.
-        color_by: The quantity shown by colour.
-        color_map: The colours.
+        colors: The colours of points.
         point_size: Diameter of a point, pixels.
 
     Raises:
@@ -47,24 +42,22 @@ def draw_points(
     """
     if not has_pixels(picture):
         return
-    pixels, depth, shown = seen_points(points, projection, size_of(picture))
-    values = {ColorBy.DEPTH: depth, ColorBy.HEIGHT: shown[:, 2], ColorBy.INTENSITY: shown[:, 3]}
+    size = size_of(picture)
+    pixels, depth, chosen = seen_points(points, projection, size)
     order = np.argsort(-depth)
-    shades = SCALES[color_by].shades(values[color_by])
-    layer = scatter(pixels[order], shades[order], size_of(picture), point_size)
-    cv2.copyTo(colored(layer, color_map), layer, picture)
-    scale = scale_of(picture)
-    bar = (round(_BAR_SIZE[0] * scale), round(_BAR_SIZE[1] * scale))
-    draw_bar(picture, SCALES[color_by], color_map, (bar[1], bar[1]), bar)
+    shades = colors.shades(points, chosen[order], depth[order])
+    layer = scatter(pixels[order], shades, size, point_size)
+    colors.paint(picture, layer)
+    colors.draw_legend(picture, layer, scale_of(picture))
 
 
 def seen_points(
     points: Float32Array, projection: Projection, size: tuple[int, int]
-) -> tuple[npt.NDArray[np.int32], Float32Array, Float32Array]:
+) -> tuple[npt.NDArray[np.int32], Float32Array, npt.NDArray[np.intp]]:
     """Return the points visible in an image.
 
     Returns:
-        (K, 2) int32 column and row, (K,) depth in metres, and the (K, 4) points themselves.
+        (K, 2) int32 column and row, (K,) depth in metres, and the (K,) indices of the points.
     """
     seen = projection.homogeneous(points[:, :3])
     ahead = np.flatnonzero(seen[:, 2] > 0)
@@ -73,7 +66,7 @@ def seen_points(
     inside = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
     chosen = ahead[inside]
     places = np.rint(pixels[inside]).astype(np.int32)
-    return places, seen[chosen, 2].astype(np.float32), points[chosen]
+    return places, seen[chosen, 2].astype(np.float32), chosen
 
 
 def scatter(

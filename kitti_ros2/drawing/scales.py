@@ -33,8 +33,10 @@ _MAPS = {
 }
 
 
-_ENDS = (14, 244)
-_DIM = 0.35
+_ENDS = (40, 255)
+DIM = 0.35
+"""The brightness that remains below a legend."""
+
 _RAMP_SIZE = (120, 8)
 _RAMP_TEXT = 0.38
 
@@ -76,10 +78,10 @@ class Scale:
 SCALES = {
     # Near points have the detail, so steps of depth are ratios, and near is bright.
     ColorBy.DEPTH: Scale(
-        2.5, 80.0, (5.0, 10.0, 20.0, 40.0, 80.0), 'depth, m', logarithmic=True, reverse=True
+        4.0, 60.0, (5.0, 10.0, 20.0, 40.0), 'depth, m', logarithmic=True, reverse=True
     ),
     # Of velo_link: KITTI's road is at -1.73 m.
-    ColorBy.HEIGHT: Scale(-3.0, 3.0, (-2.0, 0.0, 2.0), 'height, m'),
+    ColorBy.HEIGHT: Scale(-2.5, 1.5, (-2.0, -1.0, 0.0, 1.0), 'height, m'),
     ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
 
@@ -87,7 +89,7 @@ SCALES = {
 @lru_cache(maxsize=len(_MAPS))
 def color_table(color_map: ColorMap) -> Pixels:
     """Return (256, 1, 3) BGR of the shades."""
-    # The ends of the maps are nearly black, which is invisible on a dark background.
+    # The low ends of the maps are dark, which is hardly visible on a dark background.
     ramp = np.linspace(*_ENDS, 255).round().astype(np.uint8)
     shades = np.concatenate([ramp[:1], ramp])[:, None]
     table = np.asarray(cv2.applyColorMap(shades, _MAPS[color_map]), np.uint8)
@@ -95,9 +97,9 @@ def color_table(color_map: ColorMap) -> Pixels:
     return table
 
 
-def colored(shades: npt.NDArray[np.uint8], color_map: ColorMap) -> Pixels:
-    """Return (H, W, 3) BGR of (H, W) shades; EMPTY ones have the first colour."""
-    return np.asarray(cv2.applyColorMap(shades, color_table(color_map)), np.uint8)
+def colored(shades: npt.NDArray[np.uint8], table: Pixels) -> Pixels:
+    """Return (H, W, 3) BGR of (H, W) shades, by a (256, 1, 3) table."""
+    return np.asarray(cv2.applyColorMap(shades, table), np.uint8)
 
 
 def draw_bar(
@@ -125,7 +127,7 @@ def draw_bar(
     ]
     if strip.shape[:2] != (2 * line + height + 2, width + 2 * pad):
         return
-    strip[:] = cv2.convertScaleAbs(strip, alpha=_DIM)
+    strip[:] = cv2.convertScaleAbs(strip, alpha=DIM)
     put_text(strip, scale.title, (pad, extent.above + 1), text_scale)
     strip[line : line + height, pad : pad + width] = _ramp(scale, color_map, width)
     for tick, share in zip(scale.ticks, scale.shares(np.array(scale.ticks)), strict=True):
@@ -158,4 +160,4 @@ def draw_ramp(picture: Pixels, scale: Scale, color_map: ColorMap, end: tuple[int
 def _ramp(scale: Scale, color_map: ColorMap, width: int) -> Pixels:
     """Return (1, width, 3) colours from the low value to the high one."""
     values = np.linspace(1, 0, width) if scale.reverse else np.linspace(0, 1, width)
-    return colored((values * 254 + 1.5).astype(np.uint8)[None], color_map)
+    return colored((values * 254 + 1.5).astype(np.uint8)[None], color_table(color_map))

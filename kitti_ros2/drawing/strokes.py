@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..model.geometry import cut_polygon_by
+
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from .pixels import Pixels
@@ -123,19 +125,8 @@ def cut_polygon(corners: Float64Array, size: tuple[int, int]) -> Float64Array:
         return np.empty((0, 2))
     for axis in (0, 1):
         for sign, bound in ((1.0, -_MARGIN), (-1.0, -(size[axis] - 1.0 + _MARGIN))):
-            corners = _cut_by(corners, sign * corners[:, axis] - bound)
+            corners = cut_polygon_by(corners, sign * corners[:, axis] - bound)
     return corners
-
-
-def _cut_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
-    """Return the part of a polygon where a linear function, given at its corners, is >= 0."""
-    following, later = np.roll(corners, -1, axis=0), np.roll(inside, -1)
-    crossing = (inside >= 0) != (later >= 0)
-    share = inside / np.where(crossing, inside - later, 1.0)
-    cut = corners + share[:, None] * (following - corners)
-    both = np.stack([corners, cut], axis=1).reshape(-1, 2)
-    kept: Float64Array = both[np.stack([inside >= 0, crossing], axis=1).ravel()]
-    return kept
 
 
 def tint_polygon(picture: Pixels, corners: Float64Array, color: Color, alpha: float) -> None:

@@ -84,7 +84,7 @@ def put_text(
 def ink_for(color: Color) -> Color:
     """Return black or white, for contrast with a colour (luma of ITU-R BT.601)."""
     blue, green, red = color
-    return BLACK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else WHITE
+    return BLACK if 0.299 * red + 0.587 * green + 0.114 * blue > 110 else WHITE
 
 
 @dataclass(frozen=True)

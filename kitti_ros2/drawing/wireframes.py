@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.boxes import EDGES, clip_bounds
 from .boxes_2d import TEXT_SCALE
-from .looks import caption_3d, class_color, corners_of, line_width, nearest_first, scale_of
+from .looks import box_color, caption_3d, corners_of, line_width, nearest_first, scale_of
 from .strokes import cut_segments, dashes, draw_segments, has_pixels, size_of, tint_polygon
 from .text import Tag, draw_tags
 
@@ -67,7 +67,7 @@ def draw_wireframes(
         if not len(parts[mine]):
             continue
         each, predicted = shown[place]
-        color = class_color(each.kind)
+        color = box_color(each, predicted=predicted)
         if not predicted:
             front = projection.polygon(corners[place, _FRONT])
             tint_polygon(picture, front, color, _FRONT_ALPHA)

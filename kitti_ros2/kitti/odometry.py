@@ -131,9 +131,9 @@ class OdometryRecording(KittiRecording):
                 scan, labels=parse_point_labels(STORE.read(path), len(scan.points), path)
             )
         except FileNotFoundError:
-            reason = f'{path}: no such file; the scan is written with label 0'
+            reason = f'{path}: no such file; its points have label 0'
         except BadFileError as error:
-            reason = f'{error}; the scan is written with label 0'
+            reason = f'{error}; its points have label 0'
         return replace(scan, labels=np.zeros(len(scan.points), np.uint32), missing={name: reason})
 
     def _pose(self, number: int) -> Pose:

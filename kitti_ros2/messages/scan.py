@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing.semantic import OTHER_COLOR, SEMANTIC_COLORS
 from ..model.samples import Scan
 from ..model.stamps import NS_PER_S
 from .clouds import FILE_INDEX, file_order, read_field, read_points
@@ -26,19 +27,8 @@ _KINDS |= {'ring': '<u2', 'label': '<u2', 'instance': '<u2', FILE_INDEX: '<u4'}
 _DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16, '<u4': PointField.UINT32}
 _XYZI = ('x', 'y', 'z', 'intensity')
 
-# Class to 0xRRGGBB; source: color_map of semantic-kitti.yaml in semantic-kitti-api.
-COLORS = {
-    0: 0x000000, 1: 0xFF0000, 10: 0x6496F5, 11: 0x64E6F5, 13: 0x6450FA, 15: 0x1E3C96,
-    16: 0x0000FF, 18: 0x501EB4, 20: 0x0000FF, 30: 0xFF1E1E, 31: 0xFF28C8, 32: 0x961E5A,
-    40: 0xFF00FF, 44: 0xFF96FF, 48: 0x4B004B, 49: 0xAF004B, 50: 0xFFC800, 51: 0xFF7832,
-    52: 0xFF9600, 60: 0x96FFAA, 70: 0x00AF00, 71: 0x873C00, 72: 0x96F050, 80: 0xFFF096,
-    81: 0xFF0000, 99: 0x32FFFF, 252: 0x6496F5, 253: 0xFF28C8, 254: 0xFF1E1E, 255: 0x961E5A,
-    256: 0x0000FF, 257: 0x6450FA, 258: 0x501EB4, 259: 0x0000FF,
-}  # fmt: skip
-_OTHER_CLASS = 0x808080
-
-_COLOR_TABLE = np.full(1 << 16, _OTHER_CLASS, dtype=np.uint32)
-_COLOR_TABLE[list(COLORS)] = list(COLORS.values())
+_COLOR_TABLE = np.full(1 << 16, OTHER_COLOR, dtype=np.uint32)
+_COLOR_TABLE[list(SEMANTIC_COLORS)] = list(SEMANTIC_COLORS.values())
 
 
 def encode_scan(

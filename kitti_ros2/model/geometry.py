@@ -153,3 +153,19 @@ def rotation_to_quaternion(rotation: Float64Array) -> Float64Array:
     quaternion = np.array(rows[largest])
     quaternion /= np.linalg.norm(quaternion)
     return -quaternion if quaternion[3] < 0 else quaternion
+
+
+def cut_polygon_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
+    """Clip a convex polygon by a line, by Sutherland and Hodgman (1974).
+
+    Args:
+        corners: (V, 2), in order.
+        inside: (V,) values of a linear function at the corners; the part where it is >= 0 is kept.
+    """
+    following, later = np.roll(corners, -1, axis=0), np.roll(inside, -1)
+    crossing = (inside >= 0) != (later >= 0)
+    share = inside / np.where(crossing, inside - later, 1.0)
+    cut = corners + share[:, None] * (following - corners)
+    both = np.stack([corners, cut], axis=1).reshape(-1, 2)
+    kept: Float64Array = both[np.stack([inside >= 0, crossing], axis=1).ravel()]
+    return kept

@@ -20,6 +20,7 @@ class ColorBy(str, Enum):
     DEPTH = 'depth'
     HEIGHT = 'height'
     INTENSITY = 'intensity'
+    SEMANTIC = 'semantic'
 
 
 class ColorMap(str, Enum):
@@ -98,9 +99,10 @@ class PictureOptions:
 
     Attributes:
         camera: KITTI camera index; None is camera 2, or the first of the recording.
-        color_by: Quantity that the colour of a point on an image shows.
-        color_map: Its colours.
-        point_size: Diameter of a point on an image, pixels.
+        color_by: Quantity that the colour of a point shows; None is depth on an image, else
+            height.
+        color_map: Its colours; classes of points have their own.
+        point_size: Diameter of a point on an image or in perspective, pixels.
         bird: The bird's-eye view.
         classes: Classes of the objects to draw; empty is all.
         named: Whether boxes have tags with class, track and score.
@@ -114,8 +116,13 @@ class PictureOptions:
     camera: int | None = option(
         None, "KITTI's camera number", parse_integer, unset='2, or the first'
     )
-    color_by: ColorBy = choice(ColorBy.DEPTH, 'What the colour of a point shows', ColorBy)
-    color_map: ColorMap = choice(ColorMap.TURBO, 'Colours of its scale', ColorMap)
+    color_by: ColorBy | None = choice(
+        None,
+        "What the colour of a point shows; semantic: SemanticKITTI's labels",
+        ColorBy,
+        unset='depth on images, else height',
+    )
+    color_map: ColorMap = choice(ColorMap.VIRIDIS, 'Colours of its scale', ColorMap)
     point_size: int = option(2, 'Diameter of a point, pixels', parse_integer)
     bird: BirdOptions = field(default_factory=BirdOptions)
     classes: tuple[str, ...] = option((), 'Only objects of these classes', parse_texts, unset='all')

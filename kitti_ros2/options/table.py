@@ -17,7 +17,7 @@ from .declare import check_bounds, choice, option, options_of, parse_values, val
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
-from .pictures import BirdOptions, PictureOptions
+from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
@@ -119,7 +119,7 @@ class ViewSettings:
         'panel',
         'Kind of picture, see above',
         parse_text,
-        choices=('camera', 'boxes', 'lidar', 'bev', 'panel'),
+        choices=('camera', 'boxes', 'lidar', 'bev', 'perspective', 'panel'),
     )
     frame: int | None = option(None, 'Frame number of a picture', parse_integer, unset='the first')
     frames: str | None = option(
@@ -245,9 +245,11 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     if 'x_range' in bird:
         back, front, right, left = bird['x_range']
         bird |= {'x_range': (back, front), 'y_range': (right, left)}
+    pictures = PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird))
+    semantic = pictures.color_by is ColorBy.SEMANTIC
     return ViewSettings(
-        read=ReadOptions(**values_for(ReadOptions, parsed)),
-        pictures=PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird)),
+        read=ReadOptions(**values_for(ReadOptions, parsed), semantic=semantic),
+        pictures=pictures,
         selection=SelectionOptions(**values_for(SelectionOptions, parsed)),
         **values_for(ViewSettings, parsed),
     )

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
@@ -153,7 +154,11 @@ class BagFrames:
             points=None if scan is None else scan.points,
             calibration=calibration,
             objects=objects_of(labels, calibration),
+            labelled=Stream.LABELS in made,
             pose=self._pose(stamp_ns),
+            path=self._path(stamp_ns) if wanted and Stream.PATH.value in wanted else None,
+            imaged=bool(self.cameras),
+            scanned=Stream.SCAN in self._places,
             missing=missing,
         )
 
@@ -206,6 +211,16 @@ class BagFrames:
 
     def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
         return parse_image(self._rigging.png(camera, message), 'the message')
+
+    def _path(self, stamp_ns: int) -> Float64Array | None:
+        """Return (N, 3) positions up to a time, None without any."""
+        track = self.trajectory()
+        found = [
+            pose.translation
+            for stamp, pose in zip(track.stamps_ns.tolist(), track.world_T_imu, strict=True)
+            if stamp <= stamp_ns
+        ]
+        return np.array(found) if found else None
 
     def _pose(self, stamp_ns: int) -> Pose | None:
         if self._track is None:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from ..drawing.looks import class_color
+from ..drawing.looks import PREDICTION_BGR, class_color
 from ..drawing.text import extent_of, fitted, put_text
 from ..model.boxes import DONT_CARE
+from ..model.matching import Verdict
 from ..model.stamps import format_stamp
 from .frame_parts import chosen_camera
 
@@ -52,7 +53,17 @@ def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
     facts.append(('objects', f'{cared}' + (f' and {ignored} DontCare' if ignored else '')))
     if frame.predictions:
         facts.append(('predictions', f'{len(frame.predictions)}'))
-    return facts + _motion(frame)
+    return facts + _compared(frame) + _motion(frame)
+
+
+def _compared(frame: Frame) -> list[tuple[str, str]]:
+    """Return the number of predictions that are right and wrong, and of labels that none finds."""
+    matches = [each.match for each in frame.objects], [each.match for each in frame.predictions]
+    missed, found = (Counter(match.verdict for match in some if match) for some in matches)
+    if not missed and not found:
+        return []
+    right, wrong = found[Verdict.TRUE_POSITIVE], found[Verdict.FALSE_POSITIVE]
+    return [('compared', f'{right} TP, {wrong} FP, {missed[Verdict.FALSE_NEGATIVE]} FN')]
 
 
 def _motion(frame: Frame) -> list[tuple[str, str]]:
@@ -91,7 +102,7 @@ def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
 
 
 def draw_classes(window: Pixels, frame: Frame) -> None:
-    """Draw the number of objects of each class with bars; outlined ones are predictions."""
+    """Draw the number of objects of each class with bars, and below them the predictions."""
     counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
     found = Counter(each.kind for each in frame.predictions)
     most = max([*counts.values(), *found.values()], default=0)
@@ -102,8 +113,8 @@ def draw_classes(window: Pixels, frame: Frame) -> None:
         return
     if frame.predictions:
         height -= _LINE
-        text = 'filled: labels; outlined: predictions'
-        put_text(window, text, (0, height + _LINE - 6), _SCALE, _LABEL)
+        text = 'second bars: predictions'
+        put_text(window, text, (0, height + _LINE - 6), _SCALE, PREDICTION_BGR)
     names = width // 3
     number = extent_of('0000', _SCALE).width
     row = 2 * _LINE if frame.predictions else _LINE
@@ -115,10 +126,10 @@ def draw_classes(window: Pixels, frame: Frame) -> None:
         for line, count in enumerate((counts[kind], found[kind])[: row // _LINE]):
             bottom = baseline + line * _LINE
             length = round((width - names - number) * count / most)
-            thickness = 1 if line else cv2.FILLED
             corner, end = (names, bottom - _BAR_HEIGHT), (names + length, bottom)
             if length:
-                cv2.rectangle(window, corner, end, class_color(kind), thickness)
+                color = PREDICTION_BGR if line else class_color(kind)
+                cv2.rectangle(window, corner, end, color, cv2.FILLED)
             put_text(window, f'{count}', (end[0] + 6, bottom), _SCALE, _VALUE)
     if len(shown) < len(kinds):
         text = f'and {len(kinds) - len(shown)} more classes'

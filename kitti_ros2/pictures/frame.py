@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy as np
+    import numpy.typing as npt
+
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
-    from ..model.geometry import Transform
+    from ..model.geometry import Float64Array, Transform
     from ..model.losses import Loss
     from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose, Sample
     from ..model.streams import Stream
@@ -29,11 +32,16 @@ class Frame:
         images: (H, W, 3) uint8 BGR by KITTI camera index, read-only; grey ones have three equal
             channels.
         points: (N, 4) float32 x y z in metres in velo_link and reflectance 0..1; None without.
+        point_labels: (N,) SemanticKITTI labels of the points; None without, or if not read.
         calibration: Calibration of this frame, None without any.
         objects: Labels.
+        labelled: Whether the frame has labels, possibly none of an object.
         predictions: Objects found by a detector, drawn in a second style.
         packet: Packet of the GPS/IMU unit, if any.
         pose: Pose of the vehicle, if known.
+        path: (N, 3) positions of the vehicle up to this frame, in the frame of its pose, metres;
+            None without poses, or if not read.
+        imaged, scanned: Whether the recording has images and scans, this frame's or others.
         timed: Whether the layout has times; otherwise stamps are nominal.
         missing: Missing or unreadable data of this frame: name to the reason, one line.
     """
@@ -43,11 +51,16 @@ class Frame:
     stamp_ns: int
     images: Mapping[int, Pixels]
     points: Float32Array | None = None
+    point_labels: npt.NDArray[np.uint32] | None = None
     calibration: Calibration | None = None
     objects: Sequence[LabelledObject] = ()
+    labelled: bool = False
     predictions: Sequence[LabelledObject] = ()
     packet: OxtsPacket | None = None
     pose: Pose | None = None
+    path: Float64Array | None = None
+    imaged: bool = True
+    scanned: bool = True
     timed: bool = True
     missing: Mapping[str, str] = field(default_factory=dict)
 
@@ -82,8 +95,8 @@ class FrameSource(Protocol):
 
         Args:
             number: One of numbers.
-            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); all by
-                default.
+            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); by
+                default all but path, which takes the poses of all frames.
 
         Raises:
             UsageError: The frame does not exist.

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 from ..drawing.annotate import is_labelled
 from ..drawing.objects import LABEL_CAMERA
+from ..drawing.point_colors import PointColors
 from ..drawing.projection import Projection
 from ..model.boxes import DONT_CARE
 from ..model.errors import MissingDataError
 from ..model.streams import Stream
+from ..options.pictures import ColorBy
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
     from ..options.pictures import PictureOptions
     from .frame import Frame
 
+
+POINT_LABELS = 'point_labels'
+"""The name of labels of points among missing data."""
 
 _CALIBRATION = Stream.CALIBRATION.value
 
@@ -66,6 +71,20 @@ def bird_points(frame: Frame) -> Float32Array | None:
     """
     boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
     return frame.points if boxes else frame_points(frame)
+
+
+def point_colors(frame: Frame, options: PictureOptions, default: ColorBy) -> PointColors:
+    """Return the colours of points that the options choose.
+
+    Raises:
+        MissingDataError: They are those of classes, and the points have no labels.
+    """
+    by = options.color_by or default
+    if by is ColorBy.SEMANTIC and frame.points is not None and frame.point_labels is None:
+        if POINT_LABELS in frame.missing:
+            raise _lacking(frame, 'labels of points', POINT_LABELS)
+        raise _lacking(frame, "labels of points: semantic takes SemanticKITTI's, NNNNNN.label", '-')
+    return PointColors(by, options.color_map, frame.point_labels)
 
 
 def frame_projection(frame: Frame, camera: int) -> Projection:

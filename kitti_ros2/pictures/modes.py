@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..model.streams import Stream
 from .frame_parts import camera_image, chosen_camera, of_classes
-from .painters import Shown, draw_bird, paint_boxes_2d, paint_boxes_3d, paint_scan
+from .painters import Shown, draw_bird, draw_from_behind, paint_boxes_2d, paint_boxes_3d, paint_scan
 from .panel import draw_panel
 
 if TYPE_CHECKING:
@@ -29,11 +29,13 @@ class Mode:
         draw: Draws it from a frame; raises MissingDataError if required data is missing.
         image: Whether it shows a camera image.
         others: The other streams that it shows.
+        instead: Streams that it shows if there are no images.
     """
 
     draw: Callable[[Frame, PictureOptions], Pixels]
     image: bool
     others: frozenset[str]
+    instead: frozenset[str] = frozenset()
 
     def streams(self, cameras: Collection[int], options: PictureOptions) -> frozenset[str]:
         """Return the streams that FrameSource.frame has to read.
@@ -43,7 +45,7 @@ class Mode:
             options: Picture options.
         """
         camera = chosen_camera(cameras, options) if self.image else None
-        return self.others if camera is None else self.others | {f'image_{camera}'}
+        return self.others | (self.instead if camera is None else {f'image_{camera}'})
 
 
 def _on_image(paint: Painter) -> Callable[[Frame, PictureOptions], Pixels]:
@@ -61,11 +63,13 @@ def _on_image(paint: Painter) -> Callable[[Frame, PictureOptions], Pixels]:
 _LABELS = frozenset({Stream.LABELS.value})
 _SCAN = frozenset({Stream.SCAN.value})
 _MOTION = frozenset({Stream.OXTS.value, Stream.POSE.value})
+_PATH = frozenset({Stream.PATH.value})
 
 MODES: Mapping[str, Mode] = {
     'camera': Mode(_on_image(paint_boxes_2d), image=True, others=_LABELS),
     'boxes': Mode(_on_image(paint_boxes_3d), image=True, others=_LABELS),
     'lidar': Mode(_on_image(paint_scan), image=True, others=_SCAN),
     'bev': Mode(draw_bird, image=False, others=_SCAN | _LABELS),
-    'panel': Mode(draw_panel, image=True, others=_SCAN | _LABELS | _MOTION),
+    'perspective': Mode(draw_from_behind, image=False, others=_SCAN | _LABELS),
+    'panel': Mode(draw_panel, image=True, others=_SCAN | _LABELS | _MOTION, instead=_PATH),
 }

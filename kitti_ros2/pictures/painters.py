@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes and points drawn on a camera image of any size, and from above.
+"""Boxes and points drawn on a camera image of any size, from above, and in perspective.
 
 Each raises MissingDataError if required data is missing.
 """
@@ -13,9 +13,18 @@ from ..drawing.annotate import is_labelled
 from ..drawing.birds_eye import birds_eye
 from ..drawing.boxes_2d import draw_boxes_2d
 from ..drawing.objects import resized
+from ..drawing.perspective import draw_perspective
 from ..drawing.points import draw_points
 from ..drawing.wireframes import draw_wireframes
-from .frame_parts import bird_points, frame_points, frame_projection, needed_projection, of_classes
+from ..options.pictures import ColorBy
+from .frame_parts import (
+    bird_points,
+    frame_points,
+    frame_projection,
+    needed_projection,
+    of_classes,
+    point_colors,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,7 +75,21 @@ def paint_boxes_3d(window: Pixels, shown: Shown, frame: Frame, options: PictureO
 def paint_scan(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
     """Draw the scan."""
     points, projection = frame_points(frame), shown.projection(frame)
-    draw_points(window, points, projection, options.color_by, options.color_map, options.point_size)
+    colors = point_colors(frame, options, ColorBy.DEPTH)
+    draw_points(window, points, projection, colors, options.point_size)
+
+
+def draw_from_behind(frame: Frame, options: PictureOptions) -> Pixels:
+    """Draw the scan and the boxes in perspective."""
+    frame = of_classes(frame, options)
+    return draw_perspective(
+        bird_points(frame),
+        frame.objects,
+        frame.predictions,
+        point_colors(frame, options, ColorBy.HEIGHT),
+        options.point_size,
+        named=options.named,
+    )
 
 
 def draw_bird(frame: Frame, options: PictureOptions) -> Pixels:
@@ -77,6 +100,6 @@ def draw_bird(frame: Frame, options: PictureOptions) -> Pixels:
         frame.objects,
         frame.predictions,
         options.bird,
-        options.color_map,
+        point_colors(frame, options, ColorBy.HEIGHT),
         named=options.named,
     )

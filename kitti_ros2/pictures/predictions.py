@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Result files of a detector or tracker, in the format of label files."""
+"""Result files of a detector or tracker, in the format of label files, compared with labels."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..kitti.label_file import parse_labels
 from ..kitti.names import FRAME_DIGITS, SEQUENCE_DIGITS, TXT, file_name
 from ..kitti.store import STORE
 from ..model.errors import BadFileError, UsageError
+from ..model.matching import match
 from ..model.samples import FrameLabels
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ class Predictions:
             raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
 
     def add_to(self, frame: Frame) -> Frame:
-        """Return the frame with its predictions; bad lines are in its missing."""
+        """Return the frame with its predictions, compared with its labels if it has any.
+
+        Bad lines are in its missing.
+        """
         missing: dict[str, str] = {}
         try:
             boxes = self._boxes(frame.number, missing)
@@ -57,7 +61,8 @@ class Predictions:
             boxes = []
             missing['predictions'] = str(error)
         found = objects_of(FrameLabels(boxes=boxes), frame.calibration)
-        return replace(frame, predictions=found, missing={**frame.missing, **missing})
+        frame = replace(frame, predictions=found, missing={**frame.missing, **missing})
+        return compared(frame) if frame.labelled and 'predictions' not in missing else frame
 
     def _boxes(self, number: int, missing: dict[str, str]) -> list[Box]:
         if not self.path.is_dir():
@@ -89,6 +94,16 @@ class Predictions:
                 raise BadFileError(self.path, 'no frame number', expected, line=row + 1)
             frames.setdefault(box.frame, []).append(box)
         return frames
+
+
+def compared(frame: Frame) -> Frame:
+    """Return the frame with the match of each label and prediction."""
+    matches = match(frame.objects, frame.predictions)
+    objects, predictions = (
+        [replace(each, match=found) for each, found in zip(some, of_some, strict=True)]
+        for some, of_some in zip((frame.objects, frame.predictions), matches, strict=True)
+    )
+    return replace(frame, objects=objects, predictions=predictions)
 
 
 def _is_number(name: str, digits: int) -> bool:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
@@ -21,11 +23,13 @@ from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
 from .frame import Frame
+from .frame_parts import POINT_LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.pixels import Pixels
+    from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.recording import Recording
     from ..model.samples import Int64Array, Sample
@@ -51,6 +55,7 @@ class RecordingFrames:
         self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self.recording = recording
+        self._reading_poses = Lock()
         own = recording.base_t_imu if isinstance(recording, BagRecording) else None
         self.base_t_imu = own or base_t_imu(MessageOptions())
         self._map_t_world = map_from_world(recording.start, self.base_t_imu, MapFrame.ENU)
@@ -94,6 +99,8 @@ class RecordingFrames:
             if sample is not None:
                 samples[stream] = sample
         scan = _of(samples, Stream.SCAN, Scan)
+        for reason in scan.missing.values() if scan else ():
+            missing[POINT_LABELS] = reason
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
         return Frame(
@@ -102,9 +109,14 @@ class RecordingFrames:
             stamp_ns=int(self.stamps_ns[place]),
             images=self._decoded(samples, number, missing),
             points=None if scan is None else scan.points,
+            point_labels=None if scan is None or scan.missing else scan.labels,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
+            labelled=Stream.LABELS in samples,
             packet=_of(samples, Stream.OXTS, OxtsPacket),
+            path=self._path(number, missing) if _wants_path(wanted) else None,
+            imaged=bool(self.cameras),
+            scanned=Stream.SCAN in self.recording.streams,
             pose=_of(samples, Stream.POSE, Pose),
             timed=self.recording.clock is Clock.UTC,
             missing=missing,
@@ -133,6 +145,35 @@ class RecordingFrames:
         if isinstance(self.recording, BagRecording):
             self.recording.close()
 
+    def _path(self, number: int, missing: dict[str, str]) -> Float64Array | None:
+        """Return (N, 3) positions up to a frame, None without any."""
+        poses = self._samples.get(Stream.POSE, {})
+        last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
+        with self._reading_poses:
+            numbers, positions, failures = self._all_positions
+        reason = next((why for failed, why in failures.items() if failed <= last), None)
+        if reason is not None:
+            missing[Stream.PATH.value] = f'poses are left out of the path; the first: {reason}'
+        found = positions[numbers <= last]
+        return found if len(found) else None
+
+    @cached_property
+    def _all_positions(self) -> tuple[Int64Array, Float64Array, dict[int, str]]:
+        """Numbers and (N, 3) positions of all poses; the reason by number of unreadable ones."""
+        index = self.recording.streams.get(Stream.POSE)
+        found: dict[int, Float64Array] = {}
+        failures: dict[int, str] = {}
+        for number in () if index is None else index.numbers.tolist():
+            try:
+                pose = self.recording.read(Stream.POSE, number)
+            except (KittiRos2Error, OSError) as error:
+                failures[number] = str(error)
+                continue
+            if isinstance(pose, Pose):
+                found[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
+        positions = np.array([*found.values()], np.float64).reshape(-1, 3)
+        return np.array([*found], np.int64), positions, failures
+
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
     ) -> dict[int, Pixels]:
@@ -159,6 +200,10 @@ class RecordingFrames:
             stream = IMAGE_STREAMS[camera]
             path = self.recording.path(stream, self._samples[stream][number])
             raise BadFileError(path, str(error), 'a whole PNG') from None
+
+
+def _wants_path(wanted: frozenset[str] | None) -> bool:
+    return wanted is not None and Stream.PATH.value in wanted
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:

@@ -16,7 +16,14 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.pictures import movie
 from kitti_ros2.pictures.modes import MODES
 
-NEEDS = {'camera': 'image', 'boxes': 'image', 'lidar': 'scan', 'bev': 'scan', 'panel': ''}
+NEEDS = {
+    'camera': 'image',
+    'boxes': 'image',
+    'lidar': 'scan',
+    'bev': 'scan',
+    'perspective': 'scan',
+    'panel': '',
+}
 
 
 def test_the_modes_are_these() -> None:
@@ -78,6 +85,18 @@ def test_a_film(recordings, tmp_path, monkeypatch, h264, capsys):
     difference = picture.astype(int) - cv2.imread(str(expected))[:height, :width]
     assert np.abs(difference).mean() < 12
     assert sorted(path.name for path in tmp_path.iterdir()) == ['out.mp4', 'two.png']
+
+
+def test_points_by_class_need_labels(recordings, tmp_path, capsys):
+    out = tmp_path / 'out.png'
+    for layout, reason in (
+        (Layout.RAW, 'semantic is for the odometry layout'),
+        (Layout.ODOMETRY, '000000.label: no such file'),
+    ):
+        words = ['view', str(recordings[layout]), '-o', str(out), '--mode', 'bev']
+        assert main([*words, '--color-by', 'semantic']) == 2
+        assert reason in one_line(capsys.readouterr().err)
+        assert not out.exists()
 
 
 def test_a_folder_of_pictures(recordings, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import bounds_of, canvas, drawn, solid
+from scenes import bounds_of, canvas, drawn, flat, solid
 
 from kitti_ros2.drawing.birds_eye import (
     BACKGROUND,
@@ -16,7 +16,9 @@ from kitti_ros2.drawing.birds_eye import (
     birds_eye,
     draw_footprints,
     draw_points_from_above,
+    left_out,
 )
+from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.pictures import BirdOptions
 
@@ -95,6 +97,41 @@ def test_rings_are_at_equal_distances():
     radii = (crossings - 299.5) / 10
     assert {10.0, 20.0} <= {round(radius) for radius in radii}
     assert all(abs(radius - round(radius, -1)) < 0.3 for radius in radii)
+
+
+def test_objects_out_of_range_are_named_and_counted():
+    objects = [solid(10), solid(26.9), solid(27.1), solid(-40), solid(0, 50, kind='Van')]
+    lines = left_out(objects, [solid(99, kind='Cyclist')], VIEW, OPTIONS.size)
+    assert lines == ['out of range: 2 Car, 1 Van', 'predictions out of range: 1 Cyclist']
+    assert left_out([solid(10)], [], VIEW, OPTIONS.size) == []
+
+
+def test_objects_without_a_3d_box_are_named_and_counted():
+    objects = [flat(0, 0, 9, 9), flat(0, 0, 9, 9, kind=DONT_CARE), solid(10)]
+    assert left_out(objects, [], VIEW, OPTIONS.size) == ['without a 3D box: 1 Car']
+
+
+@pytest.mark.parametrize('x', np.linspace(24.0, 28.0, 9))
+def test_an_object_is_either_drawn_or_out_of_range(x):
+    """The view ends at x = 25, and the rear of the car is at x - 2."""
+    car = solid(x)
+    assert bool(left_out([car], [], VIEW, OPTIONS.size)) == (x > 26.9)
+    assert footprint(solid(x, size_lwh=(4.0, 8.0, 1.5))).any() == (x <= 26.9)
+
+
+def test_the_view_shows_its_scale_and_what_is_out_of_range():
+    """Lower left the colour bar, lower right the note; neither without a reason."""
+    options = BirdOptions((-5.0, 25.0), (-20.0, 20.0), 10.0)
+    points = np.array([[5, 0, 0, 0]], np.float32)
+    bare, plain, noted = (
+        birds_eye(*contents, [], options)
+        for contents in ((None, []), (points, []), (points, [solid(99)]))
+    )
+    bar, note = (slice(250, 300), slice(0, 180)), (slice(250, 300), slice(200, 400))
+    assert (bare[bar] != plain[bar]).any()
+    assert (bare[note] == plain[note]).all()
+    assert (plain[bar] == noted[bar]).all()
+    assert (plain[note] != noted[note]).any()
 
 
 def test_the_size_is_range_times_resolution():

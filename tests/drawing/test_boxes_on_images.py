@@ -12,11 +12,13 @@ from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, project, solid
 
 from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
-from kitti_ros2.drawing.looks import caption_2d, class_color
+from kitti_ros2.drawing.looks import box_color, caption_2d, class_color
 from kitti_ros2.drawing.objects import resized
+from kitti_ros2.drawing.palette import CLASS_COLORS
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.drawing.wireframes import draw_wireframes
 from kitti_ros2.model.boxes import DONT_CARE, clip_bounds, cuboid_corners
+from kitti_ros2.model.matching import Match, Verdict
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.sources import open_frames
 
@@ -43,7 +45,7 @@ def test_the_lines_of_a_2d_box_are_at_its_coordinates(predicted):
         draw_boxes_2d(picture, [], predictions=[box], named=False)
     else:
         draw_boxes_2d(picture, [box], named=False)
-    color = np.array(class_color('Car'))
+    color = np.array(box_color(box, predicted=predicted))
     for row, column in ((50, 100), (120, 200)):
         assert (picture[row, column] >= 0.7 * color).all()
     left, top, right, bottom = bounds_of(drawn(picture))
@@ -63,6 +65,29 @@ def test_predictions_are_dashed_and_labels_are_not():
     draw_wireframes(label, [car], camera(), named=False)
     draw_wireframes(prediction, [], camera(), [car], named=False)
     assert drawn(prediction).sum() < 0.8 * drawn(label).sum()
+
+
+def test_predictions_have_one_colour_that_no_class_has():
+    colors = {box_color(solid(9, kind=kind), predicted=True) for kind in ('Car', 'Van', 'x')}
+    assert len(colors) == 1
+    assert not colors & {class_color(kind) for kind in CLASS_COLORS}
+
+
+@pytest.mark.parametrize(
+    ('score', 'match', 'caption'),
+    [
+        (0.9, Match(Verdict.TRUE_POSITIVE, 0, 0.876), 'Car 0.90 TP IoU 0.88'),
+        (0.9, Match(Verdict.FALSE_POSITIVE, None, 0.31), 'Car 0.90 FP IoU 0.31'),
+        (0.9, Match(Verdict.FALSE_POSITIVE), 'Car 0.90 FP'),
+        (0.9, Match(None, 0, 0.8), 'Car 0.90'),
+        (None, Match(Verdict.TRUE_POSITIVE, 0, 0.8), 'Car'),
+        (None, Match(Verdict.FALSE_NEGATIVE), 'Car FN'),
+        (None, Match(None), 'Car'),
+        (None, None, 'Car'),
+    ],
+)
+def test_the_result_of_the_comparison_is_told(score, match, caption):
+    assert caption_2d(flat(0, 0, 9, 9, score=score, match=match)) == caption
 
 
 def test_the_score_is_told():

@@ -15,6 +15,7 @@ from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.birds_eye import BirdView, birds_eye, draw_footprints
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d
 from kitti_ros2.drawing.objects import LabelledObject
+from kitti_ros2.drawing.point_colors import PointColors
 from kitti_ros2.drawing.points import draw_points
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.drawing.range_maps import range_maps
@@ -58,8 +59,8 @@ def test_any_objects_on_any_image(labels, predictions, size, lens):
 @given(SCANS, SIZES)
 def test_any_points_on_any_image(points, size):
     for color_by in ColorBy:
-        draw_points(canvas(size), points, camera(size), color_by, point_size=5)
-        draw_points(canvas(size), points, LENS, color_by)
+        draw_points(canvas(size), points, camera(size), PointColors(color_by), point_size=5)
+        draw_points(canvas(size), points, LENS, PointColors(color_by))
     maps = range_maps(points, 50)
     assert maps.distance.shape == (64, 50)
     birds_eye(points, [], [], BirdOptions((0.0, 5.0), (0.0, 5.0), 4.0))

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import SIZE, camera, canvas
 
+from kitti_ros2.drawing.point_colors import PointColors
 from kitti_ros2.drawing.points import draw_points, scatter
 from kitti_ros2.drawing.range_maps import range_maps
 from kitti_ros2.drawing.scales import EMPTY, SCALES, color_table
@@ -22,7 +23,7 @@ def points_of(*rows) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4)
 
 
-def color_at(value, color_by=ColorBy.DEPTH, color_map=ColorMap.TURBO):
+def color_at(value, color_by=ColorBy.DEPTH, color_map=ColorMap.VIRIDIS):
     shade = SCALES[color_by].shades(np.array([value]))[0]
     return color_table(color_map)[shade, 0].tolist()
 
@@ -56,7 +57,7 @@ def test_a_near_point_lies_on_its_far_neighbour(point_size):
 @pytest.mark.parametrize('color_map', list(ColorMap))
 def test_colours_tell_what_was_asked_for(color_by, value, color_map):
     picture = canvas()
-    draw_points(picture, points_of((12, 0, 0.6, 0.3)), camera(), color_by, color_map)
+    draw_points(picture, points_of((12, 0, 0.6, 0.3)), camera(), PointColors(color_by, color_map))
     row = MIDDLE[0] - round(200 * 0.6 / 12)
     assert picture[row, MIDDLE[1]].tolist() == color_at(value, color_by, color_map)
 
@@ -87,7 +88,7 @@ def test_scattering_is_painting_one_after_the_other(dots, point_size):
     assert len(offsets) <= point_size**2
 
 
-@given(st.sampled_from(list(ColorBy)), st.lists(st.floats(allow_nan=True), max_size=20))
+@given(st.sampled_from(list(SCALES)), st.lists(st.floats(allow_nan=True), max_size=20))
 def test_shades_are_ordered_and_never_empty(color_by, values):
     scale = SCALES[color_by]
     shades = scale.shades(np.array(values))

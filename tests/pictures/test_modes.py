@@ -4,23 +4,35 @@
 
 from __future__ import annotations
 
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from kitti_ros2.cli import main
 from kitti_ros2.drawing.objects import LabelledObject, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
-from kitti_ros2.options.pictures import BirdOptions, PictureOptions
+from kitti_ros2.options.pictures import BirdOptions, ColorBy, PictureOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.frame import Frame
 from kitti_ros2.pictures.modes import MODES
-from kitti_ros2.pictures.panel import BIRD, BOXES_2D, CLASSES, DISTANCE, INTENSITY, LIDAR, SIZE
+from kitti_ros2.pictures.panel_parts import (
+    BIRD,
+    BOXES_2D,
+    CLASSES,
+    DISTANCE,
+    INTENSITY,
+    LIDAR,
+    SIZE,
+    parts_of,
+)
+from kitti_ros2.pictures.predictions import Predictions, compared
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
@@ -86,7 +98,7 @@ def test_the_streams_of_the_modes():
     assert MODES['lidar'].streams({0, 1}, ANY) == {'image_0', 'scan'}
     assert MODES['boxes'].streams({2}, PictureOptions(camera=3)) == {'image_3', 'labels'}
     assert MODES['bev'].streams({2}, ANY) == {'scan', 'labels'}
-    assert MODES['panel'].streams((), ANY) == {'scan', 'labels', 'oxts', 'pose'}
+    assert MODES['panel'].streams((), ANY) == {'scan', 'labels', 'oxts', 'pose', 'path'}
 
 
 @pytest.mark.parametrize(
@@ -143,6 +155,37 @@ def test_predictions_are_seen_and_seen_to_be_predictions(mode):
     assert (draw(predictions, ANY) != draw(labels, ANY)).any()
 
 
+def test_predictions_are_compared_with_labels():
+    car = next(each for each in FRAME.objects if each.kind == 'Car')
+    cyclist = next(each for each in FRAME.objects if each.kind == 'Cyclist')
+    found = [replace(car, score=0.9), replace(car, score=0.5)]
+    frame = compared(make_frame(objects=[car, cyclist], predictions=found))
+    assert dict(facts_of(frame, ANY))['compared'] == '1 TP, 1 FP, 1 FN'
+    assert [each.match.verdict.value for each in frame.predictions] == ['TP', 'FP']
+    assert [each.match.verdict.value for each in frame.objects] == ['TP', 'FN']
+    assert 'compared' not in dict(facts_of(make_frame(predictions=found), ANY))
+    assert (MODES['boxes'].draw(frame, ANY) != MODES['boxes'].draw(FRAME, ANY)).any()
+
+
+@pytest.mark.parametrize('labels', ['absent', 'empty', 'there'])
+def test_predictions_are_compared_where_there_are_labels(recordings, tmp_path, labels):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    path = root / 'training/label_2/000001.txt'
+    lines = path.read_text()
+    if labels == 'absent':
+        path.unlink()
+    if labels == 'empty':
+        path.write_text('')
+    (tmp_path / '000001.txt').write_text(
+        ''.join(f'{line} 0.9\n' for line in lines.splitlines() if 'DontCare' not in line)
+    )
+    frame = Predictions(tmp_path).add_to(open_frames(root, ReadOptions()).frame(1))
+    assert frame.predictions
+    found = {each.match.verdict.value if each.match else None for each in frame.predictions}
+    assert found == {'absent': {None}, 'empty': {'FP'}, 'there': {'TP'}}[labels]
+
+
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
 def test_only_the_classes_asked_for_are_drawn(mode):
     draw = MODES[mode].draw
@@ -190,6 +233,133 @@ def test_the_panel_of_a_frame_with_parts_missing_or_odd(changes):
     assert page.shape == (SIZE[1], SIZE[0], 3)
     whole = MODES['panel'].draw(FRAME, ANY)
     assert (page != whole).any()
+
+
+@pytest.fixture
+def sequence(recordings, tmp_path):
+    """An odometry sequence with labels of points, which scan 2 lacks."""
+    root = tmp_path / 'odometry'
+    shutil.copytree(recordings[Layout.ODOMETRY], root)
+    labels = root / 'sequences/00/labels'
+    labels.mkdir()
+    scans = open_frames(root, ReadOptions())
+    for number in (0, 1):
+        classes = np.resize([10, 40, 50], len(scans.frame(number).points)).astype('<u4')
+        (labels / f'{number:06d}.label').write_bytes(classes.tobytes())
+    return root
+
+
+SEMANTIC = PictureOptions(color_by=ColorBy.SEMANTIC)
+
+
+@pytest.mark.parametrize('mode', ['lidar', 'bev', 'perspective', 'panel'])
+def test_points_are_coloured_by_class(sequence, mode):
+    frame = open_frames(sequence, ReadOptions(semantic=True)).frame(1)
+    picture = MODES[mode].draw(frame, SEMANTIC)
+    assert (picture != MODES[mode].draw(frame, ANY)).any()
+    assert (picture == (0xF5, 0x96, 0x64)).all(axis=2).any()
+
+
+def test_a_bag_has_the_labels_of_points(sequence, tmp_path):
+    assert main(['to-bag', str(sequence), str(tmp_path / 'b.mcap'), '--semantic', '-q']) == 1
+    there, here = (
+        open_frames(path, ReadOptions(semantic=path == sequence)).frame(1)
+        for path in (tmp_path / 'b.mcap', sequence)
+    )
+    np.testing.assert_array_equal(there.point_labels, here.point_labels)
+
+
+@pytest.mark.parametrize('mode', ['lidar', 'bev', 'perspective'])
+def test_missing_labels_of_points_are_named(sequence, mode):
+    asked, not_asked = ReadOptions(semantic=True), ReadOptions()
+    with pytest.raises(MissingDataError, match=r'no labels of points: .*000002\.label: no such'):
+        MODES[mode].draw(open_frames(sequence, asked).frame(2), SEMANTIC)
+    with pytest.raises(MissingDataError, match='no labels of points: semantic takes Semantic'):
+        MODES[mode].draw(open_frames(sequence, not_asked).frame(1), SEMANTIC)
+    with pytest.raises(MissingDataError, match='no labels of points: semantic takes Semantic'):
+        MODES[mode].draw(FRAME, SEMANTIC)
+
+
+def test_colours_of_the_view_from_above_are_chosen():
+    for mode in ('bev', 'perspective'):
+        height, depth = (
+            MODES[mode].draw(FRAME, PictureOptions(color_by=by))
+            for by in (ColorBy.HEIGHT, ColorBy.DEPTH)
+        )
+        np.testing.assert_array_equal(height, MODES[mode].draw(FRAME, ANY))
+        assert (height != depth).any()
+
+
+def unimaged(**changes):
+    """The frame of a recording without images, 30 m into its path."""
+    path = np.array([[0.0, 0, 0], [20, 10, 0], [20, 17, 0]])
+    return make_frame(images={}, imaged=False, **{'path': path, **changes})
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {},
+        {'path': None},
+        {'points': None, 'scanned': False},
+        {'points': None, 'scanned': False, 'path': None},
+    ],
+    ids=['all', 'no path', 'no scan', 'neither'],
+)
+def test_a_panel_without_images_uses_the_room(changes):
+    frame = unimaged(**changes)
+    parts = parts_of(frame)
+    assert parts.images is None
+    assert (parts.route is None) == (frame.path is None)
+    assert (parts.maps is None) == (frame.points is None)
+    assert parts.bird.width * parts.bird.height > 2 * BIRD.width * BIRD.height
+    areas = list(parts.titles())
+    page = np.zeros((SIZE[1], SIZE[0]), int)
+    for area in areas:
+        assert area.left + area.width <= SIZE[0]
+        assert area.top + area.height <= SIZE[1]
+        area.of(page)[:] += 1
+    assert page.max() == 1
+    assert page.mean() > 0.8
+    drawn = MODES['panel'].draw(frame, ANY)
+    for area in areas:
+        assert len(np.unique(area.of(drawn).reshape(-1, 3), axis=0)) > 10
+
+
+def test_a_frame_that_lost_its_image_keeps_the_places():
+    assert parts_of(make_frame(images={})) == parts_of(FRAME)
+
+
+@pytest.mark.parametrize('layout', [Layout.TRACKING, Layout.ODOMETRY, Layout.RAW])
+def test_the_path_is_that_up_to_the_frame(recordings, tmp_path, layout):
+    """Of a folder without images, and of its bag."""
+    source = recordings[layout]
+    root = tmp_path / source.relative_to(source.parents[1])
+    shutil.copytree(source, root, ignore=shutil.ignore_patterns('*.png'))
+    for name in ('calib_cam_to_cam.txt', 'calib_velo_to_cam.txt', 'calib_imu_to_velo.txt'):
+        if (source.parent / name).is_file():
+            shutil.copy(source.parent / name, root.parent / name)
+    bag = tmp_path / 'b.mcap'
+    main(['to-bag', str(root), str(bag), '-q'])
+    folder, there = (open_frames(path, ReadOptions()) for path in (root, bag))
+    wanted = MODES['panel'].streams(folder.cameras, ANY)
+    for number in folder.numbers.tolist():
+        mine, own = there.frame(number, wanted), folder.frame(number, wanted)
+        assert (mine.imaged, own.imaged) == (False, False)
+        assert len(own.path) == number + 1
+        np.testing.assert_allclose(mine.path, own.path, atol=1e-6)
+        np.testing.assert_array_equal(own.path[-1], own.pose.world_T_imu.translation)
+    assert folder.frame(0).path is None, 'it takes all poses'
+
+
+def test_poses_that_cannot_be_read_are_named(drive):
+    (drive / 'oxts/data/0000000001.txt').write_text('1 2 3')
+    source = open_frames(drive, ReadOptions())
+    wanted = MODES['panel'].streams((), ANY)
+    assert 'path' not in source.frame(0, wanted).missing
+    frame = source.frame(3, wanted)
+    assert len(frame.path) == 3
+    assert '0000000001.txt' in frame.missing['path']
 
 
 def test_facts():

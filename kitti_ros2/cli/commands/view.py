@@ -48,7 +48,7 @@ def view(
     """Draw frames of a KITTI folder or a bag, or show it in Rerun.
 
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
-    boxes from above. panel: all of these on one page.
+    boxes from above. perspective: the same from behind. panel: all about a frame on one page.
 
     A picture shows --frame, or the first frame from --start on. A film or a folder of pictures
     shows all frames from --start to --end, or --frames.
