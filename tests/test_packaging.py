@@ -231,7 +231,7 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
-    assert set(groups) == {'', 'foxglove', 'rerun', 'ros', 'test', 'video'}
+    assert set(groups) == {'', 'docs', 'foxglove', 'rerun', 'ros', 'test', 'video'}
     for lines in groups.values():
         assert lines == sorted(lines)
         for line in lines:
@@ -250,7 +250,7 @@ def test_imports_are_declared(
     extras = {
         canonicalize_name(Requirement(line).name)
         for extra, lines in setup_arguments['extras_require'].items()
-        if extra != 'test'
+        if extra not in {'docs', 'test'}
         for line in lines
     }
     workspace = {canonicalize_name(e.text or '') for e in manifest.iterfind('exec_depend')}
