@@ -85,7 +85,8 @@ def _plain_default(option: Any) -> str:  # noqa: ANN401
 
 def _kind(kind: Any) -> str:  # noqa: ANN401
     choices = getattr(kind, 'choices', None)
-    return ', '.join(map(str, choices)) if choices else str(kind.name)
+    names = {'str': 'text', 'int': 'number', 'float': 'number'}
+    return ', '.join(map(str, choices)) if choices else names.get(kind.name, str(kind.name))
 
 
 def exit_codes() -> str:
