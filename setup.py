@@ -54,6 +54,12 @@ REQUIREMENTS = [
 ]
 
 EXTRAS = {
+    # The documentation site: mkdocs build --strict.
+    'docs': [
+        'mkdocs-material>=9.7,<10',
+        'mkdocs>=1.6,<2',
+        'mkdocstrings[python]>=1,<2',
+    ],
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import runpy
 import subprocess
@@ -246,7 +245,7 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
-    assert set(groups) == {'', 'foxglove', 'rerun', 'ros', 'test', 'video'}
+    assert set(groups) == {'', 'docs', 'foxglove', 'rerun', 'ros', 'test', 'video'}
     for lines in groups.values():
         assert lines == sorted(lines)
         for line in lines:
@@ -265,7 +264,7 @@ def test_imports_are_declared(
     extras = {
         canonicalize_name(Requirement(line).name)
         for extra, lines in setup_arguments['extras_require'].items()
-        if extra != 'test'
+        if extra not in {'docs', 'test'}
         for line in lines
     }
     workspace = {canonicalize_name(e.text or '') for e in manifest.iterfind('exec_depend')}
@@ -299,32 +298,13 @@ def test_ci_runs_the_readme_commands(number: int) -> None:
     assert f'"$(readme_command {number})"' in text
 
 
-@pytest.mark.skipif(not CLI_IS_THERE, reason='there is no to-bag yet')
-def test_readme_lists_the_options_of_to_bag() -> None:
-    text = (REPO / 'README.md').read_text(encoding='utf-8')
-    table = text.split('### Options of `to-bag`')[1].split('\n#')[0]
-    listed = set(re.findall(r'^\| (.*?) \|', table, re.MULTILINE)) - {'option'}
-    listed = {option for cell in listed for option in re.findall(r'--[a-z][a-z-]*', cell)}
-    helped = subprocess.run(
-        [sys.executable, '-c', 'from kitti_ros2.cli import main; main()', 'to-bag', '--help'],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=REPO,
-        env={**os.environ, 'COLUMNS': '200', 'NO_COLOR': '1', 'TERM': 'dumb'},
-    )
-    real = set(re.findall(r'--[a-z][a-z-]*', helped.stdout)) - {'--help'}
-    real = {option for option in real if option.replace('--no-', '--') not in real - {option}}
-    assert listed == real
-
-
 def test_every_code_file_has_its_licence_header() -> None:
     header = (
         '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
     )
     names = ('setup.py', 'setup.cfg', '.ci/run', '.dockerignore', 'CITATION.cff', 'Dockerfile')
     files = [REPO / name for name in (*names, 'try.sh')] + [*(REPO / '.github').rglob('*.yml')]
-    for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config'):
+    for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config', 'docs', 'examples'):
         files += [*(REPO / folder).rglob('*.py'), *(REPO / folder).rglob('*.yaml')]
     bare = [str(path) for path in files if header not in path.read_text(encoding='utf-8')[:200]]
     for path in (REPO / 'kitti_ros2/report/templates').iterdir():

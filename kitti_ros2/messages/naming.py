@@ -23,7 +23,7 @@ class FrameNames:
     """Frame names.
 
     Attributes:
-        map: Fixed to the world; see map_frame.
+        map: Fixed to the world; its origin is the first position of base (see map_frame.py).
         base: On the ground below the middle of the rear axle.
         imu: The GPS/IMU unit (x forward, y left, z up).
         velo: The laser scanner (x forward, y left, z up).

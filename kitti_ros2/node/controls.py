@@ -42,7 +42,7 @@ _PACKAGE = 'rosbag2_interfaces'
 def create_services(node: Node, player: Controlled) -> None:
     """Create ~/pause and the other services, with the installed types."""
     types = _rosbag2_types()
-    services = _rosbag2_services(player, types) if types else _plain_services(player)
+    services = rosbag2_services(player, types) if types else plain_services(player)
     for name, (kind, act) in services.items():
         node.create_service(kind, f'~/{name}', _handler(player, act))
 
@@ -63,7 +63,7 @@ def _handler(player: Controlled, act: Act) -> Callable[[Any, Any], Any]:
     return handle
 
 
-def _plain_services(player: Controlled) -> dict[str, tuple[Any, Act]]:
+def plain_services(player: Controlled) -> dict[str, tuple[Any, Act]]:
     """Return type and handler by name: Triggers, which describe their result in words."""
 
     def control(name: str) -> Act:
@@ -94,7 +94,7 @@ def _play_next(playback: Playback) -> tuple[bool, str]:
     return False, 'there is nothing left to play' if state.finished else 'it took too long'
 
 
-def _rosbag2_services(player: Controlled, types: ModuleType) -> dict[str, tuple[Any, Act]]:
+def rosbag2_services(player: Controlled, types: ModuleType) -> dict[str, tuple[Any, Act]]:
     """Return type and handler by name, as in rosbag2; see the module's docstring."""
 
     def is_paused(_: Any, response: Any) -> None:  # noqa: ANN401

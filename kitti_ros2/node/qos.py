@@ -72,11 +72,11 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
         raise UsageError(f'{path}: {topic}: expected policies such as "depth: 5"')
     values = {}
     for name, value in policies.items():
-        if name not in _POLICIES:
-            known = ', '.join(_POLICIES)
+        if name not in POLICIES:
+            known = ', '.join(POLICIES)
             raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {known}')
         try:
-            values[name] = _POLICIES[name](value)
+            values[name] = POLICIES[name](value)
         except ValueError as expected:
             raise UsageError(
                 f'{path}: {topic}: {name} cannot be {value!r}; expected {expected}'
@@ -128,7 +128,7 @@ def _is_whole(value: object) -> TypeGuard[int]:
 _LONGEST_NS = 2**63 - 1  # of rcl
 _DEEPEST = 2**31 - 1  # of DDS
 
-_POLICIES: dict[str, Callable[[object], object]] = {
+POLICIES: dict[str, Callable[[object], object]] = {
     'history': _choice(HistoryPolicy, 'keep_last', 'keep_all', 'system_default'),
     'depth': _depth,
     'reliability': _choice(ReliabilityPolicy, 'reliable', 'best_effort', 'system_default'),

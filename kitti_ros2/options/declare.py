@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declaration of an option, once, on the field of the options object that it fills.
 
-The command line, YAML files, ROS parameters and README's tables take it from there.
+The command line, YAML files, ROS parameters and the reference's tables take it from there.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def player():
 
 @pytest.fixture
 def call(player):
-    services = controls._rosbag2_services(player, TYPES)
+    services = controls.rosbag2_services(player, TYPES)
 
     def call(name, **request):
         response = SimpleNamespace()
@@ -125,7 +125,7 @@ def frames_of_three():
 
     thread = threading.Thread(target=play)
     thread.start()
-    services = controls._rosbag2_services(player, TYPES)
+    services = controls.rosbag2_services(player, TYPES)
 
     def call(name, **request):
         response = SimpleNamespace()
@@ -167,7 +167,7 @@ def test_stop(call, player):
 def test_without_rosbag2_they_are_triggers(player, monkeypatch):
     monkeypatch.setattr(controls, '_PACKAGE', 'no_such_package')
     assert controls._rosbag2_types() is None
-    services = controls._plain_services(player)
+    services = controls.plain_services(player)
     player.playback.resume()
     response = SimpleNamespace(success=None, message='')
     services['play_next'][1](None, response)

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every place that states a default states the declared one.
 
-Help texts, README's tables, config/*.yaml, the ROS parameters and the arguments of launch/.
+Help texts, config/*.yaml, the ROS parameters and the arguments of launch/.
 """
 
 import ast
-import re
 from pathlib import Path
 
 import pytest
@@ -40,7 +39,6 @@ COMMANDS = {
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]
 SPELLINGS = {'loop': 'times', 'train_fraction': 'split'}
 """Of options that the command line calls otherwise than YAML."""
-README_TABLES = {'to-bag': '### Options of `to-bag`', 'play': '## Play it live'}
 
 
 def name_of(case):
@@ -56,16 +54,6 @@ def settled(settings):
     return {
         name: value('mcap') if name == 'bag' else value for name, value in vars(settings).items()
     }
-
-
-def readme_defaults(command):
-    """The default by option, of a table of README.md."""
-    text = (ROOT / 'README.md').read_text('utf-8').split(README_TABLES[command])[1]
-    found = {}
-    for row in re.findall(r'^\| (`--.*)\|$', text.split('\n#')[0], re.MULTILINE):
-        options, _, default = (cell.strip() for cell in row.split(' | '))
-        found |= dict.fromkeys(re.findall(r'--([a-z-]+)', options), default)
-    return found
 
 
 @pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
@@ -85,17 +73,6 @@ def test_help_states_the_default(command, option):
     assert len(found) == 1
     if option.default is not False:
         assert found[0].help.endswith(f' [default: {option.default_text}]')
-
-
-@pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
-def test_readme_states_the_default(command, option):
-    stated = {}
-    if command == 'play':
-        stated = {**readme_defaults('to-bag'), **readme_defaults('play')}
-    elif command == 'to-bag':
-        stated = readme_defaults('to-bag')
-    if stated:
-        assert stated[spelling(option)] == option.default_text
 
 
 def test_play_has_every_option_of_to_bag_but_those_of_the_bag():

@@ -1,0 +1,310 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the reference, made from the declarations in the code.
+
+A page asks for one with a comment on a line of its own, `<!-- generated: NAME ARGUMENT -->`.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import re
+from collections import defaultdict
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from kitti_ros2.cli.app import get_command
+from kitti_ros2.importer import plan
+from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rename_topic
+from kitti_ros2.messages.topics import make_table
+from kitti_ros2.messages.transforms import static_links
+from kitti_ros2.model.containers import CONTAINERS
+from kitti_ros2.options.messages import Images, MessageOptions, Preset
+from kitti_ros2.synthetic.rig import make_calibration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+ROOT = Path(__file__).resolve().parents[1]
+CAMERAS = '{gray,color}_{left,right}'
+_MARKER = re.compile(r'^<!-- generated: (\S+) ?(.*?) -->$', re.MULTILINE)
+_DEFAULT = re.compile(r'\s*\[default: (.*)\]$')
+
+
+def fill(markdown: str) -> str:
+    """Replace each comment that asks for a table by the table."""
+    return _MARKER.sub(lambda found: TABLES[found[1]](*found[2].split()), markdown)
+
+
+def command_names() -> list[str]:
+    """Return the names of all commands."""
+    return list(get_command([]).commands)
+
+
+def command(name: str) -> str:
+    """Return the description, the arguments and the options of a command."""
+    found = get_command([name]).commands[name]
+    arguments = [each for each in found.params if each.param_type_name == 'argument']
+    options = [each for each in found.params if each.param_type_name == 'option']
+    words = ' '.join(each.metavar or each.name.upper() for each in arguments)
+    usage = f'```text\nkitti-ros2 {name} {words} [OPTIONS]\n```'
+    about = table(
+        ('argument', 'meaning'),
+        ((_code(each.metavar or each.name.upper()), each.help) for each in arguments),
+    )
+    parts = [inspect.cleandoc(found.help), usage, about]
+    panels = defaultdict(list)
+    for each in options:
+        panels[getattr(each, 'rich_help_panel', None)].append(each)
+    for title, members in panels.items():
+        rows = (_option_row(each) for each in members)
+        parts += [f'**{title}**'] if title else []
+        parts.append(table(('option', 'value', 'meaning', 'default'), rows))
+    return '\n\n'.join(parts)
+
+
+def _option_row(option: Any) -> tuple[str, ...]:  # noqa: ANN401 - of typer's own copy of click
+    spellings = [*option.opts, *option.secondary_opts]
+    text = option.help or ''
+    declared = _DEFAULT.search(text)
+    default = declared[1] if declared else _plain_default(option)
+    value = '' if option.is_flag else option.metavar or _kind(option.type)
+    return ', '.join(map(_code, spellings)), value, _DEFAULT.sub('', text), default
+
+
+def _plain_default(option: Any) -> str:  # noqa: ANN401
+    if isinstance(option.default, bool):
+        return 'on' if option.default else 'off'
+    if option.is_flag:
+        return 'off'
+    return '' if option.default is None or callable(option.default) else str(option.default)
+
+
+def _kind(kind: Any) -> str:  # noqa: ANN401
+    choices = getattr(kind, 'choices', None)
+    names = {'str': 'text', 'int': 'number', 'float': 'number'}
+    return ', '.join(map(str, choices)) if choices else names.get(kind.name, str(kind.name))
+
+
+def exit_codes() -> str:
+    """Return the exit codes, from the constants and the texts below them."""
+    tree = ast.parse((ROOT / 'kitti_ros2/cli/exit_codes.py').read_text('utf-8'))
+    rows = [
+        (str(number.value.value), str(text.value.value))
+        for number, text in zip(tree.body[1:], tree.body[2:], strict=False)
+        if isinstance(number, ast.Assign)
+        and isinstance(number.value, ast.Constant)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+    ]
+    return table(('exit code', 'meaning'), rows)
+
+
+def topics() -> str:
+    """Return the table of topics, with streams, QoS and the names of the preset kitti2bag."""
+    options = MessageOptions(images=Images.BOTH, annotated=True)
+    rows = [
+        (
+            _code(row.topic),
+            _code(row.msgtype.replace('/msg/', '/')),
+            'image' if row.stream.camera is not None else row.stream.value,
+            f'latched, depth {row.depth}' if row.latched else f'depth {row.depth}',
+        )
+        for row in make_table({0: CAMERAS}, 'image_rect', options)
+    ]
+    return table(('topic', 'type', 'stream', 'QoS'), rows)
+
+
+def renamed_topics() -> str:
+    """Return the topics that the preset kitti2bag renames."""
+    rows = [
+        (_code(row.topic), _code(rename_topic(row.topic, Preset.KITTI2BAG)))
+        for row in make_table({}, 'image_rect', MessageOptions())
+        if rename_topic(row.topic, Preset.KITTI2BAG) != row.topic
+    ]
+    return table(('default', 'kitti2bag'), rows)
+
+
+def frames() -> str:
+    """Return the frames of a rectified recording, with parents and names by preset."""
+    meaning = attributes(FrameNames)
+    kinds = {'map': '', 'base': '', 'imu': '', 'velo': ''}
+    ours, theirs = (make_frames(preset, {}) for preset in Preset)
+    links = static_links(make_calibration(), base_t_imu(MessageOptions()), ours)
+    parents = {child: parent for parent, child, _ in links} | {ours.base: ours.map}
+    names = [(getattr(ours, kind), getattr(theirs, kind), meaning[kind]) for kind in kinds]
+    names += [
+        (ours.camera(index), theirs.camera(index), f'Optical frame of camera {index}')
+        for index in range(4)
+    ]
+    rows = [
+        (_code(name), _code(parents[name]) if name in parents else '', _code(renamed), text)
+        for name, renamed, text in names
+    ]
+    return table(('frame', 'parent', 'preset kitti2bag', 'is'), rows)
+
+
+def parameters() -> str:
+    """Return the ROS parameters of the player."""
+    from kitti_ros2.node.parameters import PARAMETERS  # noqa: PLC0415 - needs rclpy
+
+    rows = [
+        (
+            _code(each.name),
+            type(each.default).__name__,
+            _code(repr(each.default)),
+            f'{each.bounds[0]:g} to {each.bounds[1]:g}' if each.bounds else '',
+            'yes' if each.live else '',
+            each.meaning,
+        )
+        for each in PARAMETERS
+    ]
+    return table(('parameter', 'type', 'default', 'range', 'may change', 'meaning'), rows)
+
+
+def services() -> str:
+    """Return the services of the player, with and without rosbag2_interfaces."""
+    from kitti_ros2.node import controls  # noqa: PLC0415 - needs rclpy
+
+    player: Any = None  # for handlers that are not called
+    types: Any = _Names('rosbag2_interfaces')
+    plain = controls.plain_services(player)
+    rows = [
+        (_code(f'~/{name}'), _code(kind), _code('std_srvs/Trigger') if name in plain else '')
+        for name, (kind, _) in controls.rosbag2_services(player, types).items()
+    ]
+    return table(('service', 'type', 'without rosbag2_interfaces'), rows)
+
+
+class _Names:
+    """A package whose types are their names."""
+
+    def __init__(self, package: str) -> None:
+        self._package = package
+
+    def __getattr__(self, name: str) -> str:
+        return f'{self._package}/{name}'
+
+
+def policies() -> str:
+    """Return the policies of a file with QoS overrides."""
+    from kitti_ros2.node.qos import POLICIES  # noqa: PLC0415 - needs rclpy
+
+    return table(
+        ('policy', 'values'), ((_code(name), _accepted(each)) for name, each in POLICIES.items())
+    )
+
+
+def _accepted(parse: Callable[[object], object]) -> str:
+    """Return what a parser accepts, in the words of its error."""
+    try:
+        parse(object())
+    except ValueError as expected:
+        return str(expected)
+    raise AssertionError('a policy that accepts anything')
+
+
+def plan_keys() -> str:
+    """Return the keys of a plan file."""
+    parts = []
+    for kind, key in (
+        (plan.Plan, ''),
+        (plan.ScanPlan, 'scan'),
+        (plan.CameraPlan, 'cameras: N'),
+        (plan.PosePlan, 'pose'),
+        (plan.LabelPlan, 'labels'),
+    ):
+        parts += [f'### `{key}`' if key else '### Top level', _fields(kind)]
+    return '\n\n'.join(parts)
+
+
+def _fields(kind: type) -> str:
+    meaning = attributes(kind)
+    hints = get_type_hints(kind, localns={'Mapping': dict})
+    rows = [(_code(each.name), _type_name(hints[each.name]), _default(each), meaning[each.name])
+            for each in dataclasses.fields(kind)]  # fmt: skip
+    return table(('key', 'type', 'default', 'meaning'), rows)
+
+
+def _type_name(kind: Any) -> str:  # noqa: ANN401 - a type or an annotation
+    names = {str: 'text', float: 'number', int: 'number', bool: 'true or false'}
+    if inspect.isclass(kind) and issubclass(kind, Enum):
+        return ' or '.join(str(each.value) for each in kind)
+    return names.get(kind, 'keys, see below')
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default is dataclasses.MISSING:
+        return '' if field.default_factory is not dataclasses.MISSING else 'required'
+    value = getattr(field.default, 'value', field.default)
+    return '' if value in (None, '') else _code(str(value).lower())
+
+
+def containers() -> str:
+    """Return the containers of bags."""
+    rows = [
+        (
+            _code(name),
+            each.title,
+            _code(each.suffix),
+            ', '.join(map(_level, each.compressions, each.compressions.values())),
+            'file or folder' if each.in_file and each.in_rosbag2 else
+            'file' if each.in_file else 'folder',
+        )
+        for name, each in CONTAINERS.items()
+    ]  # fmt: skip
+    return table(('storage', 'name', 'ending', 'compression (levels)', 'OUT is a'), rows)
+
+
+def _level(name: str, levels: range | None) -> str:
+    return name if levels is None else f'{name} ({levels[0]} to {levels[-1]})'
+
+
+def config_file(name: str) -> str:
+    """Return a file of config/ as a block."""
+    text = (ROOT / 'config' / name).read_text('utf-8')
+    body = text.split('\n\n', 1)[1] if text.startswith('# SPDX') else text
+    return f'```yaml\n{body.rstrip()}\n```'
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """Return the descriptions of fields, from the section Attributes of a class's docstring."""
+    section = inspect.getdoc(kind) or ''
+    section = section.partition('Attributes:\n')[2].split('\n\n')[0]
+    found: dict[str, str] = {}
+    for names, text in re.findall(
+        r'^ {4}([\w, ]+): ((?:.*\n?)(?: {8}.*\n?)*)', section, re.MULTILINE
+    ):
+        found |= dict.fromkeys(names.split(', '), ' '.join(text.split()))
+    return found
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; bars in cells are escaped."""
+    lines = [head, ['---'] * len(head), *rows]
+    return '\n'.join(
+        '| ' + ' | '.join(' '.join(cell.split()).replace('|', '\\|') for cell in line) + ' |'
+        for line in lines
+    )
+
+
+def _code(text: str) -> str:
+    return f'`{text}`'
+
+
+TABLES: dict[str, Callable[..., str]] = {
+    'command': command,
+    'config': config_file,
+    'containers': containers,
+    'exit-codes': exit_codes,
+    'frames': frames,
+    'parameters': parameters,
+    'plan': plan_keys,
+    'policies': policies,
+    'renamed-topics': renamed_topics,
+    'services': services,
+    'topics': topics,
+}

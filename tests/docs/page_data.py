@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The data that the pages' commands name, from the synthetic recording and a bag of a robot."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from functools import partial
+from typing import TYPE_CHECKING
+
+import foreign
+
+from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
+OPTIONS = SyntheticOptions(frames=12, image_size=(310, 94), lidar_columns=200)
+
+
+def write_sets(folder: Path) -> None:
+    """The data sets: one of each layout, as KITTI's archives unpack."""
+    write_synthetic(folder / 'raw', Layout.RAW, OPTIONS)
+    (folder / 'raw' / '2011_09_26').rename(folder / '2011_09_26')
+    (folder / 'raw').rmdir()
+    (folder / '2011_09_26' / '2011_09_26_drive_0001_sync').rename(folder / DRIVE)
+    for layout in (Layout.OBJECT, Layout.ODOMETRY, Layout.TRACKING):
+        write_synthetic(folder / layout.value, layout, OPTIONS)
+    write_point_labels(folder / 'odometry' / 'sequences' / '00')
+    shutil.copytree(folder / 'object' / 'training' / 'label_2', folder / 'results' / 'data')
+
+
+def write_point_labels(sequence: Path) -> None:
+    """SemanticKITTI's labels of each scan, all unlabelled."""
+    (sequence / 'labels').mkdir()
+    for scan in (sequence / 'velodyne').iterdir():
+        labels = bytes(scan.stat().st_size // 4)  # 16 bytes a point become 4
+        (sequence / 'labels' / f'{scan.stem}.label').write_bytes(labels)
+
+
+def _convert(source: str, path: Path, folder: Path) -> None:
+    recording = open_recording(folder / source)
+    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+
+
+def _cut(path: Path, folder: Path) -> None:
+    whole = folder / 'whole.mcap'
+    _convert(DRIVE, whole, folder)
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 5])
+    whole.unlink()
+
+
+def _robot(path: Path, _: Path) -> None:
+    foreign.write_foreign(path, foreign.make_truth(), 'ros1' if path.suffix == '.bag' else 'mcap')
+
+
+BAGS: dict[str, Callable[[Path, Path], None]] = {
+    'drive_0005': partial(_convert, DRIVE),
+    'drive_0005.mcap': partial(_convert, DRIVE),
+    'object_training': partial(_convert, 'object/training'),
+    'damaged.mcap': _cut,
+    'recording.mcap': _robot,
+    'recording.bag': _robot,
+    'next.mcap': _robot,
+}
+"""By name: writes the bag of that name, from the sets in a folder."""
+
+
+def bags_needed(commands: str) -> list[str]:
+    """The names of BAGS that commands read before they write them themselves."""
+    needed = []
+    for name in BAGS:
+        word = rf'(?<![\w./-]){re.escape(name)}(?![\w.-])'
+        first = next((line for line in commands.splitlines() if re.search(word, line)), None)
+        if first is not None and not re.search(rf'to-bag \S+ {word}', first):
+            needed.append(name)
+    return needed

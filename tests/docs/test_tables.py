@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The reference's tables hold every declaration, and the pages name nothing that is not there."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+from fnmatch import fnmatchcase
+
+import pytest
+from code_blocks import PAGES, ROOT, page_name
+
+import kitti_ros2
+from kitti_ros2.cli import exit_codes
+from kitti_ros2.cli.app import get_command
+from kitti_ros2.importer import plan
+from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
+from kitti_ros2.messages.topics import own_topics
+from kitti_ros2.model.containers import CONTAINERS
+from kitti_ros2.options import table as declared
+from kitti_ros2.options.messages import Preset
+
+sys.path.insert(0, str(ROOT / 'docs'))
+import tables
+
+MARKER = re.compile(r'<!-- generated: (\S+) ?(.*?) -->')
+COMMANDS = tables.command_names()
+TEXTS = {page_name(page): page.read_text('utf-8') for page in PAGES}
+OUR_PAGES = sorted(set(TEXTS) - {'docs/comparison.md'})  # it names what others have
+
+
+def rows_of(markdown):
+    """The cells of a table's rows, without its head."""
+    lines = [line for line in markdown.splitlines() if line.startswith('|')]
+    return [[cell.strip() for cell in line[1:-1].split(' | ')] for line in lines]
+
+
+def options_of_commands():
+    found = {word for each in get_command([]).params for word in each.opts}
+    for name in COMMANDS:
+        for each in get_command([name]).commands[name].params:
+            found |= {*each.opts, *each.secondary_opts}
+    return found
+
+
+def test_every_table_is_in_a_page_and_every_command_in_the_reference():
+    asked = [found.groups() for text in TEXTS.values() for found in MARKER.finditer(text)]
+    assert {name for name, _ in asked} == set(tables.TABLES)
+    commands = re.findall(r'^## (\S+)\n\n<!-- generated: command (\S+) -->$',
+                          TEXTS['docs/reference/commands.md'], re.MULTILINE)  # fmt: skip
+    assert sorted(commands) == sorted((name, name) for name in COMMANDS)
+    files = {path.name for path in (ROOT / 'config').glob('*.yaml')}
+    assert {name for kind, name in asked if kind == 'config'} == files
+
+
+def test_a_page_gets_its_tables():
+    filled = tables.fill('A\n\n<!-- generated: exit-codes -->\n\nB\n')
+    assert filled.startswith('A\n\n| exit code | meaning |\n| --- | --- |\n| 0 | ')
+    assert filled.endswith(' |\n\nB\n')
+    with pytest.raises(KeyError, match='no-such-table'):
+        tables.fill('<!-- generated: no-such-table -->')
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_a_command_has_each_option_with_its_default(name):
+    rows = {row[0]: row for row in rows_of(tables.command(name))}
+    options = {
+        'to-bag': declared.TO_BAG,
+        'play': declared.PLAY,
+        'to-kitti': declared.TO_KITTI,
+        'view': declared.VIEW,
+        'info': declared.SOURCE,
+        'report': declared.SOURCE,
+    }.get(name, ())
+    for parameter in get_command([name]).commands[name].params:
+        spelt = [*parameter.opts, *parameter.secondary_opts]
+        cell = ', '.join(f'`{each}`' for each in spelt)
+        if parameter.param_type_name == 'argument':
+            cell = f'`{parameter.metavar or parameter.name.upper()}`'
+            assert len(rows[cell]) == 2
+            continue
+        _, value, meaning, default = rows[cell]
+        assert meaning
+        assert bool(value) is not parameter.is_flag
+        for each in options:
+            if each.name == parameter.name and each.default is not False and each.name != 'loop':
+                assert default == each.default_text
+
+
+def test_every_public_name_is_in_the_reference():
+    listed = re.findall(r'^::: kitti_ros2\.(\w+)$', TEXTS['docs/reference/api.md'], re.MULTILINE)
+    assert sorted(listed) == sorted(kitti_ros2.__all__)
+
+
+def test_exit_codes_are_all_there():
+    values = {str(value) for name, value in vars(exit_codes).items() if name.startswith('EXIT_')}
+    assert {row[0] for row in rows_of(tables.exit_codes())[2:]} == values
+
+
+def test_every_field_has_its_meaning():
+    kinds = (plan.Plan, plan.ScanPlan, plan.CameraPlan, plan.PosePlan, plan.LabelPlan, FrameNames)
+    for kind in kinds:
+        meaning = tables.attributes(kind)
+        fields = {each.name for each in dataclasses.fields(kind)}
+        assert set(meaning) == fields, kind
+        assert all(meaning.values())
+
+
+def test_frames_and_their_parents():
+    rows = {row[0]: row[1:] for row in rows_of(tables.frames())[2:]}
+    assert rows['`map`'][:2] == ['', '`world`']
+    assert rows['`base_link`'][0] == '`map`'
+    assert rows['`camera_color_right_optical_frame`'][:2] == [
+        '`camera_gray_left_optical_frame`', '`camera_color_right`'
+    ]  # fmt: skip
+
+
+def test_topics_are_those_of_the_table():
+    rows = rows_of(tables.topics())[2:]
+    renamed = set(RENAMED_TOPICS[Preset.KITTI2BAG].values())
+    names = {name for name in own_topics() if '/camera_' not in name} - renamed
+    assert names == {row[0].strip('`') for row in rows if '/camera_' not in row[0]}
+    types = {each.msgtype.replace('/msg/', '/') for each in own_topics().values()}
+    assert types == {row[1].strip('`') for row in rows}
+
+
+def test_containers_are_those_of_the_table():
+    assert [row[0] for row in rows_of(tables.containers())[2:]] == [
+        f'`{name}`' for name in CONTAINERS
+    ]
+
+
+def test_parameters_services_and_policies_are_those_of_the_node():
+    parameters = pytest.importorskip('kitti_ros2.node.parameters', exc_type=ImportError)
+    rows = rows_of(tables.parameters())[2:]
+    assert [row[0] for row in rows] == [f'`{each.name}`' for each in parameters.PARAMETERS]
+    assert [row[4] == 'yes' for row in rows] == [each.live for each in parameters.PARAMETERS]
+    services = {row[0]: row[1:] for row in rows_of(tables.services())[2:]}
+    assert services['`~/seek`'] == ['`rosbag2_interfaces/Seek`', '']
+    assert services['`~/stop`'] == ['`rosbag2_interfaces/Stop`', '`std_srvs/Trigger`']
+    policies = {row[0]: row[1] for row in rows_of(tables.policies())[2:]}
+    assert policies['`reliability`'] == 'one of reliable, best_effort, system_default'
+
+
+def options_in(text):
+    """The options of our commands in a page: in their lines, and in code on its own."""
+    commands = re.findall(r'^ *kitti-ros2 .*$', text.replace('\\\n', ' '), re.MULTILINE)
+    spans = re.findall(r'`(--[^`\n]+|kitti-ros2 [^`\n]+)`', text)
+    ours = (each.split('#')[0].split('--ros-args')[0] for each in (*commands, *spans))
+    return {found for each in ours for found in re.findall(r'(?<![\w-])--[a-z][a-z-]*', each)}
+
+
+@pytest.mark.parametrize('page', OUR_PAGES)
+def test_pages_name_options_that_are_there(page):
+    assert options_in(TEXTS[page]) - options_of_commands() - {'--help'} == set()
+
+
+def test_options_in_a_page_are_found():
+    text = 'Use `--no-tf` or\n```sh\nkitti-ros2 play x \\\n  --rate 2 # --not\ngit --other\n```\n'
+    assert options_in(text) == {'--no-tf', '--rate'}
+
+
+@pytest.mark.parametrize('page', OUR_PAGES)
+def test_pages_name_topics_that_are_there(page):
+    known = {*own_topics(), '/kitti_player/state'}
+    for topic in set(re.findall(r'`(/kitti/[\w/*]+)`', TEXTS[page])):
+        matched = [name for name in known if fnmatchcase(name, topic)]
+        assert matched or topic.endswith('/annotated'), topic
