@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sub-commands of the command line, and the parser of its arguments."""
 
+import os
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -18,11 +19,11 @@ from .commands.report import report
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
 from .commands.view import view
+from .completion import VARIABLE, answering, complete_at_first_tab, completion_words
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
 app = typer.Typer(
     name='kitti-ros2',
-    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     context_settings={'help_option_names': ['-h', '--help']},
@@ -44,6 +45,11 @@ def run(words: list[str]) -> int:
         UsageError: The arguments are invalid.
         KeyboardInterrupt: Ctrl-C.
     """
+    if VARIABLE in os.environ:
+        with answering():
+            get_command(completion_words()).main(prog_name='kitti-ros2')
+    if words[:1] in (['--install-completion'], ['--show-completion']):
+        complete_at_first_tab()
     command = get_command(words)
     ros_args: list[str] = []
     if words[:1] == ['play']:

@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 
 _NEXT = """
 What to do next:
+  kitti-ros2 view {bag} -o frame.png
+  kitti-ros2 report {bag} --open
+  kitti-ros2 play {bag} --foxglove    # in Foxglove, without ROS
+  kitti-ros2 play {bag} --loop        # in ROS 2, as RViz shows it
   kitti-ros2 info {recording}
   kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
-  ros2 bag play {bag} --clock    # in a ROS 2 workspace
 or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
 """
 

@@ -53,18 +53,18 @@ class Counts:
     """The statistics of a session so far.
 
     Attributes:
-        frames: Played frames; a frame counts again when it is played again.
         messages: Published messages.
         failures: Messages that could not be made.
-        dropped: Their numbers by reason.
         late_ns: Maximum delay of a published message, nanoseconds.
+        frames: Played frames; a frame counts again when it is played again.
+        dropped: The number of failures by reason.
     """
 
-    frames: int = 0
     messages: int = 0
     failures: int = 0
-    dropped: Counter[str] = field(default_factory=Counter)
     late_ns: int = 0
+    frames: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
 
 
 class Session:

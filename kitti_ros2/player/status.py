@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _REFRESH_S = 0.2
 _ERASE = '\r\x1b[K'
+_COLUMNS = 80  # of a terminal that does not know its size
 _LISTED = 3
 
 
@@ -40,7 +41,7 @@ class StatusLine:
         self._stream = sys.stderr if stream is None else stream
         self.shown = show and self._stream.isatty()
         self._text: Callable[[], str] | None = None
-        self._visible = False
+        self._drawn = ''
         self._lock = threading.Lock()
         self._over = threading.Event()
 
@@ -66,18 +67,20 @@ class StatusLine:
         if self._text is None or not in_foreground(self._stream.fileno()):
             return
         with self._lock, suppress(OSError):  # the terminal may be gone
-            columns = os.get_terminal_size(self._stream.fileno()).columns
-            self._stream.write(f'{_ERASE}{self._text()[: columns - 1]}\r')
-            self._stream.flush()
-            self._visible = True
+            columns = os.get_terminal_size(self._stream.fileno()).columns or _COLUMNS
+            text = self._text()[: columns - 1]
+            if text != self._drawn:
+                self._stream.write(f'{_ERASE}{text}\r')
+                self._stream.flush()
+                self._drawn = text
 
     def hide(self) -> None:
         """Erase the line, to write something else in its place."""
         with self._lock, suppress(OSError):
-            if self._visible:
+            if self._drawn:
                 self._stream.write(_ERASE)
                 self._stream.flush()
-                self._visible = False
+                self._drawn = ''
 
     def _refresh(self) -> None:
         while not self._over.wait(_REFRESH_S):

@@ -73,7 +73,7 @@ def play_to_the_end(player: Player, stop_request: StopRequest, terminal: Termina
             keys = stack.enter_context(
                 player_keyboard(player, tell, terminal.complain, stop_request.set)
             )
-            if keys.listening:
+            if keys.listening and not terminal.quiet:
                 sys.stderr.write(f'{HELP}\n')
         stack.enter_context(status.follow(lambda: describe_now(player.session)))
         gc.freeze()
@@ -81,7 +81,7 @@ def play_to_the_end(player: Player, stop_request: StopRequest, terminal: Termina
     if player.error is not None:
         raise player.error
     session = player.session
-    if not terminal.quiet:
+    if session.counts.frames and not terminal.quiet:
         say(describe_result(session, time.monotonic() - started, ended=player.ended.is_set()))
     losses = session.counts.failures + len(session.program.losses)
     if session.playback.options.lossless:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -319,7 +320,19 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     # The longest topic beside the longest type: neither is broken over two lines.
     assert '/kitti/camera_color_right/image_rect/compressed ' in said
     assert 'Detection3DArray' in said
-    assert 'What to do next' in said
+    next_steps = [
+        shlex.split(line, comments=True) for line in said.splitlines() if line[:3] == '  k'
+    ]
+    assert [words[1] for words in next_steps] == [
+        'view',
+        'report',
+        'play',
+        'play',
+        'info',
+        'to-bag',
+    ]
+    for words in next_steps[:2]:
+        assert main([word for word in words[1:] if word != '--open']) == 0
     assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
     assert main(['demo', 'd', '--frames', '2']) == 2
     assert main(['demo', 'd', '--frames', '2', '--overwrite', '-q']) == 0

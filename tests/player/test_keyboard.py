@@ -26,7 +26,7 @@ from waiting import wait_until  # isort: skip
 def terminal(monkeypatch):
     """Both ends of a terminal; it is nobody's, so it counts as in the foreground."""
     master, slave = pty.openpty()
-    monkeypatch.setattr(keyboard, '_in_foreground', lambda _: True)
+    monkeypatch.setattr(keyboard, 'in_foreground', lambda _: True)
     stream = os.fdopen(slave, 'r')
     yield master, stream
     os.close(master)
@@ -135,7 +135,7 @@ def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
 
 def test_the_thread_ends_with_its_terminal(monkeypatch):
     master, slave = pty.openpty()
-    monkeypatch.setattr(keyboard, '_in_foreground', lambda _: True)
+    monkeypatch.setattr(keyboard, 'in_foreground', lambda _: True)
     with os.fdopen(slave, 'r') as stream, Keyboard({}, lambda _: None, stream) as entered:
         os.close(master)
         wait_until(lambda: not entered._thread.is_alive())
@@ -194,8 +194,8 @@ SHELL = """
     from_job, to_shell = os.pipe()
     go, to_job = os.pipe()
     checks, to_checks = os.pipe()
-    in_foreground = keyboard._in_foreground
-    keyboard._in_foreground = lambda _: os.write(to_checks, b'.') and in_foreground(0)
+    in_foreground = keyboard.in_foreground
+    keyboard.in_foreground = lambda _: os.write(to_checks, b'.') and in_foreground(0)
     job = os.fork()
     if job == 0:
         signal.signal(signal.SIGTTOU, signal.SIG_DFL)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from ...model.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+_SPECIAL = re.compile(r'[^\w ,./*-]')
 _EXAMPLES = '\n\nExamples:\n'
 _LISTS = (
     'NAME... takes all words up to the next option or --. Give {arguments} before it, after --, or'
@@ -23,18 +25,38 @@ OPEN_LIST = 'kitti_ros2.open_list'
 """Key of a context's meta: the option whose list of values the last word belongs to."""
 
 
+def complete_open_list(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 - typer's context
+    """Complete a word that stands where an argument may, but belongs to a list of values."""
+    option = ctx.meta.get(OPEN_LIST)
+    if option is None:
+        return []
+    return [each.value for each in option.shell_complete(ctx, incomplete)]
+
+
 class Command(TyperCommand):
     """A command whose help is its docstring: a summary, an explanation, and Examples:."""
 
     def __init__(self, *args: Any, **rest: Any) -> None:  # noqa: ANN401 - those of the base class
         super().__init__(*args, **rest)
         text, _, examples = (self.help or '').partition(_EXAMPLES)
-        self.help, self._examples = text, examples
+        self.help: str = text
+        self._examples = examples
+
+    def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - click's form
+        """Return the first line, whole."""
+        return self.help.partition('\n')[0]
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - click's form
         """Return the words of the usage line: arguments as help texts write them."""
         names = [each.metavar if each.required else f'[{each.metavar}]' for each in self._arguments]
         return ['[OPTIONS]', *names]
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
+        """Write the help as plain text, in old versions of typer too."""
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        self.format_options(ctx, formatter)
+        self.format_epilog(ctx, formatter)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write arguments and options, by group; those without a group last."""
@@ -64,22 +86,34 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as above
         """Parse, after repeating options with several values before each of them."""
-        lists = self._lists(ctx)
-        if lists:
-            valued = {
-                flag
-                for each in self.get_params(ctx)
-                if not getattr(each, 'is_flag', True)
-                for flag in each.opts
-            }
-            parts = _GivenWords(args, lists, valued)
-            if ctx.resilient_parsing:
-                ctx.meta[OPEN_LIST] = parts.open_list
-            else:
-                parts.place_arguments([each.metavar for each in self._arguments])
-            args = parts.words()
+        valued = {
+            flag
+            for each in self.get_params(ctx)
+            if not getattr(each, 'is_flag', True)
+            for flag in each.opts
+        }
+        words = _GivenWords(args, self._lists(ctx), valued)
+        if ctx.resilient_parsing:  # for a completion
+            ctx.meta[OPEN_LIST] = words.open_list
+            args = words.spread()
+            if args and args[-1] in valued:
+                args.pop()  # an option without its value would hide the arguments
+        else:
+            words.place_arguments([each.metavar for each in self._arguments])
+            args = words.spread()
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:  # noqa: ANN401 - as above
+        """Complete a value of a list, or an option; its help without what shells interpret."""
+        option = ctx.meta.get(OPEN_LIST)
+        if option is not None and not incomplete.startswith('-'):
+            found: list[Any] = option.shell_complete(ctx, incomplete)
+            return found
+        found = super().shell_complete(ctx, incomplete)
+        for each in found:
+            each.help = _SPECIAL.sub('', (each.help or '').partition(' [default')[0])
+        return found
 
     @property
     def _arguments(self) -> list[Any]:
@@ -148,7 +182,7 @@ class _GivenWords:
         self._parts[place:place] = [[word] for word in part[-missing:]]
         del part[-missing:]
 
-    def words(self) -> list[str]:
+    def spread(self) -> list[str]:
         """Return all words, with each list option repeated before each of its values."""
         found = []
         for first, *values in self._parts:

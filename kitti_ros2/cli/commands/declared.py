@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
 import typer
 
+from ..completion import complete_option
+from .command import complete_open_list
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from ...options.declare import Option
 
@@ -20,13 +23,18 @@ OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what
 JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
 
 
-def source(help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
-    """Return the argument SRC of a command."""
-    return typer.Argument(metavar='SRC', help=help_text)
+def argument(name: str, help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
+    """Return an argument of a command, such as SRC."""
+    return typer.Argument(metavar=name, help=help_text, autocompletion=complete_open_list)
 
 
-def one_of(words: Iterable[str]) -> str:
-    """Return the placeholder of an option that takes one of a few words."""
+def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an option of typer
+    """Return an option that takes one of a few words."""
+    complete = complete_option('', [*words])
+    return typer.Option(metavar=_one_of(words), help=help_text, autocompletion=complete)
+
+
+def _one_of(words: Iterable[str]) -> str:
     return f'[{"|".join(words)}]'
 
 
@@ -86,6 +94,7 @@ def _parameter(option: Option) -> Parameter:
         help=_help(option),
         metavar=_metavar(option),
         rich_help_panel=option.group or None,
+        autocompletion=complete_option(option.name, option.choices),
     )
     kind: Any = Annotated[_kind(option), described]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
@@ -116,7 +125,7 @@ def _metavar(option: Option) -> str | None:
         parsers.parse_texts: 'NAME...',
     }
     if option.choices:
-        return one_of(option.choices)
+        return _one_of(option.choices)
     return option.metavar or general.get(option.parse)
 
 

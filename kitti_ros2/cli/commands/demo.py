@@ -8,19 +8,16 @@ from typing import Annotated
 import typer
 
 from ...model.layouts import Layout
-from .declared import OverwriteOption, QuietOption, one_of
+from .declared import OverwriteOption, QuietOption, argument, choice
 
 
 def demo(
     out: Annotated[
         Path,
-        typer.Argument(
-            metavar='OUT',
-            help='Folder for the recording and its bag [default: kitti_ros2_demo]',
-        ),
+        argument('OUT', 'Folder for the recording and its bag [default: kitti_ros2_demo]'),
     ] = Path('kitti_ros2_demo'),
     layout: Annotated[
-        str, typer.Option(metavar=one_of(Layout), help='Layout of the recording')
+        str, choice([each.value for each in Layout], 'Layout of the recording')
     ] = 'raw',
     frames: Annotated[int, typer.Option(metavar='N', help='Number of frames')] = 20,
     seed: Annotated[

@@ -5,12 +5,12 @@
 from pathlib import Path
 from typing import Annotated
 
-from .declared import JsonOption, QuietOption, chosen, source, takes
+from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
 @takes('SOURCE')
 def info(
-    src: Annotated[Path, source('A KITTI folder or any bag')],
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,

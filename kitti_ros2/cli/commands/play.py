@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import QuietOption, chosen, source, takes
+from .declared import QuietOption, argument, chosen, takes
 
 _PLAYBACK = 'Playback'
 
@@ -16,7 +16,7 @@ _PLAYBACK = 'Playback'
 def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     context: typer.Context,
     src: Annotated[
-        Optional[Path], source('A KITTI folder or a bag [default: parameter source]')
+        Optional[Path], argument('SRC', 'A KITTI folder or a bag [default: parameter source]')
     ] = None,
     config: Annotated[
         Optional[Path],

@@ -5,23 +5,16 @@
 from pathlib import Path
 from typing import Annotated, Optional
 
-import typer
-
 from ...model.containers import CONTAINERS
-from .declared import JsonOption, OverwriteOption, QuietOption, one_of
+from .declared import JsonOption, OverwriteOption, QuietOption, argument, choice
 
 
 def recover(
-    bag: Annotated[Path, typer.Argument(metavar='BAG', help='A truncated or damaged bag')],
-    out: Annotated[
-        Path, typer.Argument(metavar='OUT', help='The repaired bag, named like OUT of to-bag')
-    ],
+    bag: Annotated[Path, argument('BAG', 'A truncated or damaged bag')],
+    out: Annotated[Path, argument('OUT', 'The repaired bag, named like OUT of to-bag')],
     storage: Annotated[
         Optional[str],
-        typer.Option(
-            metavar=one_of(CONTAINERS),
-            help='Container of the repaired bag [default: by OUT, else that of BAG]',
-        ),
+        choice(CONTAINERS, 'Container of the repaired bag [default: by OUT, else that of BAG]'),
     ] = None,
     overwrite: OverwriteOption = False,
     json: JsonOption = False,

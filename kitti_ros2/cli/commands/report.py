@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from .declared import OverwriteOption, QuietOption, chosen, source, takes
+from .declared import OverwriteOption, QuietOption, argument, chosen, takes
 
 
 @takes('SOURCE')
 def report(
-    src: Annotated[Path, source('A KITTI folder or any bag')],
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[
         Path,
         typer.Option('--out', '-o', metavar='OUT', help='The page to write'),

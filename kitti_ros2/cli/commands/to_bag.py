@@ -8,15 +8,15 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.containers import FILE_NAMES
-from .declared import JsonOption, QuietOption, chosen, source, takes
+from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
 @takes('TO_BAG')
 def to_bag(
-    src: Annotated[Path, source('A KITTI folder: a drive, a data set, a sequence')],
+    src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence')],
     out: Annotated[
         Path,
-        typer.Argument(metavar='OUT', help=f'The bag: {FILE_NAMES}, or a rosbag2 directory'),
+        argument('OUT', f'The bag: {FILE_NAMES}, or a rosbag2 directory'),
     ],
     config: Annotated[
         Optional[Path],

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.errors import UsageError
-from .declared import QuietOption, chosen, source, takes
+from .declared import QuietOption, argument, chosen, takes
 
 _COMMON = ('layout', 'sequence', 'overwrite', 'start', 'end')
 """Options of pictures and of Rerun."""
@@ -18,7 +18,7 @@ _RERUN = 'Rerun'
 
 @takes('VIEW')
 def view(
-    src: Annotated[Path, source('A KITTI folder or any bag')],
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[
         Optional[Path],
         typer.Option(

@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Completion of a command line that is being typed: option values, topics and sequences of SRC.
+
+The shell starts the command with the words so far in the environment; see get_completion_words.
+What is asked of SRC reads the names of its files, or the summary of a bag.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+
+    from ..options.read import ReadOptions
+
+Complete: TypeAlias = 'Callable[[Any, str], list[str]]'
+"""A function that typer calls with its context and the word that is being typed."""
+
+VARIABLE = '_KITTI_ROS2_COMPLETE'
+"""The variable of the environment that asks for a completion; typer's scripts set it."""
+_WORDS = ('COMP_WORDS', '_TYPER_COMPLETE_ARGS')
+_LONGEST_S = 3.0
+
+
+def completion_words() -> list[str]:
+    """Return the words typed so far, after the name of the program."""
+    found = next((os.environ[name] for name in _WORDS if name in os.environ), '')
+    return found.split()[1:]
+
+
+@contextmanager
+def answering() -> Iterator[None]:
+    """Answer in time or not at all, without a message: the terminal belongs to the shell."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+    signal.signal(signal.SIGALRM, _give_up)
+    signal.setitimer(signal.ITIMER_REAL, _LONGEST_S)
+    try:
+        yield
+    except Exception:  # noqa: BLE001 - whatever it is, there is nothing to complete
+        sys.exit(1)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _give_up(*_: object) -> None:
+    raise TimeoutError
+
+
+def complete_at_first_tab() -> None:
+    """Let typer's script for zsh complete at the first TAB, when zsh loads it.
+
+    Loading runs the script as the function _kitti-ros2, which only defines another function.
+    """
+    from typer import _completion_shared
+
+    scripts: dict[str, str] = getattr(_completion_shared, '_completion_scripts', {})
+    if 'zsh' in scripts:
+        scripts['zsh'] += '\n[[ $funcstack[1] == _%(prog_name)s ]] && %(complete_func)s "$@"\n'
+
+
+def complete_option(name: str, choices: Collection[str] = ()) -> Complete | None:
+    """Return the completion of the values of an option; None where the shell completes files.
+
+    Args:
+        name: Name of the option.
+        choices: Its values, if it takes one of a few words.
+    """
+    values = (lambda _: choices) if choices else _VALUES.get(name)
+    if values is None:
+        return None
+
+    def complete(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 - typer's copy of click
+        try:
+            return sorted({each for each in values(ctx.params) if each.startswith(incomplete)})
+        except Exception:  # noqa: BLE001 - nothing is known of an unfinished command line
+            return []
+
+    return complete
+
+
+def _topics(given: Mapping[str, Any]) -> Iterable[str]:
+    """List the topics of SRC: those of a bag, or those that to-bag makes of a folder."""
+    from ..bags.locate import locate_bag, looks_like_bag
+
+    path = Path(given['src']).expanduser()
+    if not looks_like_bag(path):
+        return _topics_of_folder(path, given)
+    located = locate_bag(path)
+    if located.topics:
+        return located.topics
+    from ..bags.bag_files import open_files
+    from ..bags.findings import Findings
+
+    with ExitStack() as stack:
+        files = open_files(located, Findings(), stack)
+        return [channel.topic for _, file in files for channel in file.channels.values()]
+
+
+def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
+    from ..kitti.layouts import open_recording
+    from ..messages.naming import image_topic
+    from ..messages.topics import make_table
+    from ..model.streams import Stream
+    from ..options.messages import Images, MessageOptions, Preset
+
+    recording = open_recording(path, _reading(given))
+    preset = Preset(given.get('preset') or Preset.DEFAULT)
+    image = image_topic(recording.layout, recording.image_topic, preset)
+    table = make_table(recording.cameras, image, MessageOptions(images=Images.BOTH, preset=preset))
+    once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
+    return [row.topic for row in table if row.stream in {*recording.streams, *once}]
+
+
+def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
+    """List the drives, splits or sequences of SRC."""
+    from ..kitti.layouts import LAYOUTS, guess_layout
+
+    path = Path(given['src']).expanduser()
+    layout = _reading(given).layout or guess_layout(path)
+    return [candidate.name for candidate in LAYOUTS[layout].find(path)]
+
+
+def _reading(given: Mapping[str, Any]) -> ReadOptions:
+    from ..options.table import make_settings
+
+    return make_settings({name: given.get(name) for name in ('layout', 'sequence')}).read
+
+
+def _streams(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..model.streams import Stream
+
+    return ['image', *(stream.value for stream in Stream)]
+
+
+def _classes(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..drawing.palette import CLASS_COLORS
+
+    return [name for name in CLASS_COLORS if ' ' not in name]
+
+
+_VALUES = {
+    'topics': _topics,
+    'exclude_topics': _topics,
+    'sequence': _sequences,
+    'streams': _streams,
+    'classes': _classes,
+}

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Help texts at 80 columns: whole lines, groups, choices, examples that parse."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from kitti_ros2.cli import main
+from kitti_ros2.cli.app import get_command
+from kitti_ros2.options import table
+from kitti_ros2.pictures.modes import MODES
+
+COMMANDS = {
+    'to-bag': 'SRC OUT',
+    'to-kitti': 'BAG... OUT',
+    'recover': 'BAG OUT',
+    'info': 'SRC',
+    'view': 'SRC',
+    'report': 'SRC',
+    'demo': '[OUT]',
+    'play': '[SRC]',
+}
+TABLES = {
+    'to-bag': table.TO_BAG,
+    'to-kitti': table.TO_KITTI,
+    'view': table.VIEW,
+    'play': table.PLAY,
+    'info': table.SOURCE,
+    'report': table.SOURCE,
+}
+
+
+@pytest.fixture(autouse=True)
+def columns(monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+
+
+@pytest.fixture
+def help_of(capsys):
+    def shown(*words):
+        assert main([*words, '--help']) == 0
+        return capsys.readouterr().out
+
+    return shown
+
+
+def test_every_command_is_listed_with_its_whole_first_line(help_of):
+    listed = dict(
+        re.findall(r'^  ([a-z-]+)  +(\S.*)$', help_of().split('Commands:\n')[1], re.MULTILINE)
+    )
+    assert set(listed) == set(COMMANDS)
+    for name, summary in listed.items():
+        assert summary.endswith('.')
+        assert not summary.endswith('...')
+        assert help_of(name).split('\n\n')[1].strip() == summary
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_a_command_has_its_arguments_as_written_groups_and_two_examples(command, help_of):
+    text = help_of(command)
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.startswith(f'Usage: kitti-ros2 {command} [OPTIONS] {COMMANDS[command]}\n')
+    for name in COMMANDS[command].strip('[]').split():
+        assert re.search(rf'^  .*\b{name}', text.split('Arguments:\n')[1], re.MULTILINE)
+    examples = text.split('Examples:\n')[1].splitlines()
+    assert len(examples) == 2
+    for example in examples:
+        _, name, *words = shlex.split(example)
+        assert name == command
+        get_command([command]).commands[command].make_context(command, words)
+
+
+@pytest.mark.parametrize('command', TABLES)
+def test_options_stand_in_their_groups_with_their_choices(command, help_of):
+    sections = dict(re.findall(r'^(\S.*):\n((?:  .*\n)+)', help_of(command), re.MULTILINE))
+    for option in TABLES[command]:
+        assert option.group
+        spelling = re.escape(f'--{option.name.replace("_", "-")}')
+        spelling = {'train_fraction': '--split', 'loop': '--loop'}.get(option.name, spelling)
+        words = re.escape(f' [{"|".join(option.choices)}]') if option.choices else ''
+        assert re.search(rf'{spelling}\b{words}', sections[option.group]), option.name
+
+
+def test_the_modes_of_pictures_are_the_choices():
+    (mode,) = (each for each in table.VIEW if each.name == 'mode')
+    assert mode.choices == tuple(MODES)
+
+
+def test_a_terminal_shows_what_a_pipe_gets():
+    words = [sys.executable, '-m', 'kitti_ros2', 'to-bag', '--help']
+    piped = subprocess.run(words, capture_output=True, check=True).stdout
+    master, slave = pty.openpty()
+    with subprocess.Popen(words, stdout=slave, stdin=slave) as process:
+        os.close(slave)
+        shown = b''
+        try:
+            while part := os.read(master, 1 << 16):
+                shown += part
+        except OSError:  # Linux: the other end is closed
+            pass
+        assert process.wait() == 0
+    os.close(master)
+    assert shown.replace(b'\r\n', b'\n') == piped
+
+
+def test_help_imports_neither_options_nor_rich():
+    heavy = "{'numpy', 'rich', 'yaml', 'kitti_ros2.options.table'} & set(sys.modules)"
+    code = f"import sys; from kitti_ros2.cli import main; main(['--help']); sys.exit(bool({heavy}))"
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b'')
