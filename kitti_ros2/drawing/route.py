@@ -23,6 +23,7 @@ _MARGIN = 40
 _LEAST_M = 10.0
 """The plot is at least this wide, so that a parked car does not look like a moving one."""
 
+_FARTHEST_M = 1e8
 _LINE: Color = (205, 200, 196)
 _TEXT: Color = (186, 178, 172)
 _TEXT_SCALE = 0.45
@@ -35,9 +36,10 @@ def draw_route(window: Pixels, positions: Float64Array) -> None:
 
     Args:
         window: (H, W, 3) uint8 BGR, drawn on in place.
-        positions: (N, 3) in map, metres: x to the right, y up; those not finite are left out.
+        positions: (N, 3) in map, metres: x to the right, y up; those that are not on
+            earth, such as NaN, are left out.
     """
-    positions = positions[np.isfinite(positions).all(axis=1)]
+    positions = positions[(np.abs(positions) < _FARTHEST_M).all(axis=1)]
     if not has_pixels(window) or not len(positions):
         return
     size = np.array(size_of(window))

@@ -12,8 +12,9 @@ from hypothesis.extra.numpy import arrays
 from scenes import camera, canvas, flat, solid
 
 from kitti_ros2.drawing.annotate import annotate
-from kitti_ros2.drawing.birds_eye import BirdView, birds_eye, draw_footprints
+from kitti_ros2.drawing.birds_eye import birds_eye
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d
+from kitti_ros2.drawing.footprints import BirdView, draw_footprints
 from kitti_ros2.drawing.objects import LabelledObject
 from kitti_ros2.drawing.point_colors import PointColors
 from kitti_ros2.drawing.points import draw_points

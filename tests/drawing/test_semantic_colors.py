@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 from scenes import camera, canvas
 
-from kitti_ros2.drawing.birds_eye import BirdView, draw_points_from_above
+from kitti_ros2.drawing.birds_eye import draw_points_from_above
+from kitti_ros2.drawing.footprints import BirdView
 from kitti_ros2.drawing.point_colors import PointColors
 from kitti_ros2.drawing.points import draw_points
 from kitti_ros2.drawing.scales import EMPTY
