@@ -62,7 +62,7 @@ def panel(drive: Path, folder: Path) -> np.ndarray:
 
 
 def street(drive: Path, folder: Path, path: Path) -> None:
-    """Write all frames as an animation: boxes above the scan on the image, and beside both the bird's-eye view."""
+    """Write an animation: boxes, the scan on the image, and the bird's-eye view."""
     series = {}
     for mode in ('boxes', 'lidar', 'bev'):
         out = folder / mode
