@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, CameraCalibration
 
 _PLUMB_BOB = 5
+_MOST_STEPS = 500
+_STEP = 1e-12
 _PIECES = 16
 """Number of straight pieces of a line that the lens bends."""
 
@@ -104,6 +106,15 @@ class Projection:
                 _distorted(flat, self.d) @ self.k[:2, :2].T + self.k[:2, 2], np.float64
             )
 
+    def points(self, pixels: Float64Array, depth: Float64Array) -> Float64Array:
+        """Return the (N, 3) points in velo_link at (N, 2) pixels and (N,) depths, metres."""
+        flat = pixels
+        if self.k is not None and self.d is not None:
+            flat = _undistorted((pixels - self.k[:2, 2]) @ np.linalg.inv(self.k[:2, :2]).T, self.d)
+        seen = np.column_stack([flat, np.ones(len(flat))]) * depth[:, None]
+        found: Float64Array = np.linalg.solve(self.matrix[:, :3], (seen - self.matrix[:, 3]).T).T
+        return found
+
     def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
         """Project straight lines, clipped just in front of the camera.
 
@@ -159,6 +170,17 @@ def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
         ],
         axis=-1,
     )
+
+
+def _undistorted(bent: Float64Array, d: Float64Array) -> Float64Array:
+    """Invert _distorted by fixed-point iteration; NaN where no point is distorted there."""
+    flat = bent
+    for _ in range(_MOST_STEPS):
+        step = bent - _distorted(flat, d)
+        flat = flat + step
+        if not (np.abs(step) > _STEP).any():
+            break
+    return np.where(np.abs(step) <= _STEP, flat, np.nan)
 
 
 def _fold(d: Float64Array) -> float:

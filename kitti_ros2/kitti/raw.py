@@ -146,9 +146,11 @@ class RawRecording(KittiRecording):
     def _scan(self, number: int) -> Scan:
         listing = self._listings[Stream.SCAN]
         path = listing.path(number)
-        parse = parse_scan_text if listing.suffix == names.TXT else parse_scan
         start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
-        points = parse(STORE.read(path), path)
+        if listing.suffix == names.TXT:
+            points = parse_scan_text(STORE.read(path), path)
+        else:
+            points = parse_scan(STORE.read_array(path), path)
         return Scan(points, start, end, turn=self.turns.get(number))
 
     def _sweep_stamps(self, name: str) -> list[int | None]:

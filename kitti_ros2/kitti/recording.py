@@ -199,7 +199,7 @@ class KittiRecording(RecordingIndex):
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
-        return Scan(parse_scan(STORE.read(path), path), turn=self.turns.get(number))
+        return Scan(parse_scan(STORE.read_array(path), path), turn=self.turns.get(number))
 
     def _packet(self, number: int) -> OxtsPacket:
         raise NotImplementedError

@@ -18,18 +18,20 @@ from ..model.errors import BadFileError
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import numpy.typing as npt
+
     from ..model.samples import Float32Array
 
 POINT_BYTES = 16
 
 
-def parse_scan(data: bytes, path: Path | str) -> Float32Array:
+def parse_scan(data: bytes | npt.NDArray[np.uint8], path: Path | str) -> Float32Array:
     """Parse a .bin file into (N, 4) float32 points, a view of its bytes.
 
     Raises:
         BadFileError: The file is empty, or truncated inside a point.
     """
-    if not data:
+    if not len(data):
         raise BadFileError(path, 'the file is empty', 'a scan of 16 bytes a point')
     if len(data) % POINT_BYTES:
         raise BadFileError(

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,10 @@ from ..files.page_cache import write_uncached
 from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+    import numpy.typing as npt
 
     from ..model.samples import Int64Array
 
@@ -45,6 +49,23 @@ class Listing:
     def path(self, number: int) -> Path:
         """Return the path of the file with a number."""
         return self.folder / f'{number:0{self.digits}d}{self.suffix}'
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[int, int]]:
+    """Open a regular file; yield its descriptor and its size."""
+    # A file object costs as much as reading a small file; opening a pipe would wait.
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    try:
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+            raise BadFileError(path, 'is no regular file', 'a file')
+        yield file, status.st_size
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    finally:
+        os.close(file)
 
 
 class LocalStore:
@@ -81,21 +102,24 @@ class LocalStore:
             BadFileError: It is a pipe or a device, which may have no end.
             OSError: The file cannot be read.
         """
-        # A file object costs as much as reading a small file; opening a pipe would wait.
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        try:
-            status = os.fstat(file)
-            if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
-                raise BadFileError(path, 'is no regular file', 'a file')
-            pieces = [os.read(file, status.st_size + 1)]
+        with _opened(path) as (file, size):
+            pieces = [os.read(file, size + 1)]
             while pieces[-1]:
                 pieces.append(os.read(file, _PIECE_BYTES))
-        except OSError as error:
-            error.filename = str(path)
-            raise
-        finally:
-            os.close(file)
         return pieces[0] if len(pieces) == 2 else b''.join(pieces)
+
+    def read_array(self, path: Path) -> npt.NDArray[np.uint8]:
+        """Read a whole file into a writable array of its bytes; one that is growing up to now.
+
+        Raises:
+            BadFileError, OSError: As read.
+        """
+        with _opened(path) as (file, size):
+            data = np.empty(size, np.uint8)
+            filled = 0
+            while filled < size and (count := os.readv(file, [data.data[filled:]])):
+                filled += count
+        return data[:filled]
 
     def read_ends(self, path: Path, length: int) -> tuple[bytes, int]:
         """Read the first and the last count bytes of a file, and its size.

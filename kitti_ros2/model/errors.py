@@ -14,11 +14,31 @@ if TYPE_CHECKING:
 
 
 class KittiRos2Error(Exception):
-    """Base of every error that a user can cause or fix; one line, shown without a traceback."""
+    """Base of every error that a user can cause or fix; one line, shown without a traceback.
+
+    Attributes:
+        path: The file or folder that it is about, if any.
+        line: The line of the file, from 1, if any.
+    """
+
+    path: str | None = None
+    line: int | None = None
 
 
 class UsageError(KittiRos2Error):
     """Invalid option or argument."""
+
+
+class MissingPathError(UsageError, FileNotFoundError):
+    """A path of the user does not exist."""
+
+
+class UnreadableFileError(KittiRos2Error, OSError):
+    """The operating system cannot read or write a file."""
+
+    def __init__(self, path: Path | str, error: OSError) -> None:
+        self.path = str(path)
+        super().__init__(f'{path}: {error.strerror or error}')
 
 
 class NotKittiError(KittiRos2Error):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
+from functools import lru_cache
 
 NS_PER_S = 1_000_000_000
 LAST_NS = 2**31 * NS_PER_S - 1
@@ -33,13 +34,17 @@ def parse_stamp(text: str) -> int:
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ValueError(f'{text.strip()!r} is no time stamp')
-    year, month, day, hour, minute, second = (int(group) for group in match.groups()[:6])
-    moment = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
-    fraction = (match.group(7) or '').ljust(9, '0')
-    stamp_ns = (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S + int(fraction)
+    stamp_ns = _second_ns(*match.groups()[:6]) + int((match[7] or '').ljust(9, '0'))
     if not 0 <= stamp_ns <= LAST_NS:
         raise ValueError(f'{text.strip()!r} is not within 1970 to 2038, all that ROS 2 can hold')
     return stamp_ns
+
+
+@lru_cache(maxsize=16)  # the streams of a drive have ten stamps a second each, in order
+def _second_ns(*words: str) -> int:
+    """Return the nanoseconds of a whole second, given as year, month, day, hour, minute, second."""
+    moment = datetime(*map(int, words), tzinfo=timezone.utc)  # type: ignore[arg-type, misc]
+    return (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S
 
 
 def format_stamp(stamp_ns: int) -> str:

@@ -144,8 +144,9 @@ def parse_place(name: str, value: object) -> tuple[float, ...]:
 def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     """Parse four numbers in metres: from and to forward, from and to to the left."""
     try:
-        back, front, right, left = (float(word) for word in str(value).split(','))
-    except ValueError:
+        words = value if isinstance(value, (list, tuple)) else str(value).split(',')
+        back, front, right, left = (float(word) for word in words)
+    except (ValueError, TypeError):
         raise UsageError(
             f'{name} takes four numbers in metres, from and to forward, from and to to the left,'
             f" such as '-10,60,-25,25', not {value!r}"

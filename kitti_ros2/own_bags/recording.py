@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagSource
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
+    from ..model.geometry import Transform
     from ..model.losses import Loss
     from ..model.recording import Start
     from ..model.samples import Sample
@@ -129,7 +130,7 @@ class BagRecording:
 
     def _sample(self, stream: Stream, number: int) -> Sample:
         decode = decoders()[self._topics[stream]]
-        found: Any = decode(self._message(stream, number), self._origin)
+        found: Any = decode(self._message(stream, number), Origin(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
             return parse_packet(found.text, found.name, number + 1, found)
         sample: Sample = labels_of_text(found) if stream is Stream.LABELS else found
@@ -188,12 +189,13 @@ class BagRecording:
         return message
 
     @cached_property
-    def _origin(self) -> Origin:
+    def base_t_imu(self) -> Transform:
+        """imu_link in base_link, as in the static transforms of the bag."""
         frames = FrameNames()
         for parent, child, transform in self._survey.static:
             if (parent, child) == (frames.base, frames.imu):
-                return Origin(self.root, transform)
-        return Origin(self.root, base_t_imu(MessageOptions()))
+                return transform
+        return base_t_imu(MessageOptions())
 
     def _calibration(self, number: int) -> Calibration:
         files = self._blueprint.calibrations

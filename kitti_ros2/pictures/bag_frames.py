@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ..bags.reader import path_of
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
+from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
 from ..importer.frames import choose_frames, frame_topics, topic_of
 from ..importer.guess import guess_plan, guess_pose
@@ -29,25 +31,27 @@ from ..model.geometry import Transform
 from ..model.layouts import Layout
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import FrameLabels, Pose, Trajectory
-from ..model.streams import CAMERA_NAMES, Stream
+from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
 from ..rig.tf_tree import FrameTree
 from .frame import Frame
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from ..bags.reader import BagSource
+    from ..drawing.pixels import Pixels
     from ..importer.frames import Frames
     from ..importer.plan import Plan
     from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
     from ..model.losses import Loss
-    from ..model.samples import Int64Array
+    from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
 
+T = TypeVar('T')
 
 _OPTICAL = '_optical_frame'
 
@@ -81,7 +85,7 @@ class BagFrames:
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = ego_track(bag, survey, notes)
-        self._body_t_imu = self._find_unit(survey)
+        self.base_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self.stamps_ns = frames.stamps_ns
         self.numbers: Int64Array = np.arange(len(frames), dtype=np.int64)
@@ -92,6 +96,10 @@ class BagFrames:
             stream: _places(topic, survey, frames, stream)
             for stream, topic in frame_topics(self._plan).items()
         }
+        self.streams: Mapping[str, Int64Array] = {
+            stream.value: np.flatnonzero([place is not None for place in places])
+            for stream, places in self._places.items()
+        }
         self._messages = PlacedMessages(bag, set(frame_topics(self._plan).values()))
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
@@ -100,7 +108,7 @@ class BagFrames:
         """Return all poses of the bag, also those between its frames."""
         if self._track is None:
             return Trajectory(np.zeros(0, np.int64), [])
-        return self._track.trajectory(self._body_t_imu)
+        return self._track.trajectory(self.base_t_imu)
 
     def close(self) -> None:
         """See FrameSource."""
@@ -119,56 +127,91 @@ class BagFrames:
         if not 0 <= number < len(self.numbers):
             last = len(self.numbers) - 1
             raise UsageError(f'{self.name} has no frame {number}; it has 0 to {last}')
-        places = {
-            stream: place
-            for stream, found in self._places.items()
-            if (place := found[number]) is not None and (wanted is None or stream.value in wanted)
-        }
         stamp_ns = int(self.stamps_ns[number])
         missing = dict(self._no_calibration)
         made: dict[Stream, Any] = {}
-        for stream, place in places.items():
+        for stream in self._places:
+            if wanted is not None and stream.value not in wanted:
+                continue
             try:
-                made[stream] = self._make(stream, self._messages.read(place))
-            except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-                missing[stream.value] = f'{place.topic}: the message of frame {number}: {error}'
+                camera = stream.camera
+                one = self.read(stream, number) if camera is None else self.pixels(camera, number)
+            except KittiRos2Error as error:
+                missing[stream.value] = str(error)
+                continue
+            if one is not None:
+                made[stream] = one
         calibration = self._rigging.calibrations.at(stamp_ns)
         labels = made.get(Stream.LABELS, FrameLabels())
+        scan = made.get(Stream.SCAN)
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
         return Frame(
             source=self.name,
             number=number,
             stamp_ns=stamp_ns,
             images={stream.camera: made[stream] for stream in made if stream.camera is not None},
-            points=made.get(Stream.SCAN),
+            points=None if scan is None else scan.points,
             calibration=calibration,
             objects=objects_of(labels, calibration),
             pose=self._pose(stamp_ns),
             missing=missing,
         )
 
-    def _make(self, stream: Stream, message: Any) -> Any:  # noqa: ANN401
-        if stream is Stream.SCAN:
-            points = self._rigging.scan(message)[0].points
-            if self._velo_t_scan is not None:
-                points[:, :3] = self._velo_t_scan.apply(points[:, :3])
-            return points
-        if stream is Stream.LABELS and self._own_lines:
-            return labels_of_text(decode_text(message))
+    def read(self, stream: Stream, number: int) -> Sample | None:
+        """See FrameSource; packets of a GPS/IMU unit are made by a conversion only."""
+        if stream is Stream.POSE:
+            return self._pose(int(self.stamps_ns[number]))
+        if stream.camera is not None:
+            return self._converted(stream, number, partial(self._image, stream.camera))
         if stream is Stream.LABELS:
-            cuboids, left_out = self._rigging.cuboids(message)
-            missing = {}
-            if ABSURD in left_out:
-                topic = frame_topics(self._plan)[stream]
-                missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
-            return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
-        return colour_pixels(self._rigging.pixels(stream.camera or 0, message))
+            return self._converted(stream, number, self._labels)
+        return self._converted(stream, number, self._scan)
+
+    def pixels(self, camera: int, number: int) -> Pixels | None:
+        """See FrameSource."""
+        decode = partial(self._rigging.pixels, camera)
+        pixels = self._converted(IMAGE_STREAMS[camera], number, decode)
+        return None if pixels is None else colour_pixels(pixels)
+
+    def calibration(self, number: int) -> Calibration | None:
+        """See FrameSource."""
+        return self._rigging.calibrations.at(int(self.stamps_ns[number]))
+
+    def _converted(self, stream: Stream, number: int, convert: Callable[[Any], T]) -> T | None:
+        """Read and convert the message of a frame; None if the frame has none."""
+        place = self._places[stream][number] if stream in self._places else None
+        if place is None:
+            return None
+        try:
+            return convert(self._messages.read(place))
+        except Exception as error:  # a recorder may have written any bytes
+            what = f'{place.topic}: the message of frame {number}: {error}'
+            raise KittiRos2Error(what) from error
+
+    def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
+        scan, _ = self._rigging.scan(message)
+        if self._velo_t_scan is not None:
+            scan.points[:, :3] = self._velo_t_scan.apply(scan.points[:, :3])
+        return scan
+
+    def _labels(self, message: Any) -> FrameLabels:  # noqa: ANN401 - of the bag's types
+        if self._own_lines:
+            return labels_of_text(decode_text(message))
+        cuboids, left_out = self._rigging.cuboids(message)
+        missing = {}
+        if ABSURD in left_out:
+            topic = frame_topics(self._plan)[Stream.LABELS]
+            missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
+        return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
+
+    def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
+        return parse_image(self._rigging.png(camera, message), 'the message')
 
     def _pose(self, stamp_ns: int) -> Pose | None:
         if self._track is None:
             return None
         (pose,) = self._track.track.at(np.array([stamp_ns], dtype=np.int64))
-        return None if pose is None else Pose(pose @ self._body_t_imu)
+        return None if pose is None else Pose(pose @ self.base_t_imu)
 
 
 class EgoTrack(NamedTuple):

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
 
     from ..drawing.objects import LabelledObject
     from ..drawing.pixels import Pixels
+    from ..model.geometry import Transform
     from ..model.losses import Loss
-    from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose
+    from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose, Sample
+    from ..model.streams import Stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,8 @@ class FrameSource(Protocol):
         numbers: (N,) int64, ascending.
         stamps_ns: (N,) int64, of the frames.
         cameras: KITTI camera index to name, of cameras with images.
+        streams: Stream name (samples.Stream values) to (N,) int64, the frames that have a sample.
+        base_t_imu: imu_link in base_link, or in the body that the poses of a bag are of.
         losses: Data missing or damaged from the start, by stream or topic.
         assumptions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
         notes: Other non-fatal remarks; one line each.
@@ -67,6 +71,8 @@ class FrameSource(Protocol):
     numbers: Int64Array
     stamps_ns: Int64Array
     cameras: Mapping[int, str]
+    streams: Mapping[str, Int64Array]
+    base_t_imu: Transform
     losses: Sequence[Loss]
     assumptions: Sequence[str]
     notes: Sequence[str]
@@ -82,6 +88,25 @@ class FrameSource(Protocol):
         Raises:
             UsageError: The frame does not exist.
         """
+
+    def read(self, stream: Stream, number: int) -> Sample | None:
+        """Read one sample of a frame, a pose in map; None if the frame has none.
+
+        Raises:
+            KittiRos2Error: It cannot be read.
+            OSError: The same.
+        """
+
+    def pixels(self, camera: int, number: int) -> Pixels | None:
+        """Decode the image of a camera, (H, W, 3) uint8 BGR; None if the frame has none.
+
+        Raises:
+            KittiRos2Error: It cannot be decoded.
+            OSError: It cannot be read.
+        """
+
+    def calibration(self, number: int) -> Calibration | None:
+        """Return the calibration of a frame, None without any."""
 
     def close(self) -> None:
         """Release files."""

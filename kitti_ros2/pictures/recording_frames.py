@@ -17,7 +17,7 @@ from ..messages.naming import base_t_imu
 from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
 from ..model.losses import format_numbers
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
-from ..model.streams import FRAME_STREAMS, Clock, Stream
+from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
 from .frame import Frame
@@ -50,9 +50,10 @@ class RecordingFrames:
         self.losses: Sequence[Loss] = recording.losses
         self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
-        self._recording = recording
-        mount = base_t_imu(MessageOptions())
-        self._map_t_world = map_from_world(recording.start, mount, MapFrame.ENU)
+        self.recording = recording
+        own = recording.base_t_imu if isinstance(recording, BagRecording) else None
+        self.base_t_imu = own or base_t_imu(MessageOptions())
+        self._map_t_world = map_from_world(recording.start, self.base_t_imu, MapFrame.ENU)
         self.cameras: Mapping[int, str] = recording.cameras
         streams = [each for each in FRAME_STREAMS if each in recording.streams]
         if not streams:
@@ -66,6 +67,10 @@ class RecordingFrames:
             reference = recording.streams[streams[0]]
             self.numbers, self.stamps_ns = reference.numbers, reference.stamps_ns
             self._samples = _nearest(recording, streams)
+        self.streams: Mapping[str, Int64Array] = {
+            stream.value: np.array([*files], dtype=np.int64)
+            for stream, files in self._samples.items()
+        }
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
         """See FrameSource."""
@@ -75,18 +80,20 @@ class RecordingFrames:
                 f'{self.name} has no frame {number}; it has {format_numbers(self.numbers.tolist())}'
             )
         missing: dict[str, str] = {}
-        calibration = self._recording.calibration(number)
+        calibration = self.recording.calibration(number)
         missing |= {f'calibration {part}': reason for part, reason in calibration.missing.items()}
         samples: dict[Stream, Sample] = {}
-        for stream, files in self._samples.items():
-            if number not in files or (wanted is not None and stream.value not in wanted):
+        for stream in self._samples:
+            if wanted is not None and stream.value not in wanted:
                 continue
             try:
-                samples[stream] = self._recording.read(stream, files[number])
+                sample = self.read(stream, number)
             except (KittiRos2Error, OSError) as error:
                 missing[stream.value] = str(error)
+                continue
+            if sample is not None:
+                samples[stream] = sample
         scan = _of(samples, Stream.SCAN, Scan)
-        pose = _of(samples, Stream.POSE, Pose)
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
         return Frame(
@@ -98,15 +105,33 @@ class RecordingFrames:
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
-            pose=None if pose is None else place_pose(pose, self._map_t_world),
-            timed=self._recording.clock is Clock.UTC,
+            pose=_of(samples, Stream.POSE, Pose),
+            timed=self.recording.clock is Clock.UTC,
             missing=missing,
         )
 
+    def read(self, stream: Stream, number: int) -> Sample | None:
+        """See FrameSource."""
+        files = self._samples.get(stream, {})
+        if number not in files:
+            return None
+        sample = self.recording.read(stream, files[number])
+        return place_pose(sample, self._map_t_world) if isinstance(sample, Pose) else sample
+
+    def pixels(self, camera: int, number: int) -> Pixels | None:
+        """See FrameSource."""
+        sample = self.read(IMAGE_STREAMS[camera], number)
+        return self._pixels(sample, number, camera) if isinstance(sample, Image) else None
+
+    def calibration(self, number: int) -> Calibration | None:
+        """See FrameSource."""
+        found = self.recording.calibration(number)
+        return None if _is_empty(found) else found
+
     def close(self) -> None:
         """See FrameSource; a folder's files are open only while they are read."""
-        if isinstance(self._recording, BagRecording):
-            self._recording.close()
+        if isinstance(self.recording, BagRecording):
+            self.recording.close()
 
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
@@ -117,11 +142,23 @@ class RecordingFrames:
             if stream.camera is None or not isinstance(sample, Image):
                 continue
             try:
-                images[stream.camera] = colour_pixels(decode_png(sample))
-            except ValueError as error:
-                path = self._recording.path(stream, self._samples[stream][number])
-                missing[stream.value] = str(BadFileError(path, str(error), 'a whole PNG'))
+                images[stream.camera] = self._pixels(sample, number, stream.camera)
+            except BadFileError as error:
+                missing[stream.value] = str(error)
         return images
+
+    def _pixels(self, image: Image, number: int, camera: int) -> Pixels:
+        """Decode an image.
+
+        Raises:
+            BadFileError: It cannot be decoded.
+        """
+        try:
+            return colour_pixels(decode_png(image))
+        except ValueError as error:
+            stream = IMAGE_STREAMS[camera]
+            path = self.recording.path(stream, self._samples[stream][number])
+            raise BadFileError(path, str(error), 'a whole PNG') from None
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:

@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The calibration of a frame: projection into images, its inverse, and transforms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..drawing.projection import Projection
+from ..importer.labels import TrackIds, make_boxes
+from ..messages.moment import LABELLED_CAMERA
+from ..messages.naming import base_t_imu as default_base_t_imu
+from ..messages.naming import make_frames
+from ..messages.transforms import static_links
+from ..model.boxes import Cuboid
+from ..model.errors import MissingDataError, UsageError
+from ..model.geometry import Transform, rotation_from_rpy
+from ..model.nominal import NOMINAL_VELO_T_IMU
+from ..model.samples import Calibration, CameraCalibration
+from ..options.messages import MessageOptions, Preset
+from ..rig.tf_tree import FrameTree
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy.typing as npt
+
+    from ..model.boxes import Box
+    from ..model.geometry import Float64Array
+
+
+class CalibratedRig:
+    """The calibration of cameras, scanner and GPS/IMU unit at one frame.
+
+    Attributes:
+        model: The numbers as KITTI's files have them: cameras (p_rect, k, d, ...), r0_rect,
+            cam0_T_velo, velo_T_imu, and what is missing.
+    """
+
+    def __init__(
+        self,
+        model: Calibration,
+        *,
+        base_t_imu: Transform | None = None,
+        camera_names: Mapping[int, str] | None = None,
+    ) -> None:
+        self.model = model
+        self._base_t_imu = base_t_imu or default_base_t_imu(MessageOptions())
+        self._frames = make_frames(Preset.DEFAULT, camera_names or {})
+
+    @classmethod
+    def from_matrices(
+        cls,
+        projections: Mapping[int, npt.ArrayLike],
+        rect_T_velo: npt.ArrayLike,
+        velo_T_imu: npt.ArrayLike | None = None,
+    ) -> CalibratedRig:
+        """Make the calibration of a rig of your own, such as to write it to KITTI's files.
+
+        Args:
+            projections: KITTI's camera number to P, (3, 4): from the common rectified camera frame
+                (x right, y down, z forward) to pixels of rectified images.
+            rect_T_velo: (4, 4) or (3, 4): points of the scanner to that frame.
+            velo_T_imu: (4, 4) or (3, 4): points of the GPS/IMU unit to the scanner's frame; KITTI's
+                by default.
+
+        Raises:
+            KittiRos2Error: A matrix has another shape.
+        """
+        cameras = {
+            index: CameraCalibration(_matrix(f'P{index}', p, ((3, 4),)))
+            for index, p in projections.items()
+        }
+        extrinsics = _matrix('rect_T_velo', rect_T_velo, ((3, 4), (4, 4)))
+        imu = NOMINAL_VELO_T_IMU
+        if velo_T_imu is not None:
+            imu = Transform.from_matrix(_matrix('velo_T_imu', velo_T_imu, ((3, 4), (4, 4))))
+        return cls(Calibration(cameras, np.eye(3), Transform.from_matrix(extrinsics), imu))
+
+    @property
+    def cameras(self) -> tuple[int, ...]:
+        """KITTI's numbers of the calibrated cameras."""
+        return tuple(sorted(self.model.cameras))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the coordinate frames that transform knows, besides map."""
+        return tuple(sorted(self._tree.frames))
+
+    def project(
+        self, points: npt.ArrayLike, camera: int = LABELLED_CAMERA, frame: str | int = 'velo_link'
+    ) -> tuple[Float64Array, Float64Array]:
+        """Project points into the images of a camera.
+
+        Rectified images: P_i R0_rect Tr_velo_to_cam x, as the devkit's readme.txt has it. Images of
+        raw extracts, which are not rectified: K and distortion (plumb bob) of the camera.
+
+        Args:
+            points: (N, 3) or more columns, of which x y z are used, metres.
+            camera: KITTI's number.
+            frame: Of the points, as in transform.
+
+        Returns:
+            (N, 2) float64 pixels u (right), v (down), (0, 0) the centre of the first pixel, NaN for
+            points behind the camera; and (N,) float64 depth along the optical axis, metres. Pixels
+            may be outside of the image.
+
+        Raises:
+            MissingDataError: The calibration of the camera is missing.
+        """
+        projection = self._projection(camera)
+        places = np.asarray(points, np.float64)
+        if places.ndim != 2 or places.shape[1] < 3:
+            raise UsageError(f'points of shape {places.shape}; expected (N, 3) or more columns')
+        places = places[:, :3]
+        if frame != self._frames.velo:
+            places = _move(places, self._to_velo(frame))
+        seen = projection.homogeneous(places)
+        return projection.pixels(seen), seen[:, 2]
+
+    def unproject(
+        self,
+        uv: npt.ArrayLike,
+        depth: npt.ArrayLike,
+        camera: int = LABELLED_CAMERA,
+        frame: str | int = 'velo_link',
+    ) -> Float64Array:
+        """Return the points at pixels and depths; the inverse of project.
+
+        Args:
+            uv: (N, 2) pixels.
+            depth: (N,) metres along the optical axis.
+            camera: KITTI's number.
+            frame: Of the result, as in transform.
+
+        Returns:
+            (N, 3) float64, metres.
+
+        Raises:
+            MissingDataError: The calibration of the camera is missing.
+        """
+        places = self._projection(camera).points(
+            np.asarray(uv, np.float64), np.asarray(depth, np.float64)
+        )
+        return _move(places, self.transform(frame, self._frames.velo))
+
+    def transform(
+        self,
+        target: str | int,
+        source: str | int,
+        map_T_base: npt.ArrayLike | None = None,
+    ) -> Float64Array:
+        """Return target_T_source, (4, 4) float64: maps points given in source to target.
+
+        Args:
+            target: base_link, imu_link, velo_link, an optical frame by its name, or KITTI's number
+                of a camera (x right, y down, z forward; of rectified images all cameras are
+                parallel to the rectified camera 0). map, if the pose is given.
+            source: The same.
+            map_T_base: The pose of the frame, (4, 4).
+
+        Raises:
+            MissingDataError: A frame is unknown or not connected.
+        """
+        if target == source:
+            return np.eye(4)
+        tree = self._tree
+        if map_T_base is not None:
+            map_t_base = Transform.from_matrix(map_T_base)
+            tree = FrameTree([*self._links, (self._frames.map, self._frames.base, map_t_base)])
+        names = (self._name(each) for each in (target, source))
+        return tree.transform(*names).matrix()
+
+    def label(
+        self,
+        class_name: str,
+        box: npt.ArrayLike,
+        size: tuple[int, int],
+        *,
+        score: float | None = None,
+        track: int | None = None,
+        occluded: int = 3,
+        camera: int = LABELLED_CAMERA,
+    ) -> Box:
+        """Make a line of a KITTI label or result file of a box in velo_link.
+
+        Its 2D box and its truncation are those of the projected corners.
+
+        Args:
+            class_name: A word, such as Car.
+            box: (7,) centre x y z, length, width, height in metres, yaw in radians, as
+                FrameObject.box, OpenPCDet and mmdetection3d have it.
+            size: (width, height) of the image, pixels.
+            score: Of a detection.
+            track: Identity across frames.
+            occluded: 0 visible, 1 partly, 2 largely, 3 unknown.
+            camera: KITTI's number of the camera of the 2D box.
+
+        Raises:
+            MissingDataError: The calibration of the camera is missing.
+        """
+        x, y, z, length, width, height, yaw = np.asarray(box, np.float64).tolist()
+        pose = Transform(rotation_from_rpy(0.0, 0.0, yaw), np.array([x, y, z]))
+        identity = '0' if track is None else str(track)
+        cuboid = Cuboid(class_name, identity, pose, (length, width, height), score, track)
+        self._projection(camera)
+        (made,), _ = make_boxes(
+            [cuboid], self.model, camera, size, TrackIds(), out_of_view=True, occluded=occluded
+        )
+        return replace(made, track_id=track)
+
+    @property
+    def _links(self) -> list[tuple[str, str, Transform]]:
+        return static_links(self.model, self._base_t_imu, self._frames)
+
+    @property
+    def _tree(self) -> FrameTree:
+        return FrameTree(self._links)
+
+    def _name(self, frame: str | int) -> str:
+        return frame if isinstance(frame, str) else self._frames.camera(frame)
+
+    def _to_velo(self, frame: str | int) -> Float64Array:
+        return self.transform(self._frames.velo, frame)
+
+    def _projection(self, camera: int) -> Projection:
+        try:
+            return Projection.of(self.model, camera)
+        except ValueError as error:
+            reason = next(iter(self.model.missing.values()), str(error))
+            raise MissingDataError(f'camera {camera}: {reason}') from None
+
+    def __repr__(self) -> str:
+        return f'<kitti_ros2.CalibratedRig of cameras {", ".join(map(str, self.cameras))}>'
+
+
+def _move(points: Float64Array, matrix: Float64Array) -> Float64Array:
+    moved: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def _matrix(name: str, values: npt.ArrayLike, shapes: tuple[tuple[int, int], ...]) -> Float64Array:
+    matrix = np.asarray(values, np.float64)
+    if matrix.shape not in shapes:
+        expected = ' or '.join(map(str, shapes))
+        raise UsageError(f'{name} of shape {matrix.shape}; expected {expected}')
+    return matrix

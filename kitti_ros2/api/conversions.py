@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The conversions from Python, with the options of the command line."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, nullcontext
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..bags.open_source import open_source
+from ..bags.reader import OpenBag
+from ..bags.writer import guess_storage
+from ..exporter.to_bag import convert
+from ..files.staging import refuse_inside
+from ..model.errors import MissingPathError, UsageError
+from ..options.table import make_import_options, make_settings
+from ..own_bags.to_kitti import convert_bags
+from .source import warn
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from contextlib import AbstractContextManager
+
+    from ..exporter.to_bag import ExportReport
+    from ..importer.report import ImportReport
+    from ..model.losses import Loss
+
+    AnyPath = str | PathLike[str]
+    Progress = Callable[[int, int], None]
+
+
+def to_bag(
+    src: AnyPath,
+    out: AnyPath,
+    *,
+    progress: Progress | None = None,
+    **options: Any,  # noqa: ANN401
+) -> ExportReport:
+    """Write a KITTI recording to a bag, as `kitti-ros2 to-bag` does.
+
+    Args:
+        src: A KITTI folder.
+        out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 folder.
+        progress: Called with the samples done and the number of all.
+        options: Those of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
+            images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
+
+    Returns:
+        What was written: path, counts by topic, frames, size_bytes, losses, notes. Each loss is
+        also a KittiRos2Warning.
+
+    Raises:
+        KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
+
+    Example:
+        >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
+        ExportReport(...)
+    """
+    source, target = Path(src), Path(out)
+    settings = make_settings(options)
+    bag = settings.bag(guess_storage(target, settings.storage))
+    recording = open_source(source, settings.read)
+    if isinstance(recording, OpenBag):
+        recording.close()
+        raise UsageError(f'{source}: is a bag already; expected a KITTI folder')
+    refuse_inside(source, target)
+    report = convert(
+        recording,
+        target,
+        settings.messages,
+        settings.selection,
+        bag,
+        strict=settings.strict,
+        progress=_shown(progress),
+    )
+    _warn_of(report.losses)
+    return report
+
+
+def to_kitti(
+    bag: AnyPath | Iterable[AnyPath],
+    out: AnyPath,
+    *,
+    plan: AnyPath | None = None,
+    progress: Progress | None = None,
+    **options: Any,  # noqa: ANN401
+) -> list[ImportReport]:
+    """Write a bag as a KITTI data set, as `kitti-ros2 to-kitti` does.
+
+    Args:
+        bag: A bag, or several of one drive. One that to-bag wrote becomes the original recording,
+            byte for byte.
+        out: The folder to create; with append=True an object set to add to.
+        plan: A plan file, as printed by `kitti-ros2 to-kitti BAG --plan`.
+        progress: Called with the samples done and the number of all.
+        options: Those of `kitti-ros2 to-kitti --help`, with underscores and the same defaults:
+            layout='object', name='training', calib=..., split=0.8, append=True.
+
+    Returns:
+        A report for each data set that was written: layout, name, counts, frames, losses, notes.
+        Each loss is also a KittiRos2Warning.
+
+    Raises:
+        KittiRos2Error: A bag, an option or the output is invalid; nothing is left behind.
+
+    Example:
+        >>> kitti_ros2.to_kitti('drive.mcap', 'dataset')
+        [ImportReport(...)]
+    """
+    paths = [Path(bag)] if isinstance(bag, (str, PathLike)) else [Path(each) for each in bag]
+    target = Path(out)
+    with ExitStack() as stack:
+        opened = []
+        for path in paths:
+            if not path.exists():
+                raise MissingPathError(f'{path}: no such file or folder; expected a bag')
+            refuse_inside(path, target)
+            opened.append(stack.enter_context(OpenBag(path)))
+        if not opened:
+            raise UsageError('no bag; expected at least one')
+        reports = convert_bags(
+            opened,
+            target,
+            make_import_options(options),
+            None if plan is None else Path(plan),
+            _shown(progress),
+            lambda _: None,
+        )
+    for report in reports:
+        _warn_of(report.losses)
+    return reports
+
+
+def _shown(
+    progress: Progress | None,
+) -> Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]:
+    """Return what the conversions call: with the number of samples, then with those done."""
+
+    def begin(total: int, _frames: int) -> AbstractContextManager[Callable[[int, int], None]]:
+        def show(done: int, _bytes: int) -> None:
+            if progress is not None:
+                progress(done, total)
+
+        return nullcontext(show)
+
+    return begin
+
+
+def _warn_of(losses: Iterable[Loss]) -> None:
+    for loss in losses:
+        warn(loss.text())

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of frames as arrays, shown in a notebook."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..files.png.encode import encode_png
+from ..model.errors import UsageError
+from ..options.table import make_view_settings
+from ..pictures.modes import MODES
+
+if TYPE_CHECKING:
+    import os
+
+    from .frame import Frame
+
+
+class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
+    """A picture, (H, W, 3) uint8 RGB: an array that notebooks show."""
+
+    def png(self) -> bytes:
+        """Return it as a PNG file.
+
+        Raises:
+            KittiRos2Error: It is not (H, W, 3) uint8, such as after an operation on the array.
+        """
+        if not self._is_picture:
+            raise UsageError(f'an array of shape {self.shape}, {self.dtype} is no RGB picture')
+        return encode_png(np.ascontiguousarray(self[..., ::-1]))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a PNG file."""
+        Path(path).write_bytes(self.png())
+
+    def show(self) -> None:
+        """Show it: in the output of a notebook, elsewhere in the program that opens PNG files."""
+        try:
+            from IPython import get_ipython  # noqa: PLC0415 - only where it is installed
+            from IPython.display import Image, display  # noqa: PLC0415
+        except ImportError:
+            shell = None
+        else:
+            shell = get_ipython()
+        if shell is not None:
+            display(Image(self.png()))
+            return
+        with tempfile.NamedTemporaryFile(suffix='.png', delete=False) as file:
+            file.write(self.png())
+        webbrowser.open(Path(file.name).as_uri())
+
+    def _repr_png_(self) -> bytes | None:
+        return self.png() if self._is_picture else None
+
+    @property
+    def _is_picture(self) -> bool:
+        return self.ndim == 3 and self.shape[2] == 3 and self.dtype == np.uint8 and self.size > 0
+
+
+def draw(frame: Frame, mode: str = 'panel', **options: Any) -> Picture:  # noqa: ANN401
+    """Draw a frame as `kitti-ros2 view` does.
+
+    Args:
+        frame: Of a recording.
+        mode: camera, boxes, lidar, bev or panel, as --mode.
+        options: Options of view that concern a picture: camera, color_by, color_map, point_size,
+            range, resolution, classes.
+
+    Raises:
+        KittiRos2Error: The frame has not the data of the mode, or an option is invalid.
+
+    Example:
+        >>> kitti_ros2.draw(recording[0], 'bev', range=(0, 40, -20, 20)).save('above.png')
+    """
+    settings = make_view_settings({'mode': mode, **options})
+    if settings.mode not in MODES:
+        raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')
+    chosen = MODES[settings.mode]
+    frames = frame.source.frames
+    wanted = chosen.streams(frames.cameras, settings.pictures)
+    pixels = chosen.draw(frames.frame(frame.number, wanted), settings.pictures)
+    return np.ascontiguousarray(pixels[..., ::-1]).view(Picture)

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The open files of a recording, shared by its frames."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from ..model.errors import MissingPathError
+from ..options.declare import options_of, parse_values, values_for
+from ..options.read import ReadOptions
+from ..pictures.sources import open_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..pictures.frame import FrameSource
+
+_OPTIONS = options_of(ReadOptions)
+
+
+class OpenSource:
+    """The open files of a recording, opened again in a process that was forked or unpickled."""
+
+    def __init__(self, path: Path, options: Mapping[str, Any]) -> None:
+        self.path = path
+        self.options = dict(options)
+        self._process = 0
+        self._frames: FrameSource | None = None
+
+    @property
+    def frames(self) -> FrameSource:
+        """The frames; file positions of a bag are not shared between processes."""
+        if self._frames is None or self._process != os.getpid():
+            if not self.path.exists():
+                raise MissingPathError(f'{self.path}: no such file or folder')
+            read = ReadOptions(**values_for(ReadOptions, parse_values(self.options, _OPTIONS)))
+            self._frames = open_frames(self.path, read)
+            self._process = os.getpid()
+        return self._frames
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._frames is not None and self._process == os.getpid():
+            self._frames.close()
+        self._frames = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {'path': self.path, 'options': self.options, '_process': 0, '_frames': None}
+
+
+class KittiRos2Warning(UserWarning):
+    """Data was skipped because it is missing or damaged; the text contains the path and line."""
+
+
+def warn(text: str) -> None:
+    """Warn of skipped data, at the line that called the caller."""
+    warnings.warn(text, KittiRos2Warning, stacklevel=3)
