@@ -278,6 +278,13 @@ def test_requirements_are_needed(requirements: dict[str, Requirement]) -> None:
     assert set(requirements) - installed_names() - coming == set()
 
 
+def test_readme_is_short_and_its_links_lead_somewhere() -> None:
+    text = (REPO / 'README.md').read_text(encoding='utf-8')
+    assert text.count('\n') <= 150
+    for link in re.findall(r'\]\((?!https?:)([^)#]+)', text):
+        assert (REPO / link).is_file(), link
+
+
 def test_readme_commands_are_single_lines() -> None:
     commands = readme_commands()
     assert len(commands) == 2

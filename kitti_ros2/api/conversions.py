@@ -58,7 +58,7 @@ def to_bag(
     Raises:
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
 
-    Example:
+    Examples:
         >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
         ExportReport(...)
     """
@@ -109,7 +109,7 @@ def to_kitti(
     Raises:
         KittiRos2Error: A bag, an option or the output is invalid; nothing is left behind.
 
-    Example:
+    Examples:
         >>> kitti_ros2.to_kitti('drive.mcap', 'dataset')
         [ImportReport(...)]
     """

@@ -83,7 +83,7 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
     Raises:
         KittiRos2Error: The frame has not the data of the mode, or an option is invalid.
 
-    Example:
+    Examples:
         >>> kitti_ros2.draw(recording[0], 'bev', range=(0, 40, -20, 20)).save('above.png')
     """
     unfit = sorted(set(options) - set(map(keyword_of, DRAW)))

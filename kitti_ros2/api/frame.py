@@ -165,7 +165,7 @@ class Frame:
         Raises:
             MissingDataError: A frame is unknown, or calibration or pose is missing.
 
-        Example:
+        Examples:
             >>> map_T_velo = frame.transform('map', 'velo_link')
         """
         rig = self.calibration

@@ -46,7 +46,7 @@ def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[st
     Raises:
         KittiRos2Error: The frame is of a bag, an option is invalid, or data cannot be read.
 
-    Example:
+    Examples:
         >>> msgtype, data = kitti_ros2.encode(recording.frame(1))['/kitti/velo/points']
         >>> msgtype
         'sensor_msgs/msg/PointCloud2'

@@ -60,7 +60,7 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
         FileNotFoundError: There is no such path; it is a KittiRos2Error as well.
         KittiRos2Error: It is no KITTI folder or bag, or an option is invalid.
 
-    Example:
+    Examples:
         >>> recording = kitti_ros2.open('2011_09_26/2011_09_26_drive_0005_sync')
         >>> recording[0].number, recording[0].points.shape
         (0, (..., 4))

@@ -51,8 +51,9 @@ def test_every_table_is_in_a_page_and_every_command_in_the_reference():
     commands = re.findall(r'^## (\S+)\n\n<!-- generated: command (\S+) -->$',
                           TEXTS['docs/reference/commands.md'], re.MULTILINE)  # fmt: skip
     assert sorted(commands) == sorted((name, name) for name in COMMANDS)
-    files = {path.name for path in (ROOT / 'config').glob('*.yaml')}
-    assert {name for kind, name in asked if kind == 'config'} == files
+    files = [*(ROOT / 'config').glob('*.yaml'), *(ROOT / 'examples').glob('*.py')]
+    shown = {ROOT / name for kind, name in asked if kind == 'file'}
+    assert shown == set(files)
 
 
 def test_a_page_gets_its_tables():
