@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import webbrowser
 from pathlib import Path
@@ -49,15 +50,9 @@ class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
 
     def show(self) -> None:
         """Show it: in the output of a notebook, elsewhere in the program that opens PNG files."""
-        try:
-            from IPython import get_ipython  # noqa: PLC0415 - only where it is installed
-            from IPython.display import Image, display  # noqa: PLC0415
-        except ImportError:
-            shell = None
-        else:
-            shell = get_ipython()
-        if shell is not None:
-            display(Image(self.png()))
+        ipython = sys.modules.get('IPython')  # a notebook has imported it
+        if ipython is not None and ipython.get_ipython() is not None:
+            ipython.display.display(ipython.display.Image(self.png()))
             return
         with tempfile.NamedTemporaryFile(suffix='.png', delete=False) as file:
             file.write(self.png())

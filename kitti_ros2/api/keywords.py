@@ -34,6 +34,7 @@ class ToBagKeywords(ReadKeywords, total=False):
 
     streams: OneOrMore
     topics: OneOrMore
+    exclude_topics: OneOrMore
     start: int | str | None
     end: int | str | None
     images: str
@@ -67,6 +68,9 @@ class ToKittiKeywords(TypedDict, total=False):
     calib: str | os.PathLike[str] | None
     split: float
     append: bool
+    overwrite: bool
+    start: int | str | None
+    end: int | str | None
 
 
 class DrawKeywords(TypedDict, total=False):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..exporter.to_bag import ExportReport
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
 
 
 def run_to_bag(
@@ -94,7 +94,7 @@ def run_to_bag(
 
 
 def _summarize(
-    report: ExportReport, elapsed: float, *, images: Images, recording: Recording
+    report: ExportReport, elapsed: float, *, images: Images, recording: ReadableRecording
 ) -> None:
     written = {topic: count for topic, count in report.counts.items() if count}
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'

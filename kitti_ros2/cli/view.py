@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
     from ..options.table import ViewSettings
-    from ..pictures.frame import Frame, FrameSource
+    from ..pictures.frame import FrameData, FrameSource
 
 _MOVIE = '.mp4'
 
@@ -127,7 +127,7 @@ def _draw(
     source: FrameSource,
     settings: ViewSettings,
     out: Path,
-    refine: Callable[[Frame], Frame],
+    refine: Callable[[FrameData], FrameData],
     *,
     quiet: bool,
 ) -> tuple[Loss, ...]:
@@ -166,7 +166,7 @@ def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str])
     ]
 
 
-def _keep(frame: Frame) -> Frame:
+def _keep(frame: FrameData) -> FrameData:
     return frame
 
 

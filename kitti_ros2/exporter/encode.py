@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from ..messages.pixels import Pixels
     from ..messages.topics import Topic
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..model.samples import Image, Sample
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
@@ -59,7 +59,7 @@ class Encoder:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: ReadableRecording,
         schedule: Schedule,
         options: MessageOptions,
         selection: SelectionOptions,
@@ -203,7 +203,7 @@ class Encoder:
 
 
 def _selected_streams(
-    recording: Recording, options: MessageOptions, selection: SelectionOptions
+    recording: ReadableRecording, options: MessageOptions, selection: SelectionOptions
 ) -> set[Stream]:
     """Return the streams selected by topics, including cameras that are lost completely."""
     if not selection.topics and not selection.exclude_topics:

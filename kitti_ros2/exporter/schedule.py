@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from ..model.losses import Loss
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array, Turn
     from ..options.selection import SelectionOptions
     from .window import Window
@@ -161,7 +161,7 @@ def nearest_frames(
     return frames
 
 
-def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule:
+def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> Schedule:
     """Schedule the samples of a recording in a selection.
 
     Data of the whole recording (its description, a constant calibration, the path) is due once, at
@@ -199,7 +199,7 @@ def make_schedule(recording: Recording, selection: SelectionOptions) -> Schedule
 
 
 def _span(
-    rows: Sequence[_Row], stream: Stream, recording: Recording, window: Window
+    rows: Sequence[_Row], stream: Stream, recording: ReadableRecording, window: Window
 ) -> tuple[int, int] | None:
     """Return the first and last selected file number of a stream, None if unknown."""
     if window.stamps_ns == UNLIMITED:
@@ -212,14 +212,14 @@ def _span(
     return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)
 
 
-def _has_once(recording: Recording, stream: Stream, present: set[Stream]) -> bool:
+def _has_once(recording: ReadableRecording, stream: Stream, present: set[Stream]) -> bool:
     if stream is Stream.CALIBRATION:
         return stream not in recording.streams
     return stream is Stream.RECORDING or Stream.POSE in present
 
 
 def _in_order(
-    rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]], recording: Recording
+    rows: Sequence[_Row], spans: Mapping[Stream, tuple[int, int]], recording: ReadableRecording
 ) -> Schedule:
     streams = np.concatenate([np.full(len(row[1]), _STREAMS.index(row[0])) for row in rows])
     numbers = np.concatenate([row[1] for row in rows])

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..bags.writer import BagWriter
     from ..messages.cdr import Message
     from ..messages.topics import Topic
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..options.bag import BagOptions
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
@@ -61,7 +61,7 @@ class ExportReport:
 
 
 def convert(
-    recording: Recording,
+    recording: ReadableRecording,
     out: Path,
     messages: MessageOptions,
     selection: SelectionOptions,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..model.recording import Recording, StreamIndex
+    from ..model.recording import ReadableRecording, StreamIndex
     from ..options.selection import Bound, SelectionOptions
 
 UNLIMITED = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
@@ -61,7 +61,7 @@ def select_window(
     return Window((numbers[0], numbers[1]), (stamps[0], stamps[1]))
 
 
-def nothing_selected(recording: Recording, selection: SelectionOptions) -> UsageError:
+def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) -> UsageError:
     """Return the error for a selection without samples: empty, or its end is before its start."""
     start, end = selection.start, selection.end
     if start is not None and end is not None:

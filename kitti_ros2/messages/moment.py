@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path, PurePath
 
     from ..model.geometry import Float64Array
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..model.samples import Calibration, Image
     from ..options.messages import MessageOptions
     from .pixels import Pixels
@@ -91,7 +91,7 @@ class Origin:
     base_t_imu: Transform = field(default_factory=Transform.identity)
 
 
-def make_rig(recording: Recording, options: MessageOptions) -> Rig:
+def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
     """Make the parameters common to all messages of a recording."""
     mount = base_t_imu(options)
     labelled = {LABELLED_CAMERA} if Stream.LABELS in recording.streams else set()

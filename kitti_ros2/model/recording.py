@@ -43,7 +43,7 @@ class StreamIndex:
         return len(self.numbers)
 
 
-class Recording(Protocol):
+class ReadableRecording(Protocol):
     """A KITTI recording open for reading: an index in memory, samples read one by one on demand.
 
     Attributes:

@@ -56,7 +56,7 @@ _EXPECTED = 'the data of the frame'
 
 
 class BagRecording:
-    """The recording in a bag: the part of model.recording.Recording that frames need.
+    """The recording in a bag: the part of model.recording.ReadableRecording that frames need.
 
     Args:
         source: The bag.

@@ -35,7 +35,7 @@ from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
 from ..rig.tf_tree import FrameTree
-from .frame import Frame
+from .frame import FrameData
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -123,7 +123,7 @@ class BagFrames:
         tree = FrameTree(survey.static, survey.moving)
         return tree.find(pose.body, unit) or Transform.identity()
 
-    def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
+    def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """See FrameSource."""
         if not 0 <= number < len(self.numbers):
             last = len(self.numbers) - 1
@@ -146,7 +146,7 @@ class BagFrames:
         labels = made.get(Stream.LABELS, FrameLabels())
         scan = made.get(Stream.SCAN)
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
-        return Frame(
+        return FrameData(
             source=self.name,
             number=number,
             stamp_ns=stamp_ns,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.strokes import Color
     from ..options.pictures import PictureOptions
-    from .frame import Frame
+    from .frame import FrameData
 
 _SCALE = 0.45
 _LINE = 22
@@ -34,12 +34,12 @@ _WARNING: Color = (96, 176, 245)
 _BAR_HEIGHT = 8
 
 
-def moment_of(frame: Frame) -> str | None:
+def moment_of(frame: FrameData) -> str | None:
     """Format the frame's time to the millisecond; None if the layout has no times."""
     return f'{format_stamp(frame.stamp_ns)[:-6]} UTC' if frame.timed else None
 
 
-def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
+def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]:
     """Return names and values of the facts of a frame."""
     facts = [] if frame.timed else [('time', 'not told by the layout')]
     camera = chosen_camera(frame.images, options)
@@ -56,7 +56,7 @@ def facts_of(frame: Frame, options: PictureOptions) -> list[tuple[str, str]]:
     return facts + _compared(frame) + _motion(frame)
 
 
-def _compared(frame: Frame) -> list[tuple[str, str]]:
+def _compared(frame: FrameData) -> list[tuple[str, str]]:
     """Return the number of predictions that are right and wrong, and of labels that none finds."""
     matches = [each.match for each in frame.objects], [each.match for each in frame.predictions]
     missed, found = (Counter(match.verdict for match in some if match) for some in matches)
@@ -66,7 +66,7 @@ def _compared(frame: Frame) -> list[tuple[str, str]]:
     return [('compared', f'{right} TP, {wrong} FP, {missed[Verdict.FALSE_NEGATIVE]} FN')]
 
 
-def _motion(frame: Frame) -> list[tuple[str, str]]:
+def _motion(frame: FrameData) -> list[tuple[str, str]]:
     """Return the facts from the GPS/IMU unit, or else from the pose."""
     packet, pose = frame.packet, frame.pose
     if packet is not None:
@@ -84,7 +84,7 @@ def _motion(frame: Frame) -> list[tuple[str, str]]:
     return []
 
 
-def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
+def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
     """Draw the facts of a frame, one line each, and its missing data."""
     width = window.shape[1]
     baseline = _LINE - 4
@@ -101,7 +101,7 @@ def draw_facts(window: Pixels, frame: Frame, options: PictureOptions) -> None:
         baseline += _LINE
 
 
-def draw_classes(window: Pixels, frame: Frame) -> None:
+def draw_classes(window: Pixels, frame: FrameData) -> None:
     """Draw the number of objects of each class with bars, and below them the predictions."""
     counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
     found = Counter(each.kind for each in frame.predictions)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class FrameData:
     """The data of one frame.
 
     Attributes:
@@ -90,7 +90,7 @@ class FrameSource(Protocol):
     assumptions: Sequence[str]
     notes: Sequence[str]
 
-    def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
+    def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """Return the frame with a number.
 
         Args:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..model.samples import Float32Array
     from ..options.pictures import PictureOptions
-    from .frame import Frame
+    from .frame import FrameData
 
 
 POINT_LABELS = 'point_labels'
@@ -38,7 +38,7 @@ def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | No
     return LABEL_CAMERA if LABEL_CAMERA in cameras else min(cameras, default=None)
 
 
-def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
+def camera_image(frame: FrameData, options: PictureOptions) -> tuple[int, Pixels]:
     """Return the camera that the options choose, and its image, read-only.
 
     Raises:
@@ -52,7 +52,7 @@ def camera_image(frame: Frame, options: PictureOptions) -> tuple[int, Pixels]:
     return camera, frame.images[camera]
 
 
-def frame_points(frame: Frame) -> Float32Array:
+def frame_points(frame: FrameData) -> Float32Array:
     """Return the scan.
 
     Raises:
@@ -63,7 +63,7 @@ def frame_points(frame: Frame) -> Float32Array:
     return frame.points
 
 
-def bird_points(frame: Frame) -> Float32Array | None:
+def bird_points(frame: FrameData) -> Float32Array | None:
     """Return the scan for the bird's-eye view; None if the frame only has boxes.
 
     Raises:
@@ -73,7 +73,7 @@ def bird_points(frame: Frame) -> Float32Array | None:
     return frame.points if boxes else frame_points(frame)
 
 
-def point_colors(frame: Frame, options: PictureOptions, default: ColorBy) -> PointColors:
+def point_colors(frame: FrameData, options: PictureOptions, default: ColorBy) -> PointColors:
     """Return the colours of points that the options choose.
 
     Raises:
@@ -87,7 +87,7 @@ def point_colors(frame: Frame, options: PictureOptions, default: ColorBy) -> Poi
     return PointColors(by, options.color_map, frame.point_labels)
 
 
-def frame_projection(frame: Frame, camera: int) -> Projection:
+def frame_projection(frame: FrameData, camera: int) -> Projection:
     """Return the projection from velo_link into the images of a camera.
 
     Raises:
@@ -102,7 +102,7 @@ def frame_projection(frame: Frame, camera: int) -> Projection:
         raise MissingDataError(f'{name_of(frame)}: {reason}') from None
 
 
-def needed_projection(frame: Frame, camera: int) -> Projection | None:
+def needed_projection(frame: FrameData, camera: int) -> Projection | None:
     """Return the projection if 2D boxes cannot be drawn without it; else None.
 
     Raises:
@@ -114,7 +114,7 @@ def needed_projection(frame: Frame, camera: int) -> Projection | None:
     return frame_projection(frame, camera) if needed else None
 
 
-def of_classes(frame: Frame, options: PictureOptions) -> Frame:
+def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     """Return the frame with objects of the selected classes only, and DontCare regions."""
     if not options.classes:
         return frame
@@ -126,17 +126,17 @@ def of_classes(frame: Frame, options: PictureOptions) -> Frame:
     )
 
 
-def _lacking(frame: Frame, what: str, stream: str) -> MissingDataError:
+def _lacking(frame: FrameData, what: str, stream: str) -> MissingDataError:
     """Make the error for a missing part of a frame, with the reason if it is known."""
     reason = _reason(frame, stream)
     return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
 
 
-def _reason(frame: Frame, stream: str) -> str:
+def _reason(frame: FrameData, stream: str) -> str:
     """Return the reason why a stream is missing, '' if unknown."""
     return next((why for name, why in frame.missing.items() if name.startswith(stream)), '')
 
 
-def name_of(frame: Frame) -> str:
+def name_of(frame: FrameData) -> str:
     """Return the name of the frame in errors."""
     return f'{frame.source}: frame {frame.number}'

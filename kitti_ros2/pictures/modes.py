@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
     from ..options.pictures import PictureOptions
-    from .frame import Frame
+    from .frame import FrameData
     from .painters import Painter
 
 
@@ -32,7 +32,7 @@ class Mode:
         instead: Streams that it shows if there are no images.
     """
 
-    draw: Callable[[Frame, PictureOptions], Pixels]
+    draw: Callable[[FrameData, PictureOptions], Pixels]
     image: bool
     others: frozenset[str]
     instead: frozenset[str] = frozenset()
@@ -48,10 +48,10 @@ class Mode:
         return self.others | (self.instead if camera is None else {f'image_{camera}'})
 
 
-def _on_image(paint: Painter) -> Callable[[Frame, PictureOptions], Pixels]:
+def _on_image(paint: Painter) -> Callable[[FrameData, PictureOptions], Pixels]:
     """Return a function that paints on a copy of the camera image."""
 
-    def draw(frame: Frame, options: PictureOptions) -> Pixels:
+    def draw(frame: FrameData, options: PictureOptions) -> Pixels:
         camera, image = camera_image(frame, options)
         picture: Pixels = image.copy()
         paint(picture, Shown(camera, picture), of_classes(frame, options), options)

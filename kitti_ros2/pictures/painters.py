@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.projection import Projection
     from ..options.pictures import PictureOptions
-    from .frame import Frame
+    from .frame import FrameData
 
 
 class Shown(NamedTuple):
@@ -43,16 +43,16 @@ class Shown(NamedTuple):
     scale_x: float = 1.0
     scale_y: float = 1.0
 
-    def projection(self, frame: Frame) -> Projection:
+    def projection(self, frame: FrameData) -> Projection:
         """Return the projection from velo_link into the picture."""
         return frame_projection(frame, self.camera).resized(self.scale_x, self.scale_y)
 
 
-Painter: TypeAlias = 'Callable[[Pixels, Shown, Frame, PictureOptions], None]'
+Painter: TypeAlias = 'Callable[[Pixels, Shown, FrameData, PictureOptions], None]'
 """Draws on a picture that shows a camera's image."""
 
 
-def paint_boxes_2d(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+def paint_boxes_2d(window: Pixels, shown: Shown, frame: FrameData, options: PictureOptions) -> None:
     """Draw 2D boxes."""
     scales = shown.scale_x, shown.scale_y
     projection = needed_projection(frame, shown.camera)
@@ -66,20 +66,20 @@ def paint_boxes_2d(window: Pixels, shown: Shown, frame: Frame, options: PictureO
     )
 
 
-def paint_boxes_3d(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+def paint_boxes_3d(window: Pixels, shown: Shown, frame: FrameData, options: PictureOptions) -> None:
     """Draw 3D wireframes."""
     projection = shown.projection(frame)
     draw_wireframes(window, frame.objects, projection, frame.predictions, named=options.named)
 
 
-def paint_scan(window: Pixels, shown: Shown, frame: Frame, options: PictureOptions) -> None:
+def paint_scan(window: Pixels, shown: Shown, frame: FrameData, options: PictureOptions) -> None:
     """Draw the scan."""
     points, projection = frame_points(frame), shown.projection(frame)
     colors = point_colors(frame, options, ColorBy.DEPTH)
     draw_points(window, points, projection, colors, options.point_size)
 
 
-def draw_from_behind(frame: Frame, options: PictureOptions) -> Pixels:
+def draw_from_behind(frame: FrameData, options: PictureOptions) -> Pixels:
     """Draw the scan and the boxes in perspective."""
     frame = of_classes(frame, options)
     return draw_perspective(
@@ -92,7 +92,7 @@ def draw_from_behind(frame: Frame, options: PictureOptions) -> Pixels:
     )
 
 
-def draw_bird(frame: Frame, options: PictureOptions) -> Pixels:
+def draw_bird(frame: FrameData, options: PictureOptions) -> Pixels:
     """Draw the scan and the boxes from above."""
     frame = of_classes(frame, options)
     return birds_eye(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..drawing.strokes import Color
     from ..options.pictures import BirdOptions, PictureOptions
-    from .frame import Frame
+    from .frame import FrameData
     from .panel_parts import Area
 
 _PAGE: Color = (14, 12, 11)
@@ -44,7 +44,7 @@ _HEAD_SCALE = 0.7
 _DIM = 0.3
 
 
-def draw_panel(frame: Frame, options: PictureOptions) -> Pixels:
+def draw_panel(frame: FrameData, options: PictureOptions) -> Pixels:
     """Draw the page of a frame, (1080, 1920, 3) BGR."""
     frame = of_classes(frame, options)
     page = new_picture(SIZE, _PAGE)
@@ -66,7 +66,7 @@ def draw_panel(frame: Frame, options: PictureOptions) -> Pixels:
     return page
 
 
-def _draw_head(page: Pixels, frame: Frame) -> None:
+def _draw_head(page: Pixels, frame: FrameData) -> None:
     """Draw source and frame on the left, time on the right."""
     number = f'frame {frame.number}'
     moment = moment_of(frame) or ''
@@ -80,7 +80,7 @@ def _draw_head(page: Pixels, frame: Frame) -> None:
     put_text(page, number, (left, baseline), _HEAD_SCALE, _QUIET)
 
 
-def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
+def _say(window: Pixels, frame: FrameData, error: MissingDataError) -> None:
     """Draw the reason for missing data in the middle of a window."""
     window[:] = cv2.convertScaleAbs(window, alpha=_DIM)
     width = window.shape[1]
@@ -91,7 +91,7 @@ def _say(window: Pixels, frame: Frame, error: MissingDataError) -> None:
 
 
 def _draw_images(
-    page: Pixels, areas: Sequence[Area], frame: Frame, options: PictureOptions
+    page: Pixels, areas: Sequence[Area], frame: FrameData, options: PictureOptions
 ) -> None:
     """Draw the camera image three times: with 2D boxes, 3D boxes, and the scan."""
     try:
@@ -122,7 +122,7 @@ def _fit(camera: int, image: Pixels, area: Area) -> Shown:
     return Shown(camera, picture, width / image.shape[1], height / image.shape[0])
 
 
-def _draw_bird(window: Pixels, frame: Frame, options: PictureOptions) -> None:
+def _draw_bird(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
     """Draw the scan and the boxes from above."""
     try:
         window[:] = draw_bird(frame, replace(options, bird=_filling(options.bird, window)))
@@ -142,7 +142,9 @@ def _filling(bird: BirdOptions, window: Pixels) -> BirdOptions:
     return replace(bird, x_range=x_range, y_range=y_range, pixels_per_metre=scale)
 
 
-def _draw_maps(page: Pixels, areas: Sequence[Area], frame: Frame, options: PictureOptions) -> None:
+def _draw_maps(
+    page: Pixels, areas: Sequence[Area], frame: FrameData, options: PictureOptions
+) -> None:
     """Draw the scan by direction: intensity and distance."""
     try:
         maps = range_maps(frame_points(frame), areas[0].width)

@@ -15,7 +15,7 @@ from ..drawing.range_maps import ROWS
 
 if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
-    from .frame import Frame
+    from .frame import FrameData
 
 SIZE = (1920, 1080)
 """(width, height) of the page, pixels."""
@@ -90,7 +90,7 @@ class PanelParts(NamedTuple):
 _WITH_IMAGES = PanelParts((BOXES_2D, BOXES_3D, LIDAR), BIRD, None, (INTENSITY, DISTANCE))
 
 
-def parts_of(frame: Frame) -> PanelParts:
+def parts_of(frame: FrameData) -> PanelParts:
     """Return the parts of the page of a frame."""
     if frame.images or frame.imaged:
         return _WITH_IMAGES

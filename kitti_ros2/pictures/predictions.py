@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.boxes import Box
-    from .frame import Frame
+    from .frame import FrameData
 
 _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
@@ -49,7 +49,7 @@ class Predictions:
             hint = f'; give one of its files, such as {tracks[0]}' if tracks else ''
             raise UsageError(f'{self._folder}: holds no file named like 000000.txt{hint}')
 
-    def add_to(self, frame: Frame) -> Frame:
+    def add_to(self, frame: FrameData) -> FrameData:
         """Return the frame with its predictions, compared with its labels if it has any.
 
         Bad lines are in its missing.
@@ -96,7 +96,7 @@ class Predictions:
         return frames
 
 
-def compared(frame: Frame) -> Frame:
+def compared(frame: FrameData) -> FrameData:
     """Return the frame with the match of each label and prediction."""
     matches = match(frame.objects, frame.predictions)
     objects, predictions = (

@@ -22,7 +22,7 @@ from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, S
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
-from .frame import Frame
+from .frame import FrameData
 from .frame_parts import POINT_LABELS
 
 if TYPE_CHECKING:
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..model.geometry import Float64Array
     from ..model.losses import Loss
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array, Sample
 
-    Readable: TypeAlias = Recording | BagRecording
+    Readable: TypeAlias = ReadableRecording | BagRecording
 
 S = TypeVar('S')
 
@@ -77,7 +77,7 @@ class RecordingFrames:
             for stream, files in self._samples.items()
         }
 
-    def frame(self, number: int, wanted: frozenset[str] | None = None) -> Frame:
+    def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """See FrameSource."""
         place = int(np.searchsorted(self.numbers, number))
         if place == len(self.numbers) or self.numbers[place] != number:
@@ -103,7 +103,7 @@ class RecordingFrames:
             missing[POINT_LABELS] = reason
         labels = _of(samples, Stream.LABELS, FrameLabels) or FrameLabels()
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
-        return Frame(
+        return FrameData(
             source=self.name,
             number=number,
             stamp_ns=int(self.stamps_ns[place]),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..options.pictures import PictureOptions
     from ..options.selection import SelectionOptions
-    from .frame import Frame, FrameSource
+    from .frame import FrameData, FrameSource
     from .modes import Mode
 
 _NOMINAL_HZ = NS_PER_S / NOMINAL_PERIOD_NS
@@ -49,7 +49,7 @@ def draw_frames(
     numbers: Sequence[int],
     mode: Mode,
     options: PictureOptions,
-    refine: Callable[[Frame], Frame] = lambda frame: frame,
+    refine: Callable[[FrameData], FrameData] = lambda frame: frame,
 ) -> Iterator[Drawn]:
     """Draw the pictures of some frames, in their order.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..messages.ros_types import Typestore
     from ..model.channels import Channel
-    from ..model.recording import Recording
+    from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
@@ -78,7 +78,7 @@ class RecordingProgram:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: ReadableRecording,
         messages: MessageOptions,
         selection: SelectionOptions,
         workers: int,

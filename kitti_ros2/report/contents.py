@@ -83,7 +83,7 @@ class StreamFacts:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReportPicture:
     """An encoded image.
 
     Attributes:
@@ -116,9 +116,9 @@ class Scene:
     number: int
     stamp_ns: int
     words: tuple[str, ...]
-    camera: Picture | None
-    points: Picture | None
-    above: Picture | None
+    camera: ReportPicture | None
+    points: ReportPicture | None
+    above: ReportPicture | None
 
 
 NUMBER = 'num'
@@ -164,7 +164,7 @@ class Report:
     frames: int | None = None
     route: Route | None = None
     classes: ClassStatistics | None = None
-    projections: Sequence[Picture] = ()
+    projections: Sequence[ReportPicture] = ()
     scenes: Sequence[Scene] = ()
 
     @property

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..model.samples import Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
-    from ..pictures.frame import Frame, FrameSource
+    from ..pictures.frame import FrameData, FrameSource
     from .overview import Overview
     from .route import Route
 
@@ -226,7 +226,7 @@ class _Lacks:
     def __init__(self) -> None:
         self._frames: dict[str, dict[int, str]] = defaultdict(dict)
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: FrameData) -> None:
         """Add the missing data of a frame."""
         for what, reason in frame.missing.items():
             # Each row of labels has its own name; they share the stream.

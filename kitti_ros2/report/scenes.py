@@ -18,13 +18,13 @@ from ..options.pictures import PictureOptions
 from ..pictures.frame_parts import chosen_camera
 from ..pictures.modes import MODES
 from ..pictures.output import encode_picture
-from .contents import Picture, Scene
+from .contents import ReportPicture, Scene
 from .statistics import spread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from ..pictures.frame import Frame, FrameSource
+    from ..pictures.frame import FrameData, FrameSource
 
 _QUALITY = 80
 _MOST_WIDTH = 1920
@@ -35,7 +35,7 @@ def draw_scenes(
     source: FrameSource,
     pictured: Sequence[int],
     most: int,
-    seen: Callable[[Frame], None],
+    seen: Callable[[FrameData], None],
     step: Callable[[], None],
 ) -> tuple[Scene, ...]:
     """Draw evenly spread frames: the camera image, points in it, and from above.
@@ -64,8 +64,8 @@ def draw_scenes(
 
 
 def draw_projections(
-    source: FrameSource, pictured: Sequence[int], seen: Callable[[Frame], None]
-) -> tuple[Picture, ...]:
+    source: FrameSource, pictured: Sequence[int], seen: Callable[[FrameData], None]
+) -> tuple[ReportPicture, ...]:
     """Draw the points of the middle frame over the image of each camera."""
     if not pictured:
         return ()
@@ -76,7 +76,7 @@ def draw_projections(
     return tuple(picture for picture in found if picture is not None)
 
 
-def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
+def _scene(frame: FrameData, source: FrameSource, camera: int | None) -> Scene:
     """Draw the possible pictures of a frame."""
     image = points = None
     if camera is not None:
@@ -87,38 +87,40 @@ def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
     )
 
 
-def _image(frame: Frame, camera: int, name: str) -> Picture | None:
+def _image(frame: FrameData, camera: int, name: str) -> ReportPicture | None:
     """Draw the image with 3D boxes, or with 2D boxes without a calibration."""
     alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
     drawn = (_picture(mode, frame, camera, alt, f'Camera {name}') for mode in ('boxes', 'camera'))
     return next(filter(None, drawn), None)
 
 
-def _from_above(frame: Frame) -> Picture | None:
+def _from_above(frame: FrameData) -> ReportPicture | None:
     alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
     return _picture('bev', frame, None, alt, 'From above, by height')
 
 
-def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
+def _projection(frame: FrameData, camera: int, name: str) -> ReportPicture | None:
     """Draw points over an image."""
     alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
     caption = f'Points in camera {name}, by depth'
     return _picture('lidar', frame, camera, alt, caption)
 
 
-def _words(frame: Frame) -> Iterator[str]:
+def _words(frame: FrameData) -> Iterator[str]:
     counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
     yield from (f'{count} {kind}' for kind, count in counts.most_common())
     if frame.points is not None:
         yield format_count(len(frame.points), 'point')
 
 
-def _labels(frame: Frame) -> str:
+def _labels(frame: FrameData) -> str:
     count = sum(each.kind != DONT_CARE for each in frame.objects)
     return f'{format_count(count, "labelled object")}' if count else 'no labels'
 
 
-def _picture(mode: str, frame: Frame, camera: int | None, alt: str, caption: str) -> Picture | None:
+def _picture(
+    mode: str, frame: FrameData, camera: int | None, alt: str, caption: str
+) -> ReportPicture | None:
     """Draw a JPEG in one of the modes, in full size up to a width; None if data is missing."""
     try:
         pixels = MODES[mode].draw(frame, PictureOptions(camera=camera))
@@ -128,4 +130,4 @@ def _picture(mode: str, frame: Frame, camera: int | None, alt: str, caption: str
         size = (_MOST_WIDTH, max(1, round(pixels.shape[0] * _MOST_WIDTH / pixels.shape[1])))
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     data = encode_picture(pixels, '.jpg', _QUALITY)
-    return Picture(data, pixels.shape[1], pixels.shape[0], alt, caption)
+    return ReportPicture(data, pixels.shape[1], pixels.shape[0], alt, caption)

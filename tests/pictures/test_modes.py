@@ -20,7 +20,7 @@ from kitti_ros2.model.samples import FrameLabels
 from kitti_ros2.options.pictures import BirdOptions, ColorBy, PictureOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.facts import facts_of
-from kitti_ros2.pictures.frame import Frame
+from kitti_ros2.pictures.frame import FrameData
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel_parts import (
     BIRD,
@@ -40,10 +40,10 @@ ANY = PictureOptions()
 DRIVE = SyntheticDrive(SyntheticOptions(frames=1, image_size=(414, 125), lidar_columns=300))
 
 
-def make_frame(**changes) -> Frame:
+def make_frame(**changes) -> FrameData:
     """The first frame of the synthetic drive, in memory."""
     labels = FrameLabels(boxes=DRIVE.boxes(0))
-    frame = Frame(
+    frame = FrameData(
         source='synthetic',
         number=0,
         stamp_ns=DRIVE.stamps(0).scan,
