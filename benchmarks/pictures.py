@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from kitti_ros2.pictures.frame import FrameSource
 
 OPTIONS = PictureOptions()
+BOUNDS = {'panel': '<= 4', 'perspective': '<= 2'}
 PANELS = 24
 """Panels of one timed run with threads."""
 
@@ -50,7 +51,7 @@ def measure_modes(source: FrameSource, repeat: int) -> None:
     decode = median(times['decode'])
     for name in MODES:
         spent = median(times[name])
-        bound = '<= 4' if name == 'panel' else '<= 1.5'
+        bound = BOUNDS.get(name, '<= 1.5')
         report(f'{name} / decoding one image', spent / decode, bound, f'{1e3 * spent:.1f} ms')
 
 

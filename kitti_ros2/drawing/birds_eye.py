@@ -38,8 +38,8 @@ _LARGEST = 1 << 20
 """Greatest distance of a ring, pixels; OpenCV's fixed point overflows beyond."""
 
 BY_HEIGHT = PointColors(ColorBy.HEIGHT)
-_LEGEND_SCALE = 0.9
-_LEGEND_WIDTH = 180
+_LEGEND_SCALE = 1.1
+_LEGEND_WIDTH = 230
 """Of the colour bar at this scale, at least, pixels."""
 
 _SHIFT = 4

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -214,13 +214,16 @@ class BagFrames:
 
     def _path(self, stamp_ns: int) -> Float64Array | None:
         """Return (N, 3) positions up to a time, None without any."""
+        stamps_ns, positions = self._all_positions
+        found = positions[stamps_ns <= stamp_ns]
+        return found if len(found) else None
+
+    @cached_property
+    def _all_positions(self) -> tuple[Int64Array, Float64Array]:
+        """Stamps and (N, 3) positions of all poses."""
         track = self.trajectory()
-        found = [
-            pose.translation
-            for stamp, pose in zip(track.stamps_ns.tolist(), track.world_T_imu, strict=True)
-            if stamp <= stamp_ns
-        ]
-        return np.array(found) if found else None
+        positions = [pose.translation for pose in track.world_T_imu]
+        return track.stamps_ns, np.array(positions, np.float64).reshape(-1, 3)
 
     def _pose(self, stamp_ns: int) -> Pose | None:
         if self._track is None:

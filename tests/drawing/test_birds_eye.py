@@ -121,7 +121,7 @@ def test_the_view_shows_its_scale_and_what_is_out_of_range():
         birds_eye(*contents, [], options)
         for contents in ((None, []), (points, []), (points, [solid(99)]))
     )
-    bar, note = (slice(250, 300), slice(0, 180)), (slice(250, 300), slice(200, 400))
+    bar, note = (slice(250, 300), slice(0, 230)), (slice(250, 300), slice(240, 400))
     assert (bare[bar] != plain[bar]).any()
     assert (bare[note] == plain[note]).all()
     assert (plain[bar] == noted[bar]).all()

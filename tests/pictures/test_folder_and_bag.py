@@ -22,6 +22,7 @@ from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.facts import facts_of
+from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel import draw_panel
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.report.gather import gather
@@ -191,6 +192,17 @@ def test_the_route_of_another_bag_is_whole_though_its_images_are_few(tmp_path):
     assert (whole.frames, few.frames) == (len(truth), 2)
     assert few.route.length_m == pytest.approx(whole.route.length_m)
     assert few.route.length_m > 5.0 * 0.1 * (len(truth) - 1) * 0.9  # 5 m/s, 0.1 s a frame
+
+
+def test_the_path_of_another_bag_is_that_up_to_the_frame(tmp_path):
+    source = open_frames(foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth()), ANY)
+    wanted = MODES['panel'].streams((), PictureOptions())
+    first, last = (source.frame(int(number), wanted) for number in source.numbers[[0, -1]])
+    assert first.path is None or len(first.path) < len(last.path)
+    apart = last.path[-1] - last.pose.world_T_imu.translation
+    assert np.linalg.norm(apart) < 1.0  # 5 m/s, at 10 Hz or more
+    assert (first.imaged, first.scanned) == (True, True)
+    assert source.frame(0).path is None
 
 
 class TestRealKitti:
