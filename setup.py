@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Installs the package, for pip and for colcon alike; package.xml is the source of its facts."""
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,6 +12,29 @@ HERE = Path(__file__).resolve().parent
 FACTS = ET.parse(HERE / 'package.xml').getroot()  # noqa: S314 - a file of our own
 NAME = FACTS.findtext('name', '')
 MAINTAINER = FACTS.find('maintainer')
+
+# A package index shows README.md without the repository: neither its pictures nor its files.
+README = re.sub(
+    r'!\[[^]]*\]\([^)]*\)\n*|\[([^]]*)\]\((?!https?:)[^)]*\)',
+    r'\1',
+    (HERE / 'README.md').read_text(encoding='utf-8'),
+)
+
+CLASSIFIERS = [
+    'Development Status :: 4 - Beta',
+    'Environment :: Console',
+    'Intended Audience :: Developers',
+    'Intended Audience :: Science/Research',
+    'Operating System :: POSIX :: Linux',
+    'Programming Language :: Python :: 3',
+    *(f'Programming Language :: Python :: 3.{minor}' for minor in range(10, 14)),
+    'Topic :: Scientific/Engineering :: Artificial Intelligence',
+    'Topic :: Scientific/Engineering :: Image Recognition',
+    'Topic :: Scientific/Engineering :: Visualization',
+    'Typing :: Typed',
+]
+
+KEYWORDS = ['KITTI', 'SemanticKITTI', 'ROS 2', 'rosbag2', 'MCAP', 'lidar', 'autonomous driving']
 
 # What the converter needs, for pip; a workspace has its own (package.xml). The lower bounds work
 # with Python 3.10; the upper ones stop at the next release that may break its promises.
@@ -76,9 +100,11 @@ setup(
     name=NAME,
     version=FACTS.findtext('version'),
     description=FACTS.findtext('description'),
-    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description=README,
     long_description_content_type='text/markdown',
     license=FACTS.findtext('license'),
+    classifiers=CLASSIFIERS,
+    keywords=KEYWORDS,
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),

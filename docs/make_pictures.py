@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the README's pictures from the synthetic recording.
+"""Makes the pictures of README.md and of these pages from the synthetic recording.
 
     python docs/make_pictures.py docs
 
-The page of a frame, the report in a browser, and Rerun in a browser: what is not installed
-(Chromium, the extra rerun) is passed over with a word.
+The page of a frame, the street in motion, the report in a browser, and Rerun in a browser. What is
+not installed (Chromium, the extra rerun) is passed over with a word.
 """
 
 from __future__ import annotations
@@ -34,14 +34,22 @@ QUALITY = 85
 COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
 REPORT_HEIGHT = 860
 RERUN_HEIGHT = 800
+STREET_FRAMES = '0:39'
+STREET_WIDTH = 880
+STREET_FRAME_MS = 100
+STREET_QUALITY = 50
 RERUN_LOADS_S = 90  # without a GPU
+
+
+def scaled(picture: np.ndarray, width: int) -> np.ndarray:
+    """The picture in another width."""
+    height = round(picture.shape[0] * width / picture.shape[1])
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def save(picture: np.ndarray, path: Path) -> None:
     """A JPEG as wide as a README."""
-    height = round(picture.shape[0] * WIDTH / picture.shape[1])
-    small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    cv2.imwrite(str(path), scaled(picture, WIDTH), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     print(f'{path}: {path.stat().st_size // 1000} kB')
 
 
@@ -51,6 +59,28 @@ def panel(drive: Path, folder: Path) -> np.ndarray:
     if kitti_ros2(['view', str(drive), '-o', str(out), '--frame', str(FRAME), '-q']):
         raise SystemExit('view failed')
     return cv2.imread(str(out))
+
+
+def street(drive: Path, folder: Path, path: Path) -> None:
+    """Write an animation: boxes, the scan on the image, and the bird's-eye view."""
+    series = {}
+    for mode in ('boxes', 'lidar', 'bev'):
+        out = folder / mode
+        words = ['view', str(drive), '-o', str(out), '--mode', mode, '--frames', STREET_FRAMES]
+        if kitti_ros2([*words, '-q']):
+            raise SystemExit('view failed')
+        series[mode] = [cv2.imread(str(picture)) for picture in sorted(out.iterdir())]
+    frames = []
+    for boxes, lidar, bev in zip(*series.values(), strict=True):
+        left = np.vstack([boxes, lidar])
+        width = round(bev.shape[1] * left.shape[0] / bev.shape[0])
+        right = cv2.resize(bev, (width, left.shape[0]), interpolation=cv2.INTER_AREA)
+        frames.append(scaled(np.hstack([left, right]), STREET_WIDTH))
+    animation = cv2.Animation()
+    animation.frames = frames
+    animation.durations = np.full(len(frames), STREET_FRAME_MS, np.int32)
+    cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, STREET_QUALITY])
+    print(f'{path}: {path.stat().st_size // 1000} kB')
 
 
 def report(drive: Path, folder: Path, program: str) -> np.ndarray:
@@ -94,6 +124,7 @@ def main() -> None:
         folder = Path(name)
         drive = write_synthetic(folder / 'kitti', Layout.RAW, SyntheticOptions(frames=FRAMES))
         save(panel(drive, folder), target / 'panel.jpg')
+        street(drive, folder, target / 'street.webp')
         program = find_chromium()
         if program is None:
             raise SystemExit('no Chromium: report.jpg and rerun.jpg are left as they are')

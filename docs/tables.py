@@ -85,7 +85,8 @@ def _plain_default(option: Any) -> str:  # noqa: ANN401
 
 def _kind(kind: Any) -> str:  # noqa: ANN401
     choices = getattr(kind, 'choices', None)
-    return ', '.join(map(str, choices)) if choices else str(kind.name)
+    names = {'str': 'text', 'int': 'number', 'float': 'number'}
+    return ', '.join(map(str, choices)) if choices else names.get(kind.name, str(kind.name))
 
 
 def exit_codes() -> str:
@@ -262,11 +263,12 @@ def _level(name: str, levels: range | None) -> str:
     return name if levels is None else f'{name} ({levels[0]} to {levels[-1]})'
 
 
-def config_file(name: str) -> str:
-    """Return a file of config/ as a block."""
-    text = (ROOT / 'config' / name).read_text('utf-8')
-    body = text.split('\n\n', 1)[1] if text.startswith('# SPDX') else text
-    return f'```yaml\n{body.rstrip()}\n```'
+def source_file(name: str) -> str:
+    """Return a file of the repository as a block, without its licence header."""
+    text = (ROOT / name).read_text('utf-8')
+    body = text.split('Apache-2.0\n', 1)[1].lstrip('\n')
+    language = {'.py': 'python', '.yaml': 'yaml'}[Path(name).suffix]
+    return f'```{language} title="{name}"\n{body.rstrip()}\n```'
 
 
 def attributes(kind: type) -> dict[str, str]:
@@ -296,9 +298,9 @@ def _code(text: str) -> str:
 
 TABLES: dict[str, Callable[..., str]] = {
     'command': command,
-    'config': config_file,
     'containers': containers,
     'exit-codes': exit_codes,
+    'file': source_file,
     'frames': frames,
     'parameters': parameters,
     'plan': plan_keys,

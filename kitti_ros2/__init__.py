@@ -1,14 +1,38 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI in ROS 2, and in Python: recordings read, drawn, played, written to bags and back.
+r"""KITTI in ROS 2, and in Python: recordings read, drawn, played, written to bags and back.
 
-    import kitti_ros2
+Everything that a user can cause or fix is a KittiRos2Error.
 
-    recording = kitti_ros2.open('2011_09_26/2011_09_26_drive_0005_sync')
-    for frame in recording:
-        frame.number, frame.points, frame.image(2), frame.objects, frame.pose
-
-Everything that a user can cause or fix is a `KittiRos2Error`.
+>>> import kitti_ros2
+>>> recording = kitti_ros2.open('2011_09_26/2011_09_26_drive_0005_sync')  # a folder, or any bag
+>>> for frame in recording:  # by number, read lazily
+...     points = frame.points  # (N, 4) float32 in velo_link
+>>> frame = recording.frame(1)  # by KITTI's file number; recording[1] is the second one
+>>> frame.number, frame.stamp_ns
+(1, 13...)
+>>> frame.image(2).shape, frame.png(2)[:4]  # (H, W, 3) uint8 RGB; the bytes of the file
+((..., ..., 3), b'\x89PNG')
+>>> frame.pose.shape, frame.oxts.lat  # map_T_base, or None; the packet, or None
+((4, 4), 4...)
+>>> uv, depth = frame.calibration.project(frame.points, camera=2)
+>>> again = frame.calibration.unproject(uv[depth > 1], depth[depth > 1], camera=2)
+>>> map_T_velo = frame.transform('map', 'velo_link')  # any frame to any frame
+>>> for each in frame.objects:
+...     each.class_name, each.box, each.corners('map'), each.box_2d, each.track  # doctest: +SKIP
+>>> recording.streams.keys()
+dict_keys(['scan', 'image_2', ...])
+>>> recording.calibration().cameras, recording.trajectory().map_T_base.shape
+((0, 1, 2, 3), (..., 4, 4))
+>>> report = kitti_ros2.to_bag(recording.path, 'drive.mcap', images='raw')
+>>> reports = kitti_ros2.to_kitti('drive.mcap', 'dataset', layout='object')
+>>> kitti_ros2.draw(frame, 'panel').shape  # .show() in a notebook
+(..., ..., 3)
+>>> kitti_ros2.write_scan('velodyne/000000.bin', frame.points)
+>>> kitti_ros2.read_scan('velodyne/000000.bin').shape
+(..., 4)
+>>> kitti_ros2.encode(frame)['/kitti/oxts/imu'][0]  # topic: (type, CDR bytes)
+'sensor_msgs/msg/Imu'
 """
 
 from __future__ import annotations
@@ -42,7 +66,7 @@ if TYPE_CHECKING:
     from .api.frame import Frame
     from .api.messages import encode
     from .api.objects import FrameObject
-    from .api.recording import PoseSeries, Recording, open  # noqa: A004
+    from .api.open_recording import PoseSeries, Recording, open  # noqa: A004
     from .api.source import KittiRos2Warning
     from .model.boxes import Box
     from .model.errors import KittiRos2Error
@@ -75,7 +99,7 @@ _NAMES = {
     'api.frame': ('Frame',),
     'api.messages': ('encode',),
     'api.objects': ('FrameObject',),
-    'api.recording': ('PoseSeries', 'Recording', 'open'),
+    'api.open_recording': ('PoseSeries', 'Recording', 'open'),
     'api.source': ('KittiRos2Warning',),
     'model.boxes': ('Box',),
     'model.errors': ('KittiRos2Error',),

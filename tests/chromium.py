@@ -149,12 +149,24 @@ class Chromium:
         assert 'exceptionDetails' not in answer, answer['exceptionDetails']
         return answer['result'].get('value')
 
-    def press(self, key: str, code: int) -> None:
-        """Press and let go of a key."""
+    def press(self, key: str, code: int, text: str = '') -> None:
+        """Press and let go of a key, one that types a text, too."""
         for kind in ('keyDown', 'keyUp'):
             self.call(
-                'Input.dispatchKeyEvent', type=kind, key=key, code=key, windowsVirtualKeyCode=code
-            )
+                'Input.dispatchKeyEvent',
+                type=kind, key=key, code=key, windowsVirtualKeyCode=code, text=text,
+            )  # fmt: skip
+
+    def click(self, selector: str) -> None:
+        """Click the middle of the first such element, after scrolling to it."""
+        x, y = self.evaluate(
+            f'(each => {{ each.scrollIntoView({{block: "center", behavior: "instant"}});'
+            ' const box = each.getBoundingClientRect();'
+            ' return [(box.left + box.right) / 2, (box.top + box.bottom) / 2] })'
+            f'(document.querySelector("{selector}"))'
+        )
+        for kind in ('mousePressed', 'mouseReleased'):
+            self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
 
     def picture(self) -> bytes:
         """A PNG of the whole page, below the window's edge too."""

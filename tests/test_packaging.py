@@ -187,6 +187,21 @@ def test_version_is_the_one_of_package_xml(manifest: ET.Element) -> None:
         _ = kitti_ros2.no_such_name
 
 
+def test_index_shows_a_page_of_its_own(setup_arguments: dict[str, Any]) -> None:
+    """It has neither the pictures nor the files that README.md leads to."""
+    page = setup_arguments['long_description']
+    assert page.startswith('# kitti_ros2\n')
+    links = re.findall(r'\]\(([^)]*)\)', page)
+    assert [link for link in links if not link.startswith('https://')] == []
+    text = (REPO / 'README.md').read_text(encoding='utf-8')
+    assert re.findall('^## .*$', page, re.MULTILINE) == re.findall('^## .*$', text, re.MULTILINE)
+
+
+def test_classifiers_name_every_python(setup_arguments: dict[str, Any]) -> None:
+    named = re.findall(r'Python :: (3\.\d+)', '\n'.join(setup_arguments['classifiers']))
+    assert named == ['3.10', '3.11', '3.12', '3.13']
+
+
 def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     scripts = setup_arguments['entry_points']['console_scripts']
     assert scripts == ['kitti-ros2 = kitti_ros2.cli:main', 'player = kitti_ros2.cli:player']
@@ -263,6 +278,13 @@ def test_requirements_are_needed(requirements: dict[str, Requirement]) -> None:
     assert set(requirements) - installed_names() - coming == set()
 
 
+def test_readme_is_short_and_its_links_lead_somewhere() -> None:
+    text = (REPO / 'README.md').read_text(encoding='utf-8')
+    assert text.count('\n') <= 150
+    for link in re.findall(r'\]\((?!https?:)([^)#]+)', text):
+        assert (REPO / link).is_file(), link
+
+
 def test_readme_commands_are_single_lines() -> None:
     commands = readme_commands()
     assert len(commands) == 2
@@ -287,8 +309,9 @@ def test_every_code_file_has_its_licence_header() -> None:
     header = (
         '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
     )
-    files = [REPO / 'setup.py', REPO / 'setup.cfg', REPO / '.ci/run']
-    for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config', 'docs'):
+    names = ('setup.py', 'setup.cfg', '.ci/run', '.dockerignore', 'CITATION.cff', 'Dockerfile')
+    files = [REPO / name for name in (*names, 'try.sh')] + [*(REPO / '.github').rglob('*.yml')]
+    for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config', 'docs', 'examples'):
         files += [*(REPO / folder).rglob('*.py'), *(REPO / folder).rglob('*.yaml')]
     bare = [str(path) for path in files if header not in path.read_text(encoding='utf-8')[:200]]
     for path in (REPO / 'kitti_ros2/report/templates').iterdir():

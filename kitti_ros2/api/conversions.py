@@ -7,7 +7,7 @@ from __future__ import annotations
 from contextlib import ExitStack, nullcontext
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
@@ -15,17 +15,21 @@ from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
 from ..model.errors import MissingPathError, UsageError
-from ..options.table import make_import_options, make_settings
+from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
 from ..own_bags.to_kitti import convert_bags
+from .keywords import by_name
 from .source import warn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from contextlib import AbstractContextManager
 
+    from typing_extensions import Unpack
+
     from ..exporter.to_bag import ExportReport
     from ..importer.report import ImportReport
     from ..model.losses import Loss
+    from .keywords import ToBagKeywords, ToKittiKeywords
 
     AnyPath = str | PathLike[str]
     Progress = Callable[[int, int], None]
@@ -36,7 +40,7 @@ def to_bag(
     out: AnyPath,
     *,
     progress: Progress | None = None,
-    **options: Any,  # noqa: ANN401
+    **options: Unpack[ToBagKeywords],
 ) -> ExportReport:
     """Write a KITTI recording to a bag, as `kitti-ros2 to-bag` does.
 
@@ -54,12 +58,12 @@ def to_bag(
     Raises:
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
 
-    Example:
+    Examples:
         >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
         ExportReport(...)
     """
     source, target = Path(src), Path(out)
-    settings = make_settings(options)
+    settings = make_settings(by_name(options, TO_BAG))
     bag = settings.bag(guess_storage(target, settings.storage))
     recording = open_source(source, settings.read)
     if isinstance(recording, OpenBag):
@@ -85,7 +89,7 @@ def to_kitti(
     *,
     plan: AnyPath | None = None,
     progress: Progress | None = None,
-    **options: Any,  # noqa: ANN401
+    **options: Unpack[ToKittiKeywords],
 ) -> list[ImportReport]:
     """Write a bag as a KITTI data set, as `kitti-ros2 to-kitti` does.
 
@@ -105,7 +109,7 @@ def to_kitti(
     Raises:
         KittiRos2Error: A bag, an option or the output is invalid; nothing is left behind.
 
-    Example:
+    Examples:
         >>> kitti_ros2.to_kitti('drive.mcap', 'dataset')
         [ImportReport(...)]
     """
@@ -123,7 +127,7 @@ def to_kitti(
         reports = convert_bags(
             opened,
             target,
-            make_import_options(options),
+            make_import_options(by_name(options, TO_KITTI)),
             None if plan is None else Path(plan),
             _shown(progress),
             lambda _: None,

@@ -13,13 +13,21 @@ import numpy as np
 
 from ..files.png.encode import encode_png
 from ..model.errors import UsageError
+from ..options.declare import options_of
+from ..options.pictures import BirdOptions, PictureOptions
 from ..options.table import make_view_settings
 from ..pictures.modes import MODES
+from .keywords import by_name, keyword_of
 
 if TYPE_CHECKING:
     import os
 
+    from typing_extensions import Unpack
+
     from .frame import Frame
+    from .keywords import DrawKeywords
+
+DRAW = (*options_of(PictureOptions), *options_of(BirdOptions))
 
 
 class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
@@ -63,7 +71,7 @@ class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
         return self.ndim == 3 and self.shape[2] == 3 and self.dtype == np.uint8 and self.size > 0
 
 
-def draw(frame: Frame, mode: str = 'panel', **options: Any) -> Picture:  # noqa: ANN401
+def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> Picture:
     """Draw a frame as `kitti-ros2 view` does.
 
     Args:
@@ -75,10 +83,14 @@ def draw(frame: Frame, mode: str = 'panel', **options: Any) -> Picture:  # noqa:
     Raises:
         KittiRos2Error: The frame has not the data of the mode, or an option is invalid.
 
-    Example:
+    Examples:
         >>> kitti_ros2.draw(recording[0], 'bev', range=(0, 40, -20, 20)).save('above.png')
     """
-    settings = make_view_settings({'mode': mode, **options})
+    unfit = sorted(set(options) - set(map(keyword_of, DRAW)))
+    if unfit:
+        known = ', '.join(map(keyword_of, DRAW))
+        raise UsageError(f'unknown option {unfit[0]!r}; known are {known}')
+    settings = make_view_settings({**by_name(options, DRAW), 'mode': mode})
     if settings.mode not in MODES:
         raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')
     chosen = MODES[settings.mode]

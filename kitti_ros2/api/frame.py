@@ -152,7 +152,7 @@ class Frame:
         found = objects_of(labels, None if rig is None else rig.model)
         lines: list[Box | None] = [box for box in labels.boxes if box is not None]
         pairs = zip(found, lines or [None] * len(found), strict=True)
-        return [FrameObject(*pair, self) for pair in pairs]
+        return [FrameObject(*pair, self.transform) for pair in pairs]
 
     def transform(self, target: str | int, source: str | int) -> Float64Array:
         """Return target_T_source, (4, 4) float64: maps points given in source to target.
@@ -165,7 +165,7 @@ class Frame:
         Raises:
             MissingDataError: A frame is unknown, or calibration or pose is missing.
 
-        Example:
+        Examples:
             >>> map_T_velo = frame.transform('map', 'velo_link')
         """
         rig = self.calibration

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..exporter.encode import Encoder
 from ..exporter.schedule import make_schedule
@@ -14,16 +14,20 @@ from ..model.errors import KittiRos2Error, UsageError
 from ..model.msgtypes import STRING
 from ..model.streams import Stream
 from ..options.selection import Bound
-from ..options.table import make_settings
+from ..options.table import TO_BAG, make_settings
 from ..pictures.recording_frames import RecordingFrames
+from .keywords import by_name
 
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from .frame import Frame
+    from .keywords import ToBagKeywords
 
 _OF_RECORDING = (Stream.RECORDING, Stream.PATH)
 
 
-def encode(frame: Frame, **options: Any) -> dict[str, tuple[str, bytes]]:  # noqa: ANN401
+def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[str, bytes]]:
     """Serialise the messages of a frame of a KITTI folder, without ROS.
 
     They are the bytes that `kitti-ros2 to-bag` writes for the frame: its scan, images, camera_info,
@@ -42,8 +46,8 @@ def encode(frame: Frame, **options: Any) -> dict[str, tuple[str, bytes]]:  # noq
     Raises:
         KittiRos2Error: The frame is of a bag, an option is invalid, or data cannot be read.
 
-    Example:
-        >>> msgtype, data = kitti_ros2.encode(recording.frame(8))['/kitti/velo/points']
+    Examples:
+        >>> msgtype, data = kitti_ros2.encode(recording.frame(1))['/kitti/velo/points']
         >>> msgtype
         'sensor_msgs/msg/PointCloud2'
     """
@@ -51,7 +55,7 @@ def encode(frame: Frame, **options: Any) -> dict[str, tuple[str, bytes]]:  # noq
     recording = frames.recording if isinstance(frames, RecordingFrames) else None
     if not isinstance(recording, KittiRecording):
         raise UsageError(f'{frame.source.path}: encode needs a KITTI folder; a bag has messages')
-    settings = make_settings(options)
+    settings = make_settings(by_name(options, TO_BAG))
     only = Bound(frame=frame.number)
     selection = replace(settings.selection, start=only, end=only)
     schedule = make_schedule(recording, selection)

@@ -13,10 +13,11 @@ from ..model.errors import MissingDataError
 from ..model.geometry import rotation_to_rpy
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..drawing.objects import LabelledObject
     from ..model.boxes import Box, Cuboid
     from ..model.geometry import Float64Array
-    from .frame import Frame
 
 
 class FrameObject:
@@ -34,9 +35,14 @@ class FrameObject:
         label: The line of the label file, None for tracklets and objects of other bags.
     """
 
-    def __init__(self, found: LabelledObject, label: Box | None, frame: Frame) -> None:
+    def __init__(
+        self,
+        found: LabelledObject,
+        label: Box | None,
+        transform: Callable[[str | int, str | int], Float64Array],
+    ) -> None:
         self._cuboid = found.cuboid
-        self._frame = frame
+        self._transform = transform
         self.class_name = found.kind
         self.box_2d = found.box_2d
         self.alpha = None if label is None or label.alpha < -np.pi - 1 else label.alpha
@@ -77,7 +83,7 @@ class FrameObject:
         box = self._need().velo_T_box.matrix()
         if frame == 'velo_link':
             return box
-        moved: Float64Array = self._frame.transform(frame, 'velo_link') @ box
+        moved: Float64Array = self._transform(frame, 'velo_link') @ box
         return moved
 
     def corners(self, frame: str | int = 'velo_link') -> Float64Array:
@@ -95,14 +101,15 @@ class FrameObject:
         corners: Float64Array = cuboid_corners([self._need()])[0]
         if frame == 'velo_link':
             return corners
-        matrix = self._frame.transform(frame, 'velo_link')
+        matrix = self._transform(frame, 'velo_link')
         moved: Float64Array = corners @ matrix[:3, :3].T + matrix[:3, 3]
         return moved
 
     def _need(self) -> Cuboid:
         if self._cuboid is None:
-            what = f'{self.class_name} of frame {self._frame.number}'
-            raise MissingDataError(f'{what}: no 3D box: a 2D region, or no calibration')
+            raise MissingDataError(
+                f'{self.class_name}: no 3D box: it is a 2D region, or the calibration is missing'
+            )
         return self._cuboid
 
     def __repr__(self) -> str:

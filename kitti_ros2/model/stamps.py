@@ -19,9 +19,8 @@ LAST_NS = 2**31 * NS_PER_S - 1
 """The latest value of builtin_interfaces/Time, in 2038: its seconds are an int32."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-_TEXT = re.compile(
-    r'(\d{4})-(\d{2})-(\d{2})[ T](\d{2}):(\d{2}):(\d{2})(?:\.(\d{1,9}))?\s*', re.ASCII
-)
+_SECOND = re.compile(r'(\d{4})-(\d{2})-(\d{2})[ T](\d{2}):(\d{2}):(\d{2})', re.ASCII)
+_DIGITS = 9
 
 
 def parse_stamp(text: str) -> int:
@@ -31,19 +30,23 @@ def parse_stamp(text: str) -> int:
         ValueError: The text is no such stamp, the date does not exist, or ROS 2 cannot represent it
             (before 1970 or after January 2038).
     """
-    match = _TEXT.fullmatch(text)
-    if match is None:
+    whole, point, fraction = text.rstrip(' \t\r\n\v\f').partition('.')
+    if point and not (fraction.isascii() and fraction.isdecimal() and len(fraction) <= _DIGITS):
         raise ValueError(f'{text.strip()!r} is no time stamp')
-    stamp_ns = _second_ns(*match.groups()[:6]) + int((match[7] or '').ljust(9, '0'))
+    stamp_ns = _second_ns(whole) + int(fraction.ljust(_DIGITS, '0'))
     if not 0 <= stamp_ns <= LAST_NS:
         raise ValueError(f'{text.strip()!r} is not within 1970 to 2038, all that ROS 2 can hold')
     return stamp_ns
 
 
-@lru_cache(maxsize=16)  # the streams of a drive have ten stamps a second each, in order
-def _second_ns(*words: str) -> int:
-    """Return the nanoseconds of a whole second, given as year, month, day, hour, minute, second."""
-    moment = datetime(*map(int, words), tzinfo=timezone.utc)  # type: ignore[arg-type, misc]
+@lru_cache(maxsize=16)  # stamps are in order, ten a second in each stream
+def _second_ns(text: str) -> int:
+    """Return the nanoseconds of a whole second."""
+    match = _SECOND.fullmatch(text)
+    if match is None:
+        raise ValueError(f'{text.strip()!r} is no time stamp')
+    year, month, day, hour, minute, second = map(int, match.groups())
+    moment = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
     return (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S
 
 

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from ..model.streams import Clock
     from .overview import Overview
-    from .statistics import ClassStatistics, Route
+    from .route import Route
+    from .statistics import ClassStatistics
     from .timing import Timing
 
 

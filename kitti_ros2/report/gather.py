@@ -17,6 +17,7 @@ from ..importer.survey import look
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
+from ..model.samples import Pose
 from ..model.streams import Stream
 from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
@@ -24,8 +25,9 @@ from ..pictures.sources import open_bag_frames, open_own_recording
 from .contents import Finding, Report, Severity
 from .overview import inspect_bag, inspect_recording
 from .rig_plot import is_finite
+from .route import route_of
 from .scenes import draw_projections, draw_scenes
-from .statistics import ClassTally, route_of
+from .statistics import ClassTally
 from .streams import bag_streams, recording_streams
 
 if TYPE_CHECKING:
@@ -34,13 +36,12 @@ if TYPE_CHECKING:
 
     from ..importer.survey import Survey
     from ..kitti.recording import KittiRecording
-    from ..model.geometry import Float64Array
     from ..model.samples import Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from ..pictures.frame import Frame, FrameSource
     from .overview import Overview
-    from .statistics import Route
+    from .route import Route
 
 SCENES = 5
 """Number of frames shown, spread over the recording."""
@@ -159,8 +160,14 @@ def _of_transforms(
 
 def _route(trajectory: Trajectory) -> Route | None:
     """Return the route through all poses of a bag, also those between its frames."""
-    places = [pose.translation for pose in trajectory.world_T_imu]
-    return route_of(trajectory.stamps_ns.tolist(), places)
+    poses = [Pose(transform) for transform in trajectory.world_T_imu]
+    return route_of(trajectory.stamps_ns.tolist(), poses)
+
+
+def _altitude(source: FrameSource, pose: Pose, number: int) -> float | None:
+    """Return the altitude of z = 0 of map, by the packet of the frame with a pose."""
+    packet = source.frame(number, frozenset({Stream.OXTS.value})).packet
+    return None if packet is None else packet.alt - float(pose.world_T_imu.translation[2])
 
 
 def _pictured(recording: KittiRecording | BagRecording, source: FrameSource) -> list[int]:
@@ -186,14 +193,17 @@ def _look_through(
     missing = _Lacks()
     tally = ClassTally()
     stamps: list[int] = []
-    positions: list[Float64Array] = []
+    poses: list[Pose] = []
+    altitude_m = None
     for number in source.numbers.tolist():
         frame = source.frame(number, _TEXT)
         missing.add(frame)
         tally.add(frame.objects)
         if frame.pose is not None:
             stamps.append(frame.stamp_ns)
-            positions.append(frame.pose.world_T_imu.translation)
+            poses.append(frame.pose)
+            if len(poses) == 1:
+                altitude_m = _altitude(source, frame.pose, number)
         steps.step()
     scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
     projections = draw_projections(source, pictured, missing.add)
@@ -203,7 +213,7 @@ def _look_through(
     return replace(
         report,
         frames=len(source.numbers),
-        route=route_of(stamps, positions),
+        route=route_of(stamps, poses, altitude_m),
         classes=classes if classes.classes or classes.dont_care else None,
         projections=projections,
         scenes=scenes,

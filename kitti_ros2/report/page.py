@@ -15,13 +15,13 @@ from jinja2.ext import Extension
 from jinja2.lexer import Token
 
 from .. import __version__
-from ..drawing.palette import rgb_of
 from ..model.containers import CONTAINERS
 from ..model.layouts import Layout
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import format_bytes, format_count, format_duration
 from .contents import Severity
+from .plots import class_colour
 from .sections import calibration_section, frames_section, objects_section, route_section
 from .streams_section import streams_section
 
@@ -94,7 +94,7 @@ def _environment() -> Environment:
     )
     environment.filters |= {
         'base64': lambda data: b64encode(data).decode('ascii'),
-        'colour': lambda kind: '#{:02x}{:02x}{:02x}'.format(*rgb_of(kind)),
+        'colour': class_colour,
         'counted': format_count,
         'pieces': _BREAKS.split,
         'time_of_day': lambda stamp_ns: format_stamp(stamp_ns)[11:-6],
@@ -161,8 +161,11 @@ def metres(length: float) -> str:
 
 def _findings_section(report: Report) -> dict[str, object]:
     """Return the verdict and the findings, without the path of the folder: the footer has it."""
-    folder = f'{report.overview.path.absolute()}/'
-    findings = [replace(each, text=each.text.replace(folder, '')) for each in report.findings]
+    folder = str(report.overview.path.absolute())
+    findings = [
+        replace(each, text=each.text.replace(f'{folder}/', '').removeprefix(f'{folder}: '))
+        for each in report.findings
+    ]
     return {
         'verdict': f'{report.verdict[:1].upper()}{report.verdict[1:]}.',
         'serious': [each for each in findings if each.severity is not Severity.NOTE],

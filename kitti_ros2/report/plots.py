@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..drawing.palette import rgb_of
 from .svg import WIDTH, bar, box, figure, line, number, path, plain, text, ticks
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from ..model.geometry import Float64Array
     from .timing import Timing
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
 _INTERVAL_HEIGHT = 150
 _HISTOGRAM_HEIGHT = 130
+_COURSE_HEIGHT = 112
 _COLUMNS = 172
 _STRIP_BINS = 200
 _STRIP_TICK = 0.5
@@ -30,6 +32,8 @@ _DIGIT = 7.5
 """Width of a digit of a tick, at most."""
 
 _MOST_BANDS = 200
+_LEAST_MARGIN = 0.05
+"""Of the values of a line above and below it."""
 
 
 def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
@@ -163,17 +167,60 @@ def _dots(area: _PlotArea, times: Float64Array, values: Float64Array) -> str:
             for x, y in zip(times, values, strict=True)
         )
         return path(''.join(marks), 'dots')
-    edges = np.searchsorted(times, np.linspace(0, float(times[-1]), _COLUMNS + 1)[1:-1])
     bars = []
-    for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
-        if len(ys):
-            x, low, high = area.x(float(xs.mean())), area.y(ys.min()), area.y(ys.max())
-            bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
+    for xs, ys in _columns(times, values):
+        x, low, high = area.x(float(xs.mean())), area.y(ys.min()), area.y(ys.max())
+        bars.append(f'M{number(x)} {number(low + 0.7)}V{number(high - 0.7)}')
     return path(''.join(bars), 'ranges')
 
 
+def _columns(
+    times: Float64Array, values: Float64Array
+) -> Iterator[tuple[Float64Array, Float64Array]]:
+    """Yield the times and values in each column of a plot that has any."""
+    edges = np.searchsorted(times, np.linspace(0, float(times[-1]), _COLUMNS + 1)[1:-1])
+    for xs, ys in zip(np.split(times, edges), np.split(values, edges), strict=True):
+        if len(ys):
+            yield xs, ys
+
+
+def course_plot(key: str, title: str, times: Float64Array, values: Float64Array, unit: str) -> str:
+    """Draw a line of finite values over times in seconds, both (N,) with N > 1."""
+    low, high = float(values.min()), float(values.max())
+    margin = max((high - low) * 0.06, _LEAST_MARGIN)
+    span = float(times[-1]) or 1.0
+    area = _PlotArea((0, span), (low - margin, high + margin), _COURSE_HEIGHT)
+    return figure(
+        key,
+        f'{title} over time',
+        f'Over {span:.1f} seconds from {values[0]:.2f} {unit} to {values[-1]:.2f} {unit}, between'
+        f' {low:.2f} and {high:.2f} {unit}.',
+        (WIDTH, _COURSE_HEIGHT),
+        area.axes('s', unit),
+        path(_course(area, times, values), 'course'),
+    )
+
+
+def _course(area: _PlotArea, times: Float64Array, values: Float64Array) -> str:
+    """Draw a line through values; of very many, through the least and greatest of each column."""
+    if len(values) > 4 * _COLUMNS:
+        ends = [
+            (xs[place], ys[place])
+            for xs, ys in _columns(times, values)
+            for place in sorted((int(ys.argmin()), int(ys.argmax())))
+        ]
+        times, values = np.array(ends).T
+    places = zip(times.tolist(), values.tolist(), strict=True)
+    return 'M' + 'L'.join(f'{number(area.x(x))} {number(area.y(y))}' for x, y in places)
+
+
+def class_colour(kind: str) -> str:
+    """Return the colour of a class in the pictures, as CSS."""
+    return '#{:02x}{:02x}{:02x}'.format(*rgb_of(kind))
+
+
 def histogram_plot(
-    key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str
+    key: str, title: str, edges: Sequence[float], counts: Sequence[int], unit: str, colour: str
 ) -> str:
     """Draw bars over bins of equal width; the last bin contains all from its edge on."""
     width = edges[1] - edges[0]
@@ -185,7 +232,7 @@ def histogram_plot(
     ]
     across = area.x(edges[1]) - area.x(edges[0])
     drawn += [
-        box(area.x(edge) + 1, area.y(count), across - 2, area.y(0) - area.y(count), 'bar')
+        box(area.x(edge) + 1, area.y(count), across - 2, area.y(0) - area.y(count), 'share', colour)
         for edge, count in zip(edges, counts, strict=True)
         if count
     ]

@@ -27,7 +27,7 @@ _FOOT = 26
 _AXIS = 26.0
 _LEAST_M = 0.2
 _APART = 15.0
-_LABELLED = 60.0
+_LABELLED = 84.0
 _SPARSE = 9
 _NAMES = ('x', 'y', 'z')
 
@@ -97,16 +97,17 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
     view = _RigView(mounts, axes)
     order = {mount.name: place for place, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
-    drawn: list[str] = []
-    lengths: list[Float64Array] = []
-    for place, mount in enumerate(mounts):
-        if mount.parent:
-            ends = spots[order[mount.parent]], spots[place]
-            drawn += _link(*ends, mount.distance_m, lengths if len(mounts) <= _SPARSE else None)
+    links = [
+        (spots[order[mount.parent]], spots[place], mount.distance_m)
+        for place, mount in enumerate(mounts)
+        if mount.parent
+    ]
+    drawn = [line(start[0], start[1], end[0], end[1], 'link') for start, end, _ in links]
     drawn += [
         _axes(spot, mount.root_T_frame.rotation[list(axes)])
         for spot, mount in zip(spots, mounts, strict=True)
     ]
+    drawn += _lengths(links) if len(mounts) <= _SPARSE else []
     drawn += [_badge(spot, place + 1) for place, spot in enumerate(_apart(spots))]
     seen, up = ('the left side', 'z') if side else ('above', 'y')
     height = view.height + _FOOT
@@ -148,27 +149,21 @@ class _RigView:
         return placed
 
 
-def _link(
-    start: Float64Array, end: Float64Array, distance_m: float, lengths: list[Float64Array] | None
-) -> list[str]:
-    """Draw a line, with its length if it is long enough and no other length is close.
+def _lengths(links: Sequence[tuple[Float64Array, Float64Array, float]]) -> list[str]:
+    """Draw the lengths of links that are long enough, unless another length is close.
 
     Args:
-        start: (2,) units.
-        end: (2,) units.
-        distance_m: Distance of the two frames.
-        lengths: Places of lengths so far; None for a line alone.
+        links: (2,) units of both ends, and the distance of the two frames in metres.
     """
-    (x1, y1), (x2, y2) = start.tolist(), end.tolist()
-    drawn = [line(x1, y1, x2, y2, 'link')]
-    if lengths is None:
-        return drawn
-    middle = (start + end) / 2
-    crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in lengths)
-    if np.linalg.norm(end - start) > _LABELLED and not crowded:
-        lengths.append(middle)
-        x, y = middle.tolist()
-        drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
+    drawn: list[str] = []
+    middles: list[Float64Array] = []
+    for start, end, distance_m in links:
+        middle = (start + end) / 2
+        crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in middles)
+        if np.linalg.norm(end - start) > _LABELLED and not crowded:
+            middles.append(middle)
+            x, y = middle.tolist()
+            drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
     return drawn
 
 

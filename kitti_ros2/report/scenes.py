@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a few frames of a recording, small enough for a page."""
+"""Pictures of a few frames of a recording."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from ..pictures.frame import Frame, FrameSource
 
 _QUALITY = 80
-_CAMERA_WIDTH = 1100
-_POINTS_WIDTH = 900
-_ABOVE_WIDTH = 560
+_MOST_WIDTH = 1920
 _MOST_CAMERAS = 4
 
 
@@ -92,23 +90,20 @@ def _scene(frame: Frame, source: FrameSource, camera: int | None) -> Scene:
 def _image(frame: Frame, camera: int, name: str) -> Picture | None:
     """Draw the image with 3D boxes, or with 2D boxes without a calibration."""
     alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
-    drawn = (
-        _picture(mode, frame, camera, _CAMERA_WIDTH, alt, f'Camera {name}')
-        for mode in ('boxes', 'camera')
-    )
+    drawn = (_picture(mode, frame, camera, alt, f'Camera {name}') for mode in ('boxes', 'camera'))
     return next(filter(None, drawn), None)
 
 
 def _from_above(frame: Frame) -> Picture | None:
     alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
-    return _picture('bev', frame, None, _ABOVE_WIDTH, alt, 'From above, by height')
+    return _picture('bev', frame, None, alt, 'From above, by height')
 
 
 def _projection(frame: Frame, camera: int, name: str) -> Picture | None:
     """Draw points over an image."""
     alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
     caption = f'Points in camera {name}, by depth'
-    return _picture('lidar', frame, camera, _POINTS_WIDTH, alt, caption)
+    return _picture('lidar', frame, camera, alt, caption)
 
 
 def _words(frame: Frame) -> Iterator[str]:
@@ -123,17 +118,14 @@ def _labels(frame: Frame) -> str:
     return f'{format_count(count, "labelled object")}' if count else 'no labels'
 
 
-def _picture(
-    mode: str, frame: Frame, camera: int | None, width: int, alt: str, caption: str
-) -> Picture | None:
-    """Draw a JPEG in one of the modes, `width` pixels wide at most; None if data is missing."""
+def _picture(mode: str, frame: Frame, camera: int | None, alt: str, caption: str) -> Picture | None:
+    """Draw a JPEG in one of the modes, in full size up to a width; None if data is missing."""
     try:
         pixels = MODES[mode].draw(frame, PictureOptions(camera=camera))
     except MissingDataError:
         return None
-    if pixels.shape[1] > width:
-        height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
-        size = (width, height)
+    if pixels.shape[1] > _MOST_WIDTH:
+        size = (_MOST_WIDTH, max(1, round(pixels.shape[0] * _MOST_WIDTH / pixels.shape[1])))
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     data = encode_picture(pixels, '.jpg', _QUALITY)
     return Picture(data, pixels.shape[1], pixels.shape[0], alt, caption)

@@ -10,17 +10,18 @@ import numpy as np
 
 from ..model.streams import Clock
 from .contents import NUMBER, TEXT, Table
-from .plots import histogram_plot, shares_bar
+from .plots import class_colour, course_plot, histogram_plot, shares_bar
 from .rig_plot import MOST_FRAMES, mounts_of, rig_plot
 from .route_plot import route_plot
 from .statistics import OCCLUSIONS, histogram
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from .contents import Report
     from .glances import CameraGlance
     from .rig_plot import Mount
+    from .route import Route
     from .statistics import ClassFacts, ClassStatistics
 
 _EDGES_M = tuple(range(0, 100, 10))
@@ -50,7 +51,32 @@ def route_section(report: Report) -> dict[str, object] | None:
         f' {route.net_m:.1f} m from start to end, {climb:.1f} m between the lowest and the highest.'
     )
     plot = route_plot('route-plot', route.positions[:, :2], words)
-    return {'words': words, 'jumps': route.jumps, 'plot': plot}
+    return {
+        'words': words,
+        'jumps': route.jumps,
+        'timed': report.clock is not Clock.NOMINAL,
+        'plot': plot,
+        'courses': list(_courses(route)),
+    }
+
+
+def _courses(route: Route) -> Iterator[tuple[str, str, str]]:
+    """Yield name, extent and plot of speed, altitude and yaw over time."""
+    times = (route.stamps_ns - route.stamps_ns[0]) / 1e9
+    heights, place, axis = route.positions[:, 2] - route.positions[0, 2], 'the start', 'the x axis'
+    if route.altitude_m is not None:
+        heights, place, axis = route.positions[:, 2] + route.altitude_m, 'sea level', 'east'
+    courses = (
+        ('Speed', 'm/s', route.speeds_m_s, ''),
+        ('Altitude', 'm', heights, f'above {place}'),
+        ('Yaw', 'deg', np.degrees(route.yaws_rad), f'counter-clockwise from {axis}'),
+    )
+    for name, unit, values, remark in courses:
+        known = np.isfinite(values)
+        if known.sum() > 1:
+            plot = course_plot(f'course-{name.lower()}', name, times[known], values[known], unit)
+            extent = f'{np.nanmin(values):.1f} to {np.nanmax(values):.1f} {unit}'
+            yield name, f'{extent} {remark}', plot
 
 
 def objects_section(report: Report) -> dict[str, object] | None:
@@ -74,6 +100,7 @@ def objects_section(report: Report) -> dict[str, object] | None:
                 _EDGES_M,
                 histogram(each.distances_m, _EDGES_M),
                 'metres from the scanner',
+                class_colour(each.kind),
             ),
         )
         for place, each in enumerate(classes.classes[:_MOST_HISTOGRAMS])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of the route and of labels."""
+"""Statistics of labels."""
 
 from __future__ import annotations
 
@@ -17,52 +17,9 @@ if TYPE_CHECKING:
 
     from ..drawing.objects import LabelledObject
     from ..model.geometry import Float64Array
-    from ..model.samples import Int64Array
-
-_STEP_LIMIT_M_S = 100.0
 
 OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
 """Indexed by the number in a label file (readme.txt of the object devkit)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Route:
-    """The route of the vehicle.
-
-    Attributes:
-        stamps_ns: (N,) int64, ascending.
-        positions: (N, 3) x y z in metres, in map.
-        jumps: Number of steps faster than 100 m/s; not part of the length.
-    """
-
-    stamps_ns: Int64Array
-    positions: Float64Array
-    jumps: int = 0
-    length_m: float = 0.0
-
-    @property
-    def duration_s(self) -> float:
-        """Seconds from the first position to the last."""
-        return float(self.stamps_ns[-1] - self.stamps_ns[0]) / 1e9
-
-    @property
-    def net_m(self) -> float:
-        """Straight distance in metres from the first position to the last."""
-        return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
-
-
-def route_of(stamps_ns: Sequence[int], positions: Sequence[Float64Array]) -> Route | None:
-    """Make the route through (3,) positions in metres; None for less than two finite ones."""
-    stamps = np.array(stamps_ns, dtype=np.int64)
-    places = np.array(positions, dtype=np.float64).reshape(-1, 3)
-    good = np.isfinite(places).all(axis=1)
-    order = np.flatnonzero(good)[np.argsort(stamps[good], kind='stable')]
-    stamps, places = stamps[order], places[order]
-    if len(places) < 2:
-        return None
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
-    return Route(stamps, places, int(np.count_nonzero(jumps)), float(steps[~jumps].sum()))
 
 
 @dataclass(frozen=True, eq=False)

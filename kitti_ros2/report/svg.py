@@ -57,10 +57,11 @@ def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> str:
     return f'<line {ends} class="{class_}"></line>'
 
 
-def box(x: float, y: float, width: float, height: float, class_: str) -> str:
-    """Draw a filled rectangle."""
+def box(x: float, y: float, width: float, height: float, class_: str, fill: str = '') -> str:
+    """Draw a filled rectangle; its colour is that of the class, or else fill."""
     size = f'width="{number(width)}" height="{number(height)}"'
-    return f'<rect x="{number(x)}" y="{number(y)}" {size} class="{class_}"></rect>'
+    colour = fill and f' fill="{fill}"'
+    return f'<rect x="{number(x)}" y="{number(y)}" {size} class="{class_}"{colour}></rect>'
 
 
 def path(d: str, class_: str) -> str:

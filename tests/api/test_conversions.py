@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import inspect
 import struct
 import warnings
 
@@ -14,9 +13,20 @@ import pytest
 from folder_and_bag import make_holes
 
 import kitti_ros2
+from kitti_ros2.api.draw import DRAW
+from kitti_ros2.api.keywords import (
+    DrawKeywords,
+    ReadKeywords,
+    ToBagKeywords,
+    ToKittiKeywords,
+    keyword_of,
+)
 from kitti_ros2.bags.reader import OpenBag, open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.declare import options_of
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.table import TO_BAG, TO_KITTI
 
 
 def files(root):
@@ -161,9 +171,20 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
         kitti_ros2.draw(frame, **options)
 
 
-def test_signatures_have_no_positional_options():
-    for function in (kitti_ros2.to_bag, kitti_ros2.to_kitti):
-        parameters = inspect.signature(function).parameters.values()
-        assert [p.kind for p in parameters][2:-1] == [inspect.Parameter.KEYWORD_ONLY] * (
-            len(parameters) - 3
-        )
+@pytest.mark.parametrize(
+    ('keywords', 'options'),
+    [
+        (ReadKeywords, options_of(ReadOptions)),
+        (ToBagKeywords, TO_BAG),
+        (ToKittiKeywords, TO_KITTI),
+        (DrawKeywords, DRAW),
+    ],
+)
+def test_keywords_are_the_flags_of_the_command_line(keywords, options):
+    assert set(keywords.__annotations__) == set(map(keyword_of, options))
+
+
+def test_split_is_the_keyword_of_its_flag(recordings, tmp_path):
+    kitti_ros2.to_bag(recordings[Layout.RAW], tmp_path / 'a.mcap')
+    kitti_ros2.to_kitti(tmp_path / 'a.mcap', tmp_path / 'set', layout='object', split=0.5)
+    assert (tmp_path / 'set/ImageSets/val.txt').read_text()

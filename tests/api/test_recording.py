@@ -61,6 +61,18 @@ def test_folder_and_bag_are_the_same(holed, storage, tmp_path):
             assert_same(ours, other)
 
 
+def test_an_extract_pairs_streams_by_time(recordings, tmp_path):
+    """Numbers of its streams are independent: image 0 is gone, and the scans still count."""
+    holed = make_holes(recordings[Layout.RAW], Layout.RAW, tmp_path)
+    drive = holed.rename(holed.with_name(holed.name.replace('sync', 'extract')))
+    folder = kitti_ros2.open(drive)
+    reader = open_recording(drive)
+    assert folder.numbers.tolist() == reader.streams[Stream.SCAN].numbers.tolist()
+    with kitti_ros2.open(make_bag(drive, tmp_path / 'bag')) as bag:
+        for ours, other in zip(folder, bag, strict=True):
+            assert_same(ours, other)
+
+
 def test_frames_are_addressed_by_position_and_by_number(holed):
     recording = kitti_ros2.open(holed)
     numbers = [frame.number for frame in recording]

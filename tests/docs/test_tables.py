@@ -12,6 +12,7 @@ from fnmatch import fnmatchcase
 import pytest
 from code_blocks import PAGES, ROOT, page_name
 
+import kitti_ros2
 from kitti_ros2.cli import exit_codes
 from kitti_ros2.cli.app import get_command
 from kitti_ros2.importer import plan
@@ -27,11 +28,7 @@ import tables
 MARKER = re.compile(r'<!-- generated: (\S+) ?(.*?) -->')
 COMMANDS = tables.command_names()
 TEXTS = {page_name(page): page.read_text('utf-8') for page in PAGES}
-OF_OTHERS = {
-    *('--break-system-packages', '--dist', '--from-paths', '--help', '--ignore-src'),
-    *('--maxprocesses', '--packages-select', '--ros-args', '--strict', '--user'),
-}
-"""Options of the programs of others in the pages."""
+OUR_PAGES = sorted(set(TEXTS) - {'docs/comparison.md'})  # it names what others have
 
 
 def rows_of(markdown):
@@ -54,8 +51,9 @@ def test_every_table_is_in_a_page_and_every_command_in_the_reference():
     commands = re.findall(r'^## (\S+)\n\n<!-- generated: command (\S+) -->$',
                           TEXTS['docs/reference/commands.md'], re.MULTILINE)  # fmt: skip
     assert sorted(commands) == sorted((name, name) for name in COMMANDS)
-    files = {path.name for path in (ROOT / 'config').glob('*.yaml')}
-    assert {name for kind, name in asked if kind == 'config'} == files
+    files = [*(ROOT / 'config').glob('*.yaml'), *(ROOT / 'examples').glob('*.py')]
+    shown = {ROOT / name for kind, name in asked if kind == 'file'}
+    assert shown == set(files)
 
 
 def test_a_page_gets_its_tables():
@@ -90,6 +88,11 @@ def test_a_command_has_each_option_with_its_default(name):
         for each in options:
             if each.name == parameter.name and each.default is not False and each.name != 'loop':
                 assert default == each.default_text
+
+
+def test_every_public_name_is_in_the_reference():
+    listed = re.findall(r'^::: kitti_ros2\.(\w+)$', TEXTS['docs/reference/api.md'], re.MULTILINE)
+    assert sorted(listed) == sorted(kitti_ros2.__all__)
 
 
 def test_exit_codes_are_all_there():
@@ -142,13 +145,25 @@ def test_parameters_services_and_policies_are_those_of_the_node():
     assert policies['`reliability`'] == 'one of reliable, best_effort, system_default'
 
 
-@pytest.mark.parametrize('page', TEXTS)
+def options_in(text):
+    """The options of our commands in a page: in their lines, and in code on its own."""
+    commands = re.findall(r'^ *kitti-ros2 .*$', text.replace('\\\n', ' '), re.MULTILINE)
+    spans = re.findall(r'`(--[^`\n]+|kitti-ros2 [^`\n]+)`', text)
+    ours = (each.split('#')[0].split('--ros-args')[0] for each in (*commands, *spans))
+    return {found for each in ours for found in re.findall(r'(?<![\w-])--[a-z][a-z-]*', each)}
+
+
+@pytest.mark.parametrize('page', OUR_PAGES)
 def test_pages_name_options_that_are_there(page):
-    named = set(re.findall(r'(?<![\w-])--[a-z][a-z-]*', TEXTS[page]))
-    assert named - options_of_commands() - OF_OTHERS == set()
+    assert options_in(TEXTS[page]) - options_of_commands() - {'--help'} == set()
 
 
-@pytest.mark.parametrize('page', TEXTS)
+def test_options_in_a_page_are_found():
+    text = 'Use `--no-tf` or\n```sh\nkitti-ros2 play x \\\n  --rate 2 # --not\ngit --other\n```\n'
+    assert options_in(text) == {'--no-tf', '--rate'}
+
+
+@pytest.mark.parametrize('page', OUR_PAGES)
 def test_pages_name_topics_that_are_there(page):
     known = {*own_topics(), '/kitti_player/state'}
     for topic in set(re.findall(r'`(/kitti/[\w/*]+)`', TEXTS[page])):

@@ -56,7 +56,10 @@ def assert_same_report(there, here):
     assert (there.route is None) == (here.route is None)
     if here.route is not None:
         np.testing.assert_array_equal(there.route.stamps_ns, here.route.stamps_ns)
-        np.testing.assert_allclose(there.route.positions, here.route.positions, atol=1e-6)
+        for name in ('positions', 'speeds_m_s', 'yaws_rad'):
+            ours, theirs = getattr(there.route, name), getattr(here.route, name)
+            np.testing.assert_allclose(ours, theirs, atol=1e-6, err_msg=name)
+        assert there.route.altitude_m == pytest.approx(here.route.altitude_m, abs=1e-6)
         assert there.route.jumps == here.route.jumps
         assert there.route.length_m == pytest.approx(here.route.length_m, abs=1e-6)
     assert_same_classes(there.classes, here.classes)

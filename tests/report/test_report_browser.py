@@ -42,7 +42,11 @@ LINES = """[...document.querySelectorAll('#streams tbody th')].map(cell => {
     range.selectNodeContents(cell)
     return [cell.textContent, new Set([...range.getClientRects()].map(line => line.top)).size]
 })"""
-TAB = 9
+OPEN = """(open => open.length === 1 && open[0].querySelector('img').width)(
+    document.querySelectorAll(':popover-open'))"""
+"""Width of the picture that is open, false without exactly one."""
+
+TAB, ENTER, ESCAPE = 9, 13, 27
 
 
 @pytest.fixture(scope='module')
@@ -95,6 +99,13 @@ def axe() -> str:
     return Path(path).read_text(encoding='utf-8')
 
 
+def axe_faults(browser, axe) -> list[str]:
+    browser.evaluate(f'{axe}; 0')
+    return browser.evaluate(
+        'axe.run().then(r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`))'
+    )
+
+
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_it_fits_and_all_of_it_is_shown(browser, page, width, dark):
@@ -141,15 +152,40 @@ def test_it_is_read_by_keyboard(browser, page):
     assert all(reach)
 
 
+@pytest.mark.parametrize('width', [DESK, PHONE])
+def test_pictures_open_in_full_size_and_close(browser, page, width):
+    """By click and by key; what is behind stays where it is."""
+    browser.complaints.clear()
+    browser.open(page, width)
+    small, whole, height = browser.evaluate(
+        '(each => [each.width, each.naturalWidth, document.scrollingElement.scrollHeight])'
+        '(document.images[0])'
+    )
+    assert not browser.evaluate(OPEN)
+    browser.click('figure img')
+    for again in (True, False):
+        assert browser.evaluate(OPEN) > max(small, whole - 1)
+        assert browser.evaluate('document.scrollingElement.scrollHeight') == height
+        browser.press('Escape', ESCAPE)
+        assert not browser.evaluate(OPEN)
+        assert browser.evaluate('document.activeElement.querySelector("img").alt')
+        if again:
+            browser.press('Enter', ENTER, '\r')
+    assert browser.complaints == []
+
+
+def test_axe_finds_no_fault_in_an_open_picture(browser, axe, page):
+    browser.open(page, DESK)
+    browser.click('figure img')
+    assert browser.evaluate(OPEN)
+    assert axe_faults(browser, axe) == []
+
+
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_axe_finds_no_fault(browser, axe, page, width, dark):
     browser.open(page, width, dark=dark)
-    browser.evaluate(f'{axe}; 0')
-    found = browser.evaluate(
-        'axe.run().then(r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`))'
-    )
-    assert found == []
+    assert axe_faults(browser, axe) == []
 
 
 @pytest.mark.parametrize('width', [DESK, PHONE])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a report: timing, pairing, routes, classes."""
+"""Numbers of a report: timing, pairing, classes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kitti_ros2.drawing.objects import LabelledObject
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.recording import StreamIndex
-from kitti_ros2.report.statistics import ClassTally, histogram, route_of, spread
+from kitti_ros2.report.statistics import ClassTally, histogram, spread
 from kitti_ros2.report.timing import shifted_numbers, timing_of
 
 PERIOD = 100_000_000
@@ -92,22 +92,6 @@ def test_shifted_numbers_are_seen():
     renumbered = StreamIndex(numbers, np.where(numbers >= 12, PERIOD, 0) + every(20))
     assert shifted_numbers(renumbered, scans) == ([*range(12, 20)], 20)
     assert shifted_numbers(StreamIndex(numbers + 50, every(20)), scans) == ([], 0)
-
-
-def test_a_route_is_as_long_as_its_steps_and_jumps_are_none():
-    corner = [np.array([0.0, 0, 0]), np.array([3.0, 0, 0]), np.array([3.0, 4.0, 0])]
-    route = route_of(every(3).tolist(), corner)
-    assert (route.length_m, route.net_m, route.jumps) == (7, 5, 0)
-    torn = route_of(every(4).tolist(), [*corner, np.array([9e5, 0, 0])])
-    assert (torn.length_m, torn.jumps) == (7, 1)
-
-
-def test_routes_are_put_in_order_and_without_nan():
-    places = [np.array([float(x), 0, 0]) for x in (2, 0, np.nan, 1)]
-    route = route_of([30, 10, 15, 20], places)
-    assert route.positions[:, 0].tolist() == [0, 1, 2]
-    assert route_of([1], [np.zeros(3)]) is None
-    assert route_of([], []) is None
 
 
 def thing(kind, x=None, occluded=None, truncated=None, track=None):

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
-    from typing_extensions import Self
+    from typing_extensions import Self, Unpack
 
     from ..model.geometry import Float64Array
     from ..model.losses import Loss
     from ..model.samples import Int64Array
     from .calibration import CalibratedRig
+    from .keywords import ReadKeywords
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class PoseSeries:
     map_T_base: Float64Array
 
 
-def open(path: str | os.PathLike[str], **options: Any) -> Recording:  # noqa: A001, ANN401
+def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recording:  # noqa: A001
     """Open a KITTI folder (raw, object, odometry, tracking) or a bag (MCAP, sqlite3, ROS 1).
 
     Frames of a folder, and of a bag written by to-bag, have KITTI's file numbers. Frames of other
@@ -59,10 +60,10 @@ def open(path: str | os.PathLike[str], **options: Any) -> Recording:  # noqa: A0
         FileNotFoundError: There is no such path; it is a KittiRos2Error as well.
         KittiRos2Error: It is no KITTI folder or bag, or an option is invalid.
 
-    Example:
+    Examples:
         >>> recording = kitti_ros2.open('2011_09_26/2011_09_26_drive_0005_sync')
-        >>> len(recording), recording[0].points.shape
-        (..., (..., 4))
+        >>> recording[0].number, recording[0].points.shape
+        (0, (..., 4))
     """
     source = OpenSource(Path(path), options)
     recording = Recording(source, source.frames.numbers)

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Types of the keyword options: the command line's, with underscores; a test compares them.
+
+For meanings and defaults see `kitti-ros2 COMMAND --help`, or the reference of the commands.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping, Sequence
+
+    from ..options.declare import Option
+
+    OneOrMore = str | Sequence[str]
+
+
+class ReadKeywords(TypedDict, total=False):
+    """Options of reading a KITTI folder."""
+
+    layout: str | None
+    sequence: str | None
+    epoch: str
+    semantic: bool
+    period: float
+    scan_stamp: str
+
+
+class ToBagKeywords(ReadKeywords, total=False):
+    """Options of to-bag."""
+
+    streams: OneOrMore
+    topics: OneOrMore
+    start: int | str | None
+    end: int | str | None
+    images: str
+    preset: str
+    map: str
+    tf: bool
+    ring_time: bool
+    base_to_imu: str | Sequence[float] | None
+    marker_colors: str
+    marker_alpha: float
+    marker_line_width: float
+    marker_arrow_length: float
+    marker_text_height: float
+    marker_lifetime: float
+    trails: bool
+    ego_marker: bool
+    storage: str | None
+    strict: bool
+    compression: str
+    compression_level: int | None
+    split_size: int | str | None
+    split_duration: float | str | None
+    overwrite: bool
+
+
+class ToKittiKeywords(TypedDict, total=False):
+    """Options of to-kitti."""
+
+    layout: str | None
+    name: str | None
+    calib: str | os.PathLike[str] | None
+    split: float
+    append: bool
+
+
+class DrawKeywords(TypedDict, total=False):
+    """Options of view that concern a picture."""
+
+    camera: int | None
+    color_by: str
+    color_map: str
+    point_size: int
+    range: str | Sequence[float]
+    resolution: float
+    classes: OneOrMore
+
+
+def keyword_of(option: Option) -> str:
+    """Return the keyword of an option: its long flag with underscores."""
+    long = [flag for flag in option.flags if flag.startswith('--')]
+    return (long[0] if long else option.name).lstrip('-').replace('-', '_')
+
+
+def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[str, object]:
+    """Return the values by name of option; unknown keywords are kept, and refused later."""
+    names = {keyword_of(option): option.name for option in options}
+    return {names.get(keyword, keyword): value for keyword, value in keywords.items()}
