@@ -54,11 +54,13 @@ REQUIREMENTS = [
 ]
 
 EXTRAS = {
-    # The documentation site: mkdocs build --strict.
+    # The documentation site: mkdocs build --strict, and its notebook.
     'docs': [
+        'ipykernel>=6.29,<8',
         'mkdocs-material>=9.7,<10',
         'mkdocs>=1.6,<2',
         'mkdocstrings[python]>=1,<2',
+        'nbclient>=0.10,<0.12',
     ],
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],

@@ -38,6 +38,7 @@ NOT_RUN = {
     'docs/howto/play.md': 7,
     'docs/howto/ros.md': 2,
     'docs/index.md': 1,
+    'docs/performance.md': 2,
     'docs/tutorials/convert.md': 1,
     'docs/tutorials/foxglove.md': 4,
     'docs/tutorials/robot.md': 2,
