@@ -24,8 +24,9 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 
 def on_post_page(output: str, **_: object) -> str:
-    """Name the search dialog of the theme, for screen readers."""
-    return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
+    """Name the search dialog for screen readers, and make an empty corner of a table no header."""
+    named = output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
+    return named.replace('<th></th>', '<td></td>')
 
 
 def on_post_build(config: MkDocsConfig) -> None:

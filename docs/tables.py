@@ -11,9 +11,9 @@ import ast
 import dataclasses
 import inspect
 import re
-from collections import defaultdict
 from enum import Enum
 from pathlib import Path
+from textwrap import dedent
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from kitti_ros2.cli.app import get_command
@@ -56,13 +56,15 @@ def command(name: str) -> str:
         ((_code(each.metavar or each.name.upper()), each.help) for each in arguments),
     )
     parts = [inspect.cleandoc(found.help), usage, about]
-    panels = defaultdict(list)
+    panels: dict[str, list[Any]] = {'': []}
     for each in options:
-        panels[getattr(each, 'rich_help_panel', None)].append(each)
+        panels.setdefault(getattr(each, 'rich_help_panel', None) or '', []).append(each)
     for title, members in panels.items():
-        rows = (_option_row(each) for each in members)
+        rows = [_option_row(each) for each in members]
         parts += [f'**{title}**'] if title else []
-        parts.append(table(('option', 'value', 'meaning', 'default'), rows))
+        parts += [table(('option', 'value', 'meaning', 'default'), rows)] if rows else []
+    examples = inspect.cleandoc(found.callback.__doc__ or '').partition('Examples:\n')[2]
+    parts += [f'```text\n{dedent(examples).strip()}\n```'] if examples else []
     return '\n\n'.join(parts)
 
 
@@ -72,6 +74,8 @@ def _option_row(option: Any) -> tuple[str, ...]:  # noqa: ANN401 - of typer's ow
     declared = _DEFAULT.search(text)
     default = declared[1] if declared else _plain_default(option)
     value = '' if option.is_flag else option.metavar or _kind(option.type)
+    if value.startswith('['):
+        value = value.strip('[]').replace('|', ', ')
     return ', '.join(map(_code, spellings)), value, _DEFAULT.sub('', text), default
 
 
@@ -217,7 +221,7 @@ def plan_keys() -> str:
         (plan.PosePlan, 'pose'),
         (plan.LabelPlan, 'labels'),
     ):
-        parts += [f'### `{key}`' if key else '### Top level', _fields(kind)]
+        parts += [f'## `{key}`' if key else '## Top level', _fields(kind)]
     return '\n\n'.join(parts)
 
 
