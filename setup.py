@@ -81,6 +81,7 @@ EXTRAS['test'] = [
     'mcap-ros2-support>=0.5.5,<0.7',
     'mypy>=1.15,<3',
     'packaging>=23,<27',
+    'pexpect>=4.9,<5',
     'pytest-xdist>=3.5,<4',
     'pytest>=8,<10',
     'ruff>=0.17,<0.18',

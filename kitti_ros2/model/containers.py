@@ -76,7 +76,6 @@ CONTAINERS = {
 
 # As messages and help texts list them.
 ANY_BAG = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag'
-CONTAINER_NAMES = ' or '.join(', '.join(CONTAINERS).rsplit(', ', 1))
 FILE_NAMES = ', '.join(f'NAME{each.suffix}' for each in CONTAINERS.values() if each.in_file)
 
 

@@ -71,10 +71,6 @@ class Layout(str, Enum):
         return _TRAITS[self]
 
 
-*_FIRST, _LAST = (layout.value for layout in Layout)
-LAYOUT_NAMES = f'{", ".join(_FIRST)} or {_LAST}'
-"""For help texts."""
-
 _COMMON_STREAMS = frozenset({Stream.CALIBRATION, Stream.SCAN, *IMAGE_STREAMS[:4]})
 _TRAITS = {
     Layout.RAW: LayoutTraits(

@@ -133,3 +133,14 @@ def test_a_bag_without_messages_is_told(tmp_path, capsys):
     page = out.read_text()
     assert 'the bag holds no messages' in page
     assert 'Nothing is missing' not in page
+
+
+@pytest.mark.parametrize('found', [True, False])
+def test_open_shows_the_page_or_says_where_it_is(recordings, tmp_path, capsys, monkeypatch, found):
+    shown = []
+    monkeypatch.setattr('webbrowser.open', lambda address: shown.append(address) or found)
+    out = tmp_path / 'r.html'
+    assert main(['report', str(recordings[Layout.OBJECT]), '-o', str(out), '-q', '--open']) == 0
+    assert shown == [out.as_uri()]
+    said = capsys.readouterr().err
+    assert said == ('' if found else f'no browser is found; open {out.as_uri()}\n')

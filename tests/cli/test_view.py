@@ -287,3 +287,50 @@ def test_a_class_of_a_frame_that_cannot_be_drawn_is_there(recordings, tmp_path, 
     said = capsys.readouterr()
     assert 'no object of class' not in said.out
     assert 'frames not drawn: 0' in said.err
+
+
+@pytest.mark.parametrize(
+    ('words', 'frames'),
+    [
+        (['--start', '2', '--end', '3'], [2, 3]),
+        (['--start', '2'], [2, 3, 4]),
+        (['--end', '0.15s'], [0, 1]),
+        (['--start', '0.15s', '--end', '3'], [2, 3]),
+    ],
+)
+@pytest.mark.parametrize('from_bag', [False, True])
+def test_start_and_end_are_the_first_and_last_frame(recordings, tmp_path, words, frames, from_bag):
+    source = recordings[Layout.OBJECT]
+    if from_bag:
+        assert main(['to-bag', str(source), str(tmp_path / 'bag.mcap'), '-q']) == 0
+        source = tmp_path / 'bag.mcap'
+    out = tmp_path / 'out'
+    assert main(['view', str(source), '-o', str(out), '--mode', 'camera', '-q', *words]) == 0
+    assert sorted(int(path.stem) for path in out.iterdir()) == frames
+
+
+def test_a_picture_shows_the_first_frame_from_the_start_on(recordings, tmp_path):
+    pictures = [tmp_path / 'start.png', tmp_path / 'frame.png']
+    source = str(recordings[Layout.RAW])
+    for out, option in zip(pictures, ('--start', '--frame'), strict=True):
+        words = ['view', source, '-o', str(out), '--mode', 'camera', '-q']
+        assert main([*words, option, '3']) == 0
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ('out', 'words', 'said'),
+    [
+        ('o.png', ['--frame', '1', '--start', '2'], '--frame does not go with --start and --end'),
+        ('o', ['--frames', '1:2', '--end', '2'], '--frames does not go with --start and --end'),
+        ('o.png', ['--end', '2'], '--end is for a film (.mp4) or folder'),
+        ('o', ['--start', '9'], 'the selection takes no frame; it has 0 to 4'),
+        ('o', ['--start', '3', '--end', '1'], 'the end (frame 1) is before the start (frame 3)'),
+        ('o', ['--topics', '/tf'], '--exclude-topics go with --rerun'),
+    ],
+)
+def test_a_selection_that_cannot_be_is_one_line(recordings, tmp_path, capsys, out, words, said):
+    path = tmp_path / out
+    assert main(['view', str(recordings[Layout.RAW]), '-o', str(path), '-q', *words]) == 2
+    assert said in one_line(capsys.readouterr().err)
+    assert not path.exists()
