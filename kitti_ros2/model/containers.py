@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .text import either
+
 
 @dataclass(frozen=True)
 class Container:
@@ -76,7 +78,7 @@ CONTAINERS = {
 
 # As messages and help texts list them.
 ANY_BAG = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag'
-CONTAINER_NAMES = ' or '.join(', '.join(CONTAINERS).rsplit(', ', 1))
+CONTAINER_NAMES = either(list(CONTAINERS))
 FILE_NAMES = ', '.join(f'NAME{each.suffix}' for each in CONTAINERS.values() if each.in_file)
 
 

@@ -17,6 +17,7 @@ from rclpy.qos import (
 )
 
 from ..model.errors import UsageError
+from ..model.spelling import did_you_mean
 from ..model.yaml_text import load_yaml
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
     values = {}
     for name, value in policies.items():
         if name not in _POLICIES:
-            known = ', '.join(_POLICIES)
+            known = ', '.join(_POLICIES) + did_you_mean(str(name), _POLICIES)
             raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {known}')
         try:
             values[name] = _POLICIES[name](value)
