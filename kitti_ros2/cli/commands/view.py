@@ -58,7 +58,10 @@ def view(  # noqa: PLR0913, PLR0917 - each is an option of the command
     if web or save is not None or start is not None or end is not None or topics:
         raise UsageError('--web, --save, --start, --end and --topics go with --rerun')
     if out is None:
-        raise UsageError('view needs -o OUT (a picture, a film, a folder), or --rerun')
+        raise UsageError(
+            'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC -o OUT,'
+            ' or kitti-ros2 view SRC --rerun'
+        )
     from ..view import run_view
 
     return run_view(src, out, drawn, quiet=quiet)
