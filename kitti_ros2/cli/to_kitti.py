@@ -10,7 +10,8 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..bags.reader import OpenBag, bag_stamps
+from ..bags.open_source import open_bag_source
+from ..bags.reader import bag_stamps
 from ..files.staging import refuse_inside
 from ..messages.source import RECORDING
 from ..model.errors import UsageError
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from ..bags.reader import OpenBag
     from ..importer.report import ImportReport
     from ..options.importing import ImportOptions
     from ..own_bags.recorded_layout import Blueprint
@@ -59,7 +61,9 @@ def run_to_kitti(
     if plan_only:
         return _print_plan(paths, options)
     if len(paths) < 2:
-        raise UsageError('to-kitti needs a bag and a folder to create: kitti-ros2 to-kitti BAG OUT')
+        raise UsageError(
+            'OUT is missing (the folder to create); usage: kitti-ros2 to-kitti BAG... OUT'
+        )
     *bags, out = paths
     for bag in bags:
         refuse_inside(bag, out)
@@ -78,7 +82,7 @@ def run_to_kitti(
 
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
     """Open bags until the end of a stack."""
-    return [stack.enter_context(OpenBag(path)) for path in paths]
+    return [stack.enter_context(open_bag_source(path)) for path in paths]
 
 
 def _convert(
