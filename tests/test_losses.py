@@ -185,7 +185,7 @@ def test_topics_that_match_nothing_are_refused(recordings, tmp_path):
     with pytest.raises(UsageError, match='no topic is called /kitty/'):
         run(recordings[Layout.RAW], tmp_path / 'o.mcap', topics=('/kitty/*',))
     report = run(recordings[Layout.RAW], tmp_path / 'o.mcap', topics=('/tf', '/kitty/*'))
-    assert 'no topic is called /kitty/*' in report.notes
+    assert 'no topic is called /kitty/*; did you mean /kitti/*?' in report.notes
 
 
 def test_config_values_are_taken_as_they_are_written(tmp_path):

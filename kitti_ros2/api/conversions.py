@@ -9,16 +9,15 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bags.open_source import open_source
-from ..bags.reader import OpenBag
+from ..bags.open_source import open_bag_source, open_folder
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
-from ..model.errors import MissingPathError, UsageError
+from ..model.errors import UsageError
 from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
 from ..own_bags.to_kitti import Conversion
 from .keywords import by_name
-from .source import warn
+from .source import require, warn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -62,13 +61,10 @@ def to_bag(
         >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
         ExportReport(...)
     """
-    source, target = Path(src), Path(out)
+    source, target = require(Path(src)), Path(out)
     settings = make_settings(by_name(options, TO_BAG))
     bag = settings.bag(guess_storage(target, settings.storage))
-    recording = open_source(source, settings.read)
-    if isinstance(recording, OpenBag):
-        recording.close()
-        raise UsageError(f'{source}: is a bag already; expected a KITTI folder')
+    recording = open_folder(source, settings.read)
     refuse_inside(source, target)
     report = convert(
         recording,
@@ -118,10 +114,8 @@ def to_kitti(
     with ExitStack() as stack:
         opened = []
         for path in paths:
-            if not path.exists():
-                raise MissingPathError(f'{path}: no such file or folder; expected a bag')
-            refuse_inside(path, target)
-            opened.append(stack.enter_context(OpenBag(path)))
+            refuse_inside(require(path), target)
+            opened.append(stack.enter_context(open_bag_source(path)))
         if not opened:
             raise UsageError('no bag; expected at least one')
         chosen = make_import_options(by_name(options, TO_KITTI))

@@ -35,10 +35,8 @@ class OpenSource:
     def frames(self) -> FrameSource:
         """The frames; file positions of a bag are not shared between processes."""
         if self._frames is None or self._process != os.getpid():
-            if not self.path.exists():
-                raise MissingPathError(f'{self.path}: no such file or folder')
             read = ReadOptions(**values_for(ReadOptions, parse_values(self.options, _OPTIONS)))
-            self._frames = open_frames(self.path, read)
+            self._frames = open_frames(require(self.path), read)
             self._process = os.getpid()
         return self._frames
 
@@ -54,6 +52,17 @@ class OpenSource:
 
 class KittiRos2Warning(UserWarning):
     """Data was skipped because it is missing or damaged; the text contains the path and line."""
+
+
+def require(path: Path) -> Path:
+    """Return a path that exists.
+
+    Raises:
+        MissingPathError: It does not.
+    """
+    if not path.exists():
+        raise MissingPathError(f'{path}: no such file or folder')
+    return path
 
 
 def warn(text: str) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from ..model.containers import CONTAINERS
-from ..model.errors import BadBagError
+from ..model.errors import BadBagError, NotABagError
 from ..model.yaml_text import load_yaml
 from .decompressors import ZSTD_MAGIC, decompress_file
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-_METADATA = 'metadata.yaml'
+METADATA = 'metadata.yaml'
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
 _LONGEST_MAGIC = max(len(each.magic) for each in CONTAINERS.values())
 
@@ -60,7 +60,7 @@ def looks_like_bag(path: Path) -> bool:
     """Whether a path is a file of any kind, or a folder that contains files of a bag."""
     if not path.is_dir():
         return path.exists()
-    return (path / _METADATA).is_file() or any(_files(path).values())
+    return (path / METADATA).is_file() or any(_files(path).values())
 
 
 def locate_bag(path: Path) -> BagFiles:
@@ -71,15 +71,15 @@ def locate_bag(path: Path) -> BagFiles:
         OSError: It cannot be read.
     """
     if not path.exists():
-        raise BadBagError(path, 'there is no such file or directory')
+        raise NotABagError(path, 'there is no such file or directory')
     if not path.is_dir():
         return BagFiles(path, _storage(path), (path,))
-    if (path / _METADATA).is_file():
+    if (path / METADATA).is_file():
         return _rosbag2(path)
     for storage, files in _files(path).items():
         if files and not CONTAINERS[storage].in_rosbag2:
             return BagFiles(path, storage, files, directory=True)
-    return _without_metadata(path, f'{path}: has no {_METADATA}')
+    return _without_metadata(path, f'{path}: has no {METADATA}')
 
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:
@@ -105,7 +105,7 @@ def _without_metadata(path: Path, found: str) -> BagFiles:
         if files and CONTAINERS[storage].in_rosbag2:
             loss = f'{found}; its files are read as they are; {reindex_advice(path, files)}'
             return BagFiles(path, storage, files, directory=True, losses=(loss,))
-    raise BadBagError(path, f'is a directory without {_METADATA}')
+    raise NotABagError(path, f'is a directory without {METADATA}')
 
 
 def reindex_advice(path: Path, files: Sequence[Path]) -> str:
@@ -138,11 +138,11 @@ def _storage(path: Path) -> str:
     for storage, container in CONTAINERS.items():
         if head.startswith(container.magic):
             return storage
-    raise BadBagError(path, 'is a file of another kind')
+    raise NotABagError(path, 'is a file of another kind')
 
 
 def _rosbag2(path: Path) -> BagFiles:
-    source = path / _METADATA
+    source = path / METADATA
     try:
         information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
         storage = str(information['storage_identifier'])
@@ -162,7 +162,7 @@ def _rosbag2(path: Path) -> BagFiles:
     files = tuple(path / name for name in names)
     missing = [file.name for file in files if not file.is_file()]
     if missing and len(missing) == len(files):
-        raise BadBagError(path, f'lacks {missing[0]}, which its {_METADATA} names')
+        raise BadBagError(path, f'lacks {missing[0]}, which its {METADATA} names')
     return BagFiles(
         path,
         storage,
@@ -171,7 +171,7 @@ def _rosbag2(path: Path) -> BagFiles:
         compression_mode=mode,
         message_count=count,
         topics=topics,
-        losses=tuple(f'{path}: lacks {name}, which its {_METADATA} names' for name in missing),
+        losses=tuple(f'{path}: lacks {name}, which its {METADATA} names' for name in missing),
     )
 
 

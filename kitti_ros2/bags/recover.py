@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
 from ..model.containers import CONTAINERS
-from ..model.errors import BadBagError, KittiRos2Error, UsageError
+from ..model.errors import BadBagError, KittiRos2Error, NotABagError, UsageError
 from ..options.bag import BagOptions
 from .locate import locate_bag
 from .message_source import BagMessages
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from .locate import BagFiles
     from .message_source import BagMessage
     from .writer import BagWriter
 
@@ -66,11 +67,12 @@ def recover(
 
     Raises:
         BadBagError: The path holds no bag, or one that cannot be read at all.
-        UsageError: The storage and out's suffix contradict each other, or out is the bag itself.
+        UsageError: The path is a KITTI folder or in one, or the storage and out's suffix contradict
+            each other, or out is the bag itself.
         OutputExistsError: The output exists and may not be replaced.
         OutputError: The output cannot be written.
     """
-    bag = locate_bag(path)
+    bag = _located(path)
     if lies_inside(out, path):
         raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')
     storage = guess_storage(out, storage, default=bag.storage)
@@ -97,6 +99,15 @@ def recover(
         lost_exactly=None not in losses.values(),
         notes=tuple(each for each in messages.findings if each not in losses),
     )
+
+
+def _located(path: Path) -> BagFiles:
+    try:
+        return locate_bag(path)
+    except NotABagError as error:
+        from .open_source import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
+
+        raise explain_no_bag(path, error) from None
 
 
 class _Copy:

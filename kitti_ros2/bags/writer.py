@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from ..model.containers import CONTAINERS, container_of
 from ..model.errors import UsageError
+from ..model.spelling import not_one_of
 from .contract import Parts, SegmentContext
 from .segments import BagWriter
 
@@ -42,7 +43,7 @@ def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -
         UsageError: The suffix and the storage contradict each other, or one of them is unknown.
     """
     if asked is not None and asked not in CONTAINERS:
-        raise UsageError(f'there is no storage {asked!r}; choose one of {", ".join(CONTAINERS)}')
+        raise not_one_of('storage', asked, list(CONTAINERS))
     for name, container in CONTAINERS.items():
         if path.suffix == container.suffix and not container.in_file:
             raise UsageError(

@@ -66,12 +66,12 @@ def run(words: list[str]) -> int:
         message = getattr(error, 'format_message', None)
         if message is None:
             raise
-        context = getattr(error, 'ctx', None)
-        path = context.command_path if context is not None else 'kitti-ros2'
         if type(error).__name__ == 'NoArgsIsHelpError':
             typer.echo(message(), err=True)
             return EXIT_USAGE
-        raise UsageError(f'{message().rstrip(".")}; see {path} --help') from error
+        from .usage import describe_usage_error
+
+        raise UsageError(describe_usage_error(error)) from error
     if result == EXIT_INTERRUPTED:
         raise KeyboardInterrupt  # typer has caught it
     return result if isinstance(result, int) else EXIT_OK

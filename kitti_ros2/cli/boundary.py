@@ -61,7 +61,7 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
     except (KittiRos2Error, OSError) as error:
         if debug:
             raise
-        _complain(_describe(error))
+        _complain(_describe(error, words))
         return EXIT_USAGE
     except Exception as error:
         if debug:
@@ -97,7 +97,14 @@ def _terminate(*_: object) -> None:
     sys.exit(EXIT_TERMINATED)
 
 
-def _describe(error: KittiRos2Error | OSError) -> str:
+def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:
+    if isinstance(error, KittiRos2Error) and error.remedies:
+        from .remedies import format_remedies
+
+        commands = format_remedies(error.remedies, words)
+        text = str(error)
+        separator = ' ' if text.endswith('?') else ': '
+        return f'{text}{separator}{commands}' if commands else text
     if isinstance(error, OSError) and error.filename is None and error.errno == errno.ENOSPC:
         return f'standard output: {error.strerror}'  # only standard streams have no file name
     return describe_error(error)

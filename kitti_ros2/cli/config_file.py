@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 from ..model.errors import UsageError
+from ..options.declare import check_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -42,9 +43,7 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
         return {}
     if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
         raise UsageError(f'{path}: not a mapping; expected lines like "images: raw"')
-    unknown = sorted(set(values) - set(known))
-    if unknown:
-        raise UsageError(f'{path}: unknown option {unknown[0]!r}; known are {", ".join(known)}')
+    check_names(values, known, f'{path}: ')
     return values
 
 

@@ -116,7 +116,7 @@ def _play_for_viewers(
     if not 0 <= port <= _LAST_PORT:
         raise UsageError(f'invalid port {port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:
-        raise UsageError('no source; give a KITTI folder or a bag: play SRC')
+        raise UsageError('SRC is missing (a KITTI folder or a bag); usage: kitti-ros2 play SRC')
     if ros_args:
         raise UsageError(f'{_ROS_ARGS} does not go with {_FOXGLOVE}: no node is started')
     # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.

@@ -9,10 +9,10 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
+from ..bags.open_source import open_folder
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
-from ..kitti.layouts import open_recording
 from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG_OPTIONS, make_settings
@@ -60,7 +60,7 @@ def run_to_bag(
         chosen = load_config(config, TO_BAG_OPTIONS) | chosen
     settings = make_settings(chosen)
     bag = settings.bag(guess_storage(out, settings.storage))
-    recording = open_recording(src, settings.read)
+    recording = open_folder(src, settings.read)
     refuse_inside(src, out)
     if settings.read.layout is None and not quiet and not json:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')

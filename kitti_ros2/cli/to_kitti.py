@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..bags.reader import OpenBag
+from ..bags.open_source import open_bag_source
 from ..files.staging import refuse_inside
 from ..model.errors import UsageError
 from ..options.table import make_import_options
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from ..bags.reader import OpenBag
     from ..importer.report import ImportReport
     from ..options.importing import ImportOptions
 
@@ -65,7 +66,9 @@ def run_to_kitti(
             )
         return _print_plan(paths, options)
     if len(paths) < 2:
-        raise UsageError('to-kitti needs a bag and a folder to create: kitti-ros2 to-kitti BAG OUT')
+        raise UsageError(
+            'OUT is missing (the folder to create); usage: kitti-ros2 to-kitti BAG... OUT'
+        )
     *bags, out = paths
     for bag in bags:
         refuse_inside(bag, out)
@@ -96,7 +99,7 @@ def _note(text: str) -> None:
 
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
     """Open bags until the end of a stack."""
-    return [stack.enter_context(OpenBag(path)) for path in paths]
+    return [stack.enter_context(open_bag_source(path)) for path in paths]
 
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:

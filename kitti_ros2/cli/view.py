@@ -12,10 +12,11 @@ from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged_file
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
+from ..model.spelling import did_you_mean, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_view_settings
 from ..pictures.modes import MODES
-from ..pictures.movie import Movie
+from ..pictures.movie import NO_H264, Movie, has_h264
 from ..pictures.output import PICTURES, keep_all_but_pictures, staged_folder, write_picture
 from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, select_frames
@@ -143,7 +144,8 @@ def _draw(
         rate_hz = settings.rate_hz or rate_of(source, numbers)
         how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
-        for note in (*source.assumptions, *_absent(settings, source, tally.kinds)):
+        film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
+        for note in (*source.assumptions, *_absent(settings, source, tally.kinds), *film):
             say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
@@ -160,9 +162,12 @@ def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str])
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
         return [f'{settings.mode} draws no objects; --classes has no effect'] if wanted else []
     present = ', '.join(sorted(found)) or 'none'
-    missing = [kind for kind in wanted if kind not in found]
+    lower = {kind.lower() for kind in found}
     return [
-        f'no object of class {kind} in the requested frames; found: {present}' for kind in missing
+        f'no object of class {kind} in the requested frames; found: {present}'
+        f'{did_you_mean(kind, found)}'
+        for kind in wanted
+        if kind.lower() not in lower
     ]
 
 
@@ -192,7 +197,7 @@ def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> li
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
     """Raise for invalid arguments before anything is read."""
     if settings.mode not in MODES:
-        raise UsageError(f'unknown mode {settings.mode!r}; choose one of {", ".join(MODES)}')
+        raise not_one_of('mode', settings.mode, list(MODES))
     if single and settings.frames is not None:
         raise UsageError(
             f'{out}: one picture takes --frame N; for --frames give a film (.mp4) or a folder'

@@ -69,7 +69,8 @@ class Encoder:
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule
-        self._unmatched = unmatched(table, selection)
+        patterns = (*selection.topics, *selection.exclude_topics)
+        self._unmatched = unmatched([row.topic for row in table], patterns)
         due = {stream for stream in Stream if schedule.count(stream)}
         self.table: list[Topic] = [row for row in selected if row.stream in due]
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
@@ -147,7 +148,7 @@ class Encoder:
         if self._rows[Stream.SCAN]:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
             notes += turn_notes(scans, self._recording.turns, timed=options.ring_and_time)
-        return (*notes, *(f'no topic is called {pattern}' for pattern in self._unmatched))
+        return (*notes, *self._unmatched)
 
     def _labels_of(self, number: int) -> FrameLabels:
         """Read the labels of an image's frame; empty if the frame has none."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
@@ -11,7 +12,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..model.errors import UsageError
-from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Stream
+from ..model.spelling import did_you_mean
+from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, STREAM_ALIASES, Stream
+from ..model.text import either
 from .window import UNLIMITED, nothing_selected, select_window
 
 if TYPE_CHECKING:
@@ -27,6 +30,7 @@ _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
 
 _STREAMS = tuple(Stream)
+_CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
 ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
 """Streams that may apply to a whole recording, and are then due once."""
 
@@ -230,6 +234,19 @@ def _in_order(
     return Schedule(stamps[order], codes, numbers[order], spans, common, recording.turns)
 
 
+def _no_stream(name: str) -> UsageError:
+    known = ['image', *(stream.value for stream in Stream)]
+    other = STREAM_ALIASES.get(name.lower())
+    hint = f'; did you mean {other.value}?' if other else did_you_mean(_numbered(name), known)
+    return UsageError(f'there is no stream {name!r}{hint or f"; choose from {either(known)}"}')
+
+
+def _numbered(name: str) -> str:
+    """Return image_2 for the names of a camera in KITTI's folders, and in topics."""
+    camera = _CAMERA.fullmatch(name.lower())
+    return f'image_{camera[1]}' if camera else name
+
+
 def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
     if not asked:
         return set(Stream)
@@ -240,6 +257,5 @@ def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
         elif name in {stream.value for stream in Stream}:
             wanted.add(Stream(name))
         else:
-            known = ', '.join(['image', *(stream.value for stream in Stream)])
-            raise UsageError(f'there is no stream {name!r}; choose from {known}')
+            raise _no_stream(name)
     return wanted

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.errors import UsageError
+from ..model.losses import describe_frames
+from ..model.stamps import format_stamp
 from ..model.streams import Stream
+from ..model.text import either, format_duration
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.recording import ReadableRecording, StreamIndex
+    from ..model.samples import Int64Array
     from ..options.selection import Bound, SelectionOptions
 
 UNLIMITED = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
@@ -70,11 +74,43 @@ def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) 
         # Start and end are of different kinds, both inside the recording.
         if UNLIMITED[0] < last < first < UNLIMITED[1]:
             return selection.reversed_error()
-    extent = ', '.join(
-        f'{stream.value} {index.numbers[0]}-{index.numbers[-1]}'
-        for stream, index in recording.streams.items()
-    )
-    return UsageError(f'{recording.name}: the selection takes no sample; it holds frames {extent}')
+    present = {stream.value: index for stream, index in recording.streams.items()}
+    wanted = [name for name in selection.streams if name in {*present, 'image'}]
+    if selection.streams and not wanted:
+        return UsageError(
+            f'{recording.name}: the selection takes no sample: no {either(selection.streams)};'
+            f' it has {", ".join(present)}'
+        )
+    found = list(present.values())
+    if not recording.common_numbers:  # frames are those of the reference stream
+        found = [recording.streams[_reference(recording.streams)]]
+    numbers = np.unique(np.concatenate([index.numbers for index in found]))
+    stamps_ns = np.sort(np.concatenate([index.stamps_ns for index in present.values()]))
+    extent = describe_extent(numbers, stamps_ns, selection)
+    return UsageError(f'{recording.name}: {selection} takes no sample; it has {extent}')
+
+
+def describe_extent(numbers: Int64Array, stamps_ns: Int64Array, selection: SelectionOptions) -> str:
+    """Describe what a selection could take, in the units of its start and end.
+
+    Args:
+        numbers: (N,) the frames, ascending.
+        stamps_ns: (M,) the stamps of all samples, ascending.
+        selection: A selection that takes nothing.
+    """
+    bounds = [bound for bound in (selection.start, selection.end) if bound is not None]
+    parts = [describe_frames(numbers)]
+    first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+    if any(bound.offset_ns is not None for bound in bounds):
+        parts.append(f'in {format_duration(last_ns - first_ns)}')
+    if any(bound.stamp_ns is not None for bound in bounds):
+        parts.append(f'from {format_stamp(first_ns)} to {format_stamp(last_ns)}')
+    return ', '.join(parts)
+
+
+def _reference(streams: Mapping[Stream, StreamIndex]) -> Stream:
+    found: Stream = next(s for s in (Stream.SCAN, *Stream) if s in streams)
+    return found
 
 
 def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) -> int:
@@ -85,8 +121,7 @@ def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) ->
         first = min(int(index.stamps_ns.min()) for index in streams.values())
         return first + bound.offset_ns
     # Streams without a common frame number are cut where the reference stream has that frame.
-    reference = next(s for s in (Stream.SCAN, *Stream) if s in streams)
-    index = streams[reference]
+    index = streams[_reference(streams)]
     frame = bound.frame or 0
     position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
     if position < 0:

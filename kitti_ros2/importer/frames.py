@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import UsageError
+from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .plan import Incomplete
@@ -167,8 +168,9 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     """
     topic = survey.topics.get(name)
     if topic is None or not topic.count:
-        known = ', '.join(sorted(each.name for each in survey.topics.values() if each.count))
-        raise UsageError(f'the plan names {name}, of which the bag has no message; it has {known}')
+        topics = sorted(each.name for each in survey.topics.values() if each.count)
+        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
+        raise UsageError(f'the plan names {name}, of which the bag has no message{known}')
     return topic
 
 

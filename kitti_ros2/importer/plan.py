@@ -12,6 +12,7 @@ import yaml
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
+from ..model.spelling import did_you_mean
 from ..model.text import one_line
 
 if TYPE_CHECKING:
@@ -179,8 +180,9 @@ def _choose(kind: type[Enum], value: object, where: str) -> Enum:
     try:
         return kind(value)
     except ValueError:
-        known = ' or '.join(str(each.value) for each in kind)
-        raise UsageError(f'{where}: {value!r}; expected {known}') from None
+        known = [str(each.value) for each in kind]
+        hint = did_you_mean(str(value), known)
+        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
 
 
 def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
@@ -191,7 +193,9 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
     known = {each.name: each for each in fields(kind)}
     unknown = [str(key) for key in values if key not in known]
     if unknown:
-        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {", ".join(known)}')
+        hint = did_you_mean(unknown[0], known)
+        keys = ', '.join(known)
+        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
     hints = get_type_hints(kind, localns={'Mapping': dict})
     checked = {}
     for name, value in values.items():

@@ -103,15 +103,16 @@ def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
 class _RawParts(_Parts):
     """Reads parts of the three raw files, by file name."""
 
-    def __init__(self, texts: Mapping[str, str], folder: Path) -> None:
+    def __init__(self, texts: Mapping[str, str], folder: Path, source: str) -> None:
         super().__init__()
         self._texts = texts
         self._folder = folder
+        self._source = source
 
     def table(self, name: str) -> CalibTable:
         """Parse a file; an absent or invalid one has no keys."""
         path = self._folder / name
-        absent = f'{path}: no such file; it comes with the calibration of the date'
+        absent = f'{path}: no such file; {self._source}'
         if name not in self._texts:
             self.missing[name] = absent
             return CalibTable(path, {})
@@ -125,7 +126,11 @@ class _RawParts(_Parts):
 
 
 def parse_raw_calibration(
-    texts: Mapping[str, str], folder: Path, *, rectified: bool
+    texts: Mapping[str, str],
+    folder: Path,
+    *,
+    rectified: bool,
+    source: str = 'it comes with the calibration of the date',
 ) -> Calibration:
     """Parse the calibration of a raw date folder; absent or invalid parts are listed in missing.
 
@@ -133,8 +138,9 @@ def parse_raw_calibration(
         texts: File name to content, for the files that exist.
         folder: Where they are, for the errors.
         rectified: False for extract drives.
+        source: Where absent files can be had, for the errors.
     """
-    parts = _RawParts(texts, folder)
+    parts = _RawParts(texts, folder, source)
     cam_to_cam = parts.table(names.CALIB_CAM_TO_CAM)
     cameras = {}
     for index in range(len(names.RAW_IMAGES)):

@@ -43,6 +43,7 @@ OBJECT_LABELS = 'label_2'
 TRACKING_LABELS = 'label_02'
 IMAGE_SETS = 'ImageSets'
 
+DATASET = 'dataset'
 SEQUENCES = 'sequences'
 POSES = 'poses'
 TIMES = 'times.txt'

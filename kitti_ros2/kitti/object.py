@@ -19,8 +19,9 @@ from ..model.layouts import Layout
 from ..model.samples import TextFile
 from ..model.streams import Stream
 from . import append_journal, names
+from .calib_archives import describe_source
 from .label_file import frame_labels, parse_labels
-from .recording import KittiRecording
+from .recording import KittiRecording, no_calibration
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -108,8 +109,12 @@ class ObjectRecording(KittiRecording):
         return self._calibration_cached(number)
 
     def _calibration_of(self, number: int) -> Calibration:
+        folder = self.split / names.CALIB
+        if Stream.CALIBRATION not in self.streams:
+            source = describe_source(self.layout, folder)
+            return no_calibration(f'{folder}: no calibration; {source}')
         name = names.file_name(number, names.FRAME_DIGITS, names.TXT)
-        return self._load_calibration(self.split / names.CALIB / name)
+        return self._load_calibration(folder / name)
 
     def text_paths(self) -> list[Path]:
         """List the lists of frames in ImageSets."""

@@ -20,6 +20,7 @@ from ..model.layouts import Layout
 from ..model.samples import Scan, TextFile
 from ..model.streams import Clock, Stream
 from . import names
+from .calib_archives import describe_source
 from .calib_file import parse_raw_calibration
 from .oxts_file import parse_packet
 from .recording import KittiRecording
@@ -131,7 +132,8 @@ class RawRecording(KittiRecording):
             except OSError as error:
                 missing[name] = describe_error(error)
                 self._lose_late(Stream.CALIBRATION, missing[name])
-        found = parse_raw_calibration(texts, folder, rectified=self.rectified)
+        source = describe_source(self.layout, folder)
+        found = parse_raw_calibration(texts, folder, rectified=self.rectified, source=source)
         place = folder.relative_to(self.root)
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
         return replace(found, files=files, missing={**found.missing, **missing})

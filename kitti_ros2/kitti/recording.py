@@ -28,6 +28,7 @@ from ..model.samples import (
     Trajectory,
 )
 from ..model.streams import CAMERA_NAMES, Clock, Stream
+from .calib_archives import describe_source
 from .calib_file import parse_calibration
 from .poses import MercatorWorld, pose_from_packet
 from .recording_index import RecordingIndex
@@ -277,18 +278,23 @@ class KittiRecording(RecordingIndex):
             files = (self._verbatim(path, text),)
             return parse_calibration(text, path, files[0].name)
         except FileNotFoundError:
-            reason = f'{path}: no such file'
+            reason = f'{path}: no such file; {describe_source(self.layout, path)}'
         except BadFileError as error:
             reason = str(error)
         except OSError as error:
             reason = describe_error(error)
             self._lose_late(Stream.CALIBRATION, reason)
-        return Calibration(
-            {},
-            None,
-            None,
-            NOMINAL_VELO_T_IMU,
-            nominal=('velo_T_imu',),
-            missing={'file': reason},
-            files=files,
-        )
+        return no_calibration(reason, files)
+
+
+def no_calibration(reason: str, files: tuple[TextFile, ...] = ()) -> Calibration:
+    """Return an empty calibration."""
+    return Calibration(
+        {},
+        None,
+        None,
+        NOMINAL_VELO_T_IMU,
+        nominal=('velo_T_imu',),
+        missing={'file': reason},
+        files=files,
+    )

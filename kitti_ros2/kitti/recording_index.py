@@ -12,6 +12,7 @@ from ..model.losses import Loss
 from ..model.recording import StreamIndex
 from ..model.stamps import LAST_NS, NS_PER_S
 from ..model.streams import Stream
+from ..model.text import some_of
 from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class RecordingIndex:
             self._listings[stream] = listing
             if listing.strays:
                 self.notes.append(
-                    f'{listing.folder}: {_some(listing.strays)} passed over, not named like'
+                    f'{listing.folder}: {some_of(listing.strays)} passed over, not named like'
                     f' {"0" * listing.digits}{listing.suffix}'
                 )
         if len(numbers):
@@ -157,8 +158,3 @@ class RecordingIndex:
                 absent,
                 f'{folder}: no {stream.value} for frames {{}}, which other streams have',
             )
-
-
-def _some(names: Sequence[str]) -> str:
-    """Format the first few of many names."""
-    return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')

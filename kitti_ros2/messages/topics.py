@@ -47,6 +47,7 @@ from ..model.msgtypes import (
     TWIST,
 )
 from ..model.samples import Description
+from ..model.spelling import did_you_mean
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Preset
 from . import row_encoders as encoders
@@ -70,7 +71,7 @@ from .source import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
     from ..model.samples import Calibration, Sample
     from ..options.selection import SelectionOptions
@@ -244,8 +245,9 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
     patterns, excluded = selection.topics, selection.exclude_topics
     selected = [name for name in names if not patterns or _matches(name, patterns)]
     if not selected and patterns:
-        known = ', '.join(sorted(names))
-        raise UsageError(f'no topic is called {" or ".join(patterns)}; there are {known}')
+        hints = [_close_topics(each, names) for each in patterns]
+        hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
+        raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
     kept = [name for name in selected if not _matches(name, excluded)]
     if selected and not kept:
         raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
@@ -256,7 +258,20 @@ def _matches(name: str, patterns: tuple[str, ...]) -> bool:
     return any(fnmatchcase(name, each) for each in patterns)
 
 
-def unmatched(table: list[Topic], selection: SelectionOptions) -> list[str]:
-    """Return the patterns of topics and exclude_topics that match no row."""
-    patterns = (*selection.topics, *selection.exclude_topics)
-    return [each for each in patterns if not any(fnmatchcase(row.topic, each) for row in table)]
+def unmatched(names: Sequence[str], patterns: tuple[str, ...]) -> list[str]:
+    """Return a remark on each pattern that matches no topic."""
+    return [
+        f'no topic is called {each}{_close_topics(each, names)}'
+        for each in patterns
+        if not any(fnmatchcase(name, each) for name in names)
+    ]
+
+
+def _close_topics(pattern: str, names: Sequence[str]) -> str:
+    """Return the question for a misspelt topic, or for a misspelt pattern of several."""
+    known = list(names)
+    if '*' in pattern:
+        words = [name.split('/') for name in names]
+        known = [f'{"/".join(each[:at])}/*' for each in words for at in range(1, len(each))]
+        known += [f'*/{"/".join(each[at:])}' for each in words for at in range(1, len(each))]
+    return did_you_mean(pattern, known)

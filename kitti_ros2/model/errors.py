@@ -4,13 +4,43 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .containers import ANY_BAG
+from .text import either, some_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+    from typing_extensions import Self
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A command that does what was meant; the command line prints it after the error.
+
+    Attributes:
+        given: The source as it was given.
+        source: The source to give instead.
+        options: Options to add.
+        frame: The frame that was meant, for commands that take one.
+        command: The command to call; empty for the one that was called.
+        before: A shell command to run first.
+        each: The words of a shell loop over all recordings of a source: their folders, or with
+            by_name the values of --sequence.
+        by_name: See each.
+    """
+
+    given: Path
+    source: Path
+    options: tuple[str, ...] = ()
+    frame: int | None = None
+    command: str = ''
+    before: str = ''
+    each: str = ''
+    by_name: bool = False
 
 
 class KittiRos2Error(Exception):
@@ -19,10 +49,17 @@ class KittiRos2Error(Exception):
     Attributes:
         path: The file or folder that it is about, if any.
         line: The line of the file, from 1, if any.
+        remedies: Commands that do what was meant, if known; the message is complete without them.
     """
 
     path: str | None = None
     line: int | None = None
+    remedies: tuple[Remedy, ...] = ()
+
+    def with_remedies(self, *remedies: Remedy) -> Self:
+        """Return the error with commands that do what was meant."""
+        self.remedies = remedies
+        return self
 
 
 class UsageError(KittiRos2Error):
@@ -41,13 +78,13 @@ class UnreadableFileError(KittiRos2Error, OSError):
         super().__init__(f'{path}: {error.strerror or error}')
 
 
-class NotKittiError(KittiRos2Error):
+class NotKittiError(UsageError):
     """No recording of a known layout at a path."""
 
-    def __init__(self, path: Path, found: str, layouts: Iterable[str]) -> None:
+    def __init__(self, path: Path, found: str, layouts: Iterable[str], advice: str = '') -> None:
         super().__init__(
-            f'{path}: {found}; expected a KITTI folder of layout {", ".join(layouts)}'
-            f' (check the path, or force a reading with --layout)'
+            f'{path}: {found}; '
+            + (advice or f'expected a KITTI folder of layout {either(list(layouts))}')
         )
 
 
@@ -64,9 +101,11 @@ class AmbiguousLayoutError(KittiRos2Error):
 class AmbiguousSequenceError(KittiRos2Error):
     """A folder contains several sequences or drives, and one must be chosen."""
 
-    def __init__(self, path: Path, option: str, names: Sequence[str]) -> None:
-        shown = ', '.join(names[:8]) + (', ...' if len(names) > 8 else '')
-        super().__init__(f'{path}: holds {len(names)} of them ({shown}); choose one: {option}')
+    def __init__(self, path: Path, kind: str, names: Sequence[str]) -> None:
+        super().__init__(
+            f'{path}: holds {len(names)} {kind}s ({some_of(names)});'
+            f' choose one with --sequence, or take all in turn'
+        )
 
 
 class BadFileError(KittiRos2Error):
@@ -129,6 +168,10 @@ class MissingDataError(KittiRos2Error):
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
+
+
+class NotABagError(BadBagError):
+    """A path that holds nothing of a bag."""
 
 
 def describe_error(error: Exception) -> str:

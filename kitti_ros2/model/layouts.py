@@ -16,6 +16,7 @@ class LayoutTraits:
 
     Attributes:
         title: What a recording of the layout is called in reports.
+        noun: The same in one word.
         default_name: The name of a new recording; {date} (YYYY_MM_DD) and {kind} (sync or extract)
             are filled in.
         streams: The streams that have a place in the layout.
@@ -38,6 +39,7 @@ class LayoutTraits:
     """
 
     title: str
+    noun: str
     default_name: str
     streams: frozenset[Stream]
     cameras: tuple[int, ...] = (0, 1, 2, 3)
@@ -75,6 +77,7 @@ _COMMON_STREAMS = frozenset({Stream.CALIBRATION, Stream.SCAN, *IMAGE_STREAMS[:4]
 _TRAITS = {
     Layout.RAW: LayoutTraits(
         title='KITTI raw drive',
+        noun='drive',
         default_name='{date}_drive_0001_{kind}',
         streams=_COMMON_STREAMS | {Stream.OXTS, Stream.LABELS},
         clock=Clock.UTC,
@@ -85,6 +88,7 @@ _TRAITS = {
     ),
     Layout.OBJECT: LayoutTraits(
         title='KITTI object detection set',
+        noun='split',
         default_name='training',
         streams=_COMMON_STREAMS | {Stream.IMAGE_4, Stream.LABELS},
         cameras=(2, 3),
@@ -93,6 +97,7 @@ _TRAITS = {
     ),
     Layout.ODOMETRY: LayoutTraits(
         title='KITTI odometry sequence',
+        noun='sequence',
         default_name='00',
         streams=_COMMON_STREAMS | {Stream.POSE},
         clock=Clock.RELATIVE,
@@ -102,6 +107,7 @@ _TRAITS = {
     ),
     Layout.TRACKING: LayoutTraits(
         title='KITTI tracking sequence',
+        noun='sequence',
         default_name='0000',
         streams=_COMMON_STREAMS | {Stream.OXTS, Stream.LABELS},
         cameras=(2, 3),

@@ -7,8 +7,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from .text import format_count
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from .samples import Int64Array
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,13 @@ def runs_of(numbers: Iterable[int]) -> list[list[int]]:
         else:
             spans.append([number, number])
     return spans
+
+
+def describe_frames(numbers: Int64Array) -> str:
+    """Describe ascending frame numbers: how many, the first, the last, and whether some miss."""
+    count, first, last = len(numbers), int(numbers[0]), int(numbers[-1])
+    gaps = ' with gaps' if last - first + 1 != count else ''
+    return f'{format_count(count, "frame")}, {first} to {last}{gaps}'
 
 
 def format_numbers(numbers: Sequence[int], most: int = 6) -> str:

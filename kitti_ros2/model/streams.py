@@ -56,6 +56,20 @@ Otherwise (a raw extract) the samples of the first stream that has any are the f
 """
 
 
+STREAM_ALIASES = {
+    'velodyne': Stream.SCAN,
+    'velodyne_points': Stream.SCAN,
+    'lidar': Stream.SCAN,
+    'points': Stream.SCAN,
+    'imu': Stream.OXTS,
+    'gps': Stream.OXTS,
+    'calib': Stream.CALIBRATION,
+    'tracklets': Stream.LABELS,
+    'boxes': Stream.LABELS,
+}
+"""Streams by other names that users may try."""
+
+
 class Clock(str, Enum):
     """The meaning of a recording's stamps.
 

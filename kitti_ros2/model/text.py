@@ -5,6 +5,10 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 # Of longer words only the beginning and the end are shown.
 _LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
@@ -48,3 +52,13 @@ def format_duration(nanoseconds: int) -> str:
 def format_count(count: int, noun: str) -> str:
     """Format a count with its noun, such as 1 message or 2,104 messages."""
     return f'{count:,} {noun}{"" if count == 1 else "s"}'
+
+
+def either(names: Sequence[str]) -> str:
+    """Format a choice, such as a, b or c."""
+    return ' or '.join(', '.join(names).rsplit(', ', 1))
+
+
+def some_of(names: Sequence[str], most: int = 3) -> str:
+    """Format the first few of many names, such as a, b, c and 5 more."""
+    return ', '.join(names[:most]) + (f' and {len(names) - most} more' if len(names) > most else '')

@@ -17,6 +17,7 @@ from rclpy.qos import (
 )
 
 from ..model.errors import UsageError
+from ..model.spelling import did_you_mean
 from ..model.yaml_text import load_yaml
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
     values = {}
     for name, value in policies.items():
         if name not in POLICIES:
-            known = ', '.join(POLICIES)
+            known = ', '.join(POLICIES) + did_you_mean(str(name), POLICIES)
             raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {known}')
         try:
             values[name] = POLICIES[name](value)

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
+from ..model.spelling import not_one_of
 from .declare import option
 from .parsers import parse_flag, parse_integer, parse_seconds_ns, parse_split_size, parse_text
 
@@ -60,14 +61,11 @@ class BagOptions:
 
     def __post_init__(self) -> None:
         if self.storage not in CONTAINERS:
-            raise UsageError(
-                f'unknown storage {self.storage!r}; choose one of {", ".join(CONTAINERS)}'
-            )
+            raise not_one_of('storage', self.storage, list(CONTAINERS))
         known = CONTAINERS[self.storage].compressions
         if self.compression not in known:
-            raise UsageError(
-                f'storage {self.storage} supports compression {" or ".join(known)},'
-                f' not {self.compression!r}'
+            raise not_one_of(
+                f'compression of storage {self.storage}', self.compression, list(known)
             )
         self._check_level(known[self.compression])
         for name, value in (('size', self.split_size), ('duration', self.split_duration_ns)):

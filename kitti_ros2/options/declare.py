@@ -7,12 +7,13 @@ The command line, YAML files, ROS parameters and the reference's tables take it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any, TypeAlias, TypeVar
 
 from ..model.errors import UsageError
+from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from .parsers import parse_choice, parse_seconds_ns
 
@@ -123,6 +124,17 @@ def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
     return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
 
 
+def check_names(values: Iterable[str], known: Collection[str], where: str = '') -> None:
+    """Check the names of options.
+
+    Raises:
+        UsageError: A name is unknown.
+    """
+    for name in sorted(set(values) - set(known)):
+        hint = did_you_mean(name, known) or f'; known are {", ".join(known)}'
+        raise UsageError(f'{where}unknown option {name!r}{hint}')
+
+
 def parse_values(values: Mapping[str, object], options: tuple[Option, ...]) -> dict[str, Any]:
     """Parse values by name; None is not given.
 
@@ -130,7 +142,5 @@ def parse_values(values: Mapping[str, object], options: tuple[Option, ...]) -> d
         UsageError: A name is unknown, or a value is invalid.
     """
     parsers = {each.name: each.parse for each in options}
-    unknown = sorted(set(values) - set(parsers))
-    if unknown:
-        raise UsageError(f'unknown option {unknown[0]!r}; known are {", ".join(parsers)}')
+    check_names(values, parsers)
     return {name: parsers[name](name, value) for name, value in values.items() if value is not None}

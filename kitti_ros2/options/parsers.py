@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..model.errors import UsageError
+from ..model.spelling import not_one_of
 from ..model.stamps import parse_seconds, parse_stamp
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     def parse(name: str, value: object) -> E:
         known = [item.value for item in kind]
         if value not in known:
-            raise UsageError(f'{name} takes {" or ".join(known)}, not {value!r}')
+            raise not_one_of(name, value, known)
         return kind(value)
 
     return parse

@@ -127,6 +127,12 @@ class SelectionOptions:
         """Whether neither start nor end limit it."""
         return self.start is None and self.end is None
 
+    def __str__(self) -> str:
+        """Return readable text: the selection from frame 3 to 3.5s."""
+        first = f' from {self.start}' if self.start is not None else ''
+        last = f' to {self.end}' if self.end is not None else ''
+        return f'the selection{first}{last}'
+
     def reversed_error(self) -> UsageError:
         """Return the error for an end before the start."""
         return UsageError(f'the end ({self.end}) is before the start ({self.start})')

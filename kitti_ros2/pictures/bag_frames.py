@@ -29,6 +29,7 @@ from ..messages.source import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout
+from ..model.losses import describe_frames
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
@@ -126,8 +127,9 @@ class BagFrames:
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """See FrameSource."""
         if not 0 <= number < len(self.numbers):
-            last = len(self.numbers) - 1
-            raise UsageError(f'{self.name} has no frame {number}; it has 0 to {last}')
+            raise UsageError(
+                f'{self.name} has no frame {number}; it has {describe_frames(self.numbers)}'
+            )
         stamp_ns = int(self.stamps_ns[number])
         missing = dict(self._no_calibration)
         made: dict[Stream, Any] = {}

@@ -115,14 +115,17 @@ def needed_projection(frame: FrameData, camera: int) -> Projection | None:
 
 
 def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
-    """Return the frame with objects of the selected classes only, and DontCare regions."""
+    """Return the frame with objects of the selected classes only, and DontCare regions.
+
+    Classes are compared without regard to case.
+    """
     if not options.classes:
         return frame
-    kept = {*options.classes, DONT_CARE}
+    kept = {kind.lower() for kind in (*options.classes, DONT_CARE)}
     return replace(
         frame,
-        objects=[each for each in frame.objects if each.kind in kept],
-        predictions=[each for each in frame.predictions if each.kind in kept],
+        objects=[each for each in frame.objects if each.kind.lower() in kept],
+        predictions=[each for each in frame.predictions if each.kind.lower() in kept],
     )
 
 

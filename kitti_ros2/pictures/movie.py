@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
 
+NO_H264 = (
+    'the film is MPEG-4 Part 2, which browsers do not show, as PyAV is not installed; for H.264 run'
+    " pip install 'kitti_ros2[video]'"
+)
+
 _CONSTANT_QUALITY = '20'
 _SPEED = 'superfast'
 _MOST_DENOMINATOR = 1000

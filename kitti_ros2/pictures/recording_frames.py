@@ -17,7 +17,7 @@ from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
 from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
-from ..model.losses import format_numbers
+from ..model.losses import describe_frames
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
@@ -82,7 +82,7 @@ class RecordingFrames:
         place = int(np.searchsorted(self.numbers, number))
         if place == len(self.numbers) or self.numbers[place] != number:
             raise UsageError(
-                f'{self.name} has no frame {number}; it has {format_numbers(self.numbers.tolist())}'
+                f'{self.name} has no frame {number}; it has {describe_frames(self.numbers)}'
             )
         missing: dict[str, str] = {}
         calibration = self.recording.calibration(number)

@@ -11,6 +11,7 @@ import numpy as np
 from ..files.workers import ordered_map, worker_count
 from ..importer.frames import within
 from ..model.errors import MissingDataError, UsageError
+from ..model.losses import describe_frames
 from ..model.stamps import NS_PER_S
 from ..options.read import NOMINAL_PERIOD_NS
 from .frame_parts import name_of
@@ -97,8 +98,7 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
         (numbers >= (first or 0)) & (numbers <= (int(numbers[-1]) if last is None else last))
     ]
     if not len(chosen):
-        span = f'{numbers[0]} to {numbers[-1]}'
-        raise UsageError(f'{source.name} has no frame in {text}; it has {span}')
+        raise UsageError(f'{source.name} has no frame in {text}; it has {describe_frames(numbers)}')
     found: list[int] = chosen[:: step or 1].tolist()
     return found
 

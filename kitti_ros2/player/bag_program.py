@@ -11,6 +11,7 @@ import numpy as np
 from ..bags.forward_stamps import read_lead_ns
 from ..bags.reader import open_messages, opened
 from ..exporter.schedule import nearest_frames, never_falling
+from ..exporter.window import describe_extent
 from ..messages.cdr import Message, filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
 from ..model.losses import Loss
@@ -129,8 +130,8 @@ class BagProgram:
         if start and end and every[0] <= last < first <= every[-1]:
             raise selection.reversed_error()
         if not len(every[span]):
-            there = f'{len(every)}; it has frames {own.min()} to {own.max()}'
-            raise UsageError(f'{self._path}: the selection takes no message of {there}')
+            extent = describe_extent(np.unique(own), every, selection)
+            raise UsageError(f'{self._path}: {selection} takes no message; it has {extent}')
         frames = never_falling(own)[span]
         if end is not None and end.frame is not None:
             # Messages before the last one of a frame are played with that frame.

@@ -8,7 +8,6 @@ As in tf2, every frame has one parent, and ROS 1's leading slash is not part of 
 from __future__ import annotations
 
 from collections import defaultdict
-from difflib import get_close_matches
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from ..messages.transforms import decode_static
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
+from ..model.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -154,10 +154,7 @@ class FrameTree:
         return f'they are in different trees, of {second[-1]} and of {first[-1]}'
 
     def _unknown(self, frame: str) -> str:
-        lower = {name.lower(): name for name in self.frames}
-        close = [lower[name] for name in get_close_matches(frame.lower(), sorted(lower), 3)]
-        hint = f'; did you mean {" or ".join(close)}?' if close else ''
-        return f'there is no frame {_shown(frame)}{hint}'
+        return f'there is no frame {_shown(frame)}{did_you_mean(frame, sorted(self.frames))}'
 
     def __str__(self) -> str:
         """Format all frames: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""

@@ -393,7 +393,7 @@ def test_storage_is_guessed_from_the_ending(name, asked, storage):
         ('bag.db3', None, 'directory'),
         ('bag.mcap', 'sqlite3', 'means storage mcap'),
         ('bag.bag', 'mcap', 'means storage ros1'),
-        ('bag', 'hdf5', 'mcap, sqlite3, ros1'),
+        ('bag', 'hdf5', 'mcap, sqlite3 or ros1'),
     ],
 )
 def test_contradictions_say_what_to_do(name, asked, complaint):
@@ -415,10 +415,10 @@ def test_ros1_files_get_their_ending():
 @pytest.mark.parametrize(
     ('options', 'complaint'),
     [
-        ({'storage': 'hdf5'}, 'mcap, sqlite3, ros1'),
-        ({'compression': 'bz2'}, 'none or lz4 or zstd'),
+        ({'storage': 'hdf5'}, 'mcap, sqlite3 or ros1'),
+        ({'compression': 'bz2'}, 'none, lz4 or zstd'),
         ({'storage': 'sqlite3', 'compression': 'lz4'}, 'none or zstd'),
-        ({'storage': 'ros1', 'compression': 'zstd'}, 'none or lz4 or bz2'),
+        ({'storage': 'ros1', 'compression': 'zstd'}, 'none, lz4 or bz2'),
         ({'compression': 'zstd', 'compression_level': 23}, '1 to 22'),
         ({'compression_level': 3}, 'no level'),
         ({'split_size': 0}, 'not positive'),

@@ -72,18 +72,21 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['to-bag'], "Missing argument 'SRC'"),
-        (['to-bag', 'x'], "Missing argument 'OUT'"),
-        (['to-bag', '{tmp}/absent', '{tmp}/o.mcap'], '{tmp}/absent: no such folder'),
+        (['to-bag'], 'usage: kitti-ros2 to-bag SRC OUT'),
+        (['to-bag', 'x'], 'OUT is missing (the bag: '),
+        (['to-bag', '{tmp}/absent', '{tmp}/o.mcap'], '{tmp}/absent: no such file or folder'),
         (['to-bag', '{tmp}', '{tmp}/o.mcap'], 'the folder is empty'),
-        (['to-bag', '{raw}', '{tmp}/o.mcap', '--bogus'], 'No such option: --bogus'),
+        (['to-bag', '{raw}', '{tmp}/o.mcap', '--bogus'], 'there is no option --bogus'),
         (
             ['to-bag', '{raw}', '{tmp}/o.mcap', '--images', 'jpeg'],
-            "compressed or raw or both, not 'jpeg'",
+            "compressed, raw or both, not 'jpeg'",
         ),
-        (['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'], 'raw or object or odometry'),
+        (
+            ['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'],
+            'raw, object, odometry or tracking',
+        ),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
-        (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none or lz4 or bz2'),
+        (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none, lz4 or bz2'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', 'noon'], "invalid start or end 'noon'"),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--start', '900'], 'takes no sample'),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--split-size', 'much'], 'a size such as 2GB'),
@@ -115,7 +118,7 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['to-bag', '{raw}', '{raw}/o.mcap'], 'inside the recording'),
         (['info', '{tmp}/absent'], 'no such file or folder'),
         (['info', '{tmp}'], 'the folder is empty'),
-        (['nonsense'], "No such command 'nonsense'"),
+        (['nonsense'], 'there is no command nonsense'),
         (['demo', '{tmp}/d', '--frames', '0'], 'expected 1 to'),
     ],
 )
@@ -136,7 +139,7 @@ def test_output_that_exists_and_overwrite(recordings, tmp_path, capsys):
 
 
 def test_debug_shows_the_traceback(tmp_path):
-    with pytest.raises(Exception, match='no such folder'):
+    with pytest.raises(Exception, match='no such file or folder'):
         main(['--debug', 'to-bag', str(tmp_path / 'absent'), str(tmp_path / 'o')])
 
 
@@ -357,7 +360,7 @@ def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_pat
         ('imges: raw', "unknown option 'imges'"),
         ('- a\n- b', 'not a mapping'),
         ('a: [1,\nb: 2', ':2: invalid YAML'),
-        ('images: 3', "compressed or raw or both, not '3'"),
+        ('images: 3', "compressed, raw or both, not '3'"),
         ('tf: maybe', 'true or false'),
     ],
 )

@@ -91,11 +91,11 @@ def test_pages_are_replaced_on_demand_and_nothing_else_ever(recordings, tmp_path
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['report'], "Missing argument 'SRC'"),
+        (['report'], 'usage: kitti-ros2 report SRC'),
         (['report', '{tmp}/absent'], 'no such file or folder'),
         (['report', '{tmp}'], 'the folder is empty'),
-        (['report', '{raw}', '--layout', 'nuscenes'], 'raw or object or odometry'),
-        (['report', '{raw}', '--sequence', '77'], "no single sequence '77'"),
+        (['report', '{raw}', '--layout', 'nuscenes'], 'raw, object, odometry or tracking'),
+        (['report', '{raw}', '--sequence', '77'], "no sequence '77'"),
     ],
 )
 def test_wrong_usage_is_one_line_and_leaves_nothing(

@@ -121,7 +121,7 @@ def test_frames_that_lack_something_are_named_and_counted(drive, tmp_path, capsy
     ('words', 'complaint'),
     [
         (['--mode', 'nice'], "'nice'"),
-        (['--frame', '7'], 'has no frame 7; it has 0-4'),
+        (['--frame', '7'], 'has no frame 7; it has 5 frames, 0 to 4'),
         (['--frames', '1:2'], 'one picture takes --frame N'),
         (['--camera', '4'], 'camera 4'),
         (['--predictions', '/nowhere'], '/nowhere: no such file or folder'),
@@ -271,9 +271,9 @@ def test_a_damaged_picture_is_named(drive, tmp_path, capsys):
 
 def test_a_class_that_is_not_there_is_told(recordings, tmp_path, capsys):
     words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out.png')]
-    assert main([*words, '--classes', 'Car', '--classes', 'car']) == 0
+    assert main([*words, '--classes', 'Car', '--classes', 'Tram']) == 0
     said = capsys.readouterr().out
-    assert 'note: no object of class car in the requested frames; found: Car' in said
+    assert 'note: no object of class Tram in the requested frames; found: Car' in said
     assert 'class Car' not in said
 
 

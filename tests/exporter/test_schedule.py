@@ -86,8 +86,8 @@ def test_path_is_due_where_poses_are(recordings):
 @pytest.mark.parametrize(
     ('options', 'said'),
     [
-        ({'streams': ('lidar',)}, "no stream 'lidar'; choose from image, "),
-        ({'start': Bound(frame=99)}, 'takes no sample; it holds frames'),
+        ({'streams': ('radar',)}, "no stream 'radar'; choose from image, "),
+        ({'start': Bound(frame=99)}, 'from frame 99 takes no sample; it has 5 frames, 0 to 4'),
         ({'streams': ('image_4',)}, 'takes no sample'),
         ({'streams': ('path',)}, 'takes no sample'),
         (

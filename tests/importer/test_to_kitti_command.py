@@ -145,7 +145,7 @@ def test_an_append_behind_a_link_is_refused(bag, tmp_path, capsys):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['{bag}'], 'needs a bag and a folder'),
+        (['{bag}'], 'OUT is missing'),
         (['{bag}', '{out}'], 'which layout is wanted? give --layout raw, object'),
         (['{bag}', '{out}', '--layout', 'nuscenes'], "not 'nuscenes'"),
         (['{bag}', '{out}', '--layout', 'object', '--split', '80'], 'a split of 80'),

@@ -49,7 +49,7 @@ def test_what_is_no_kitti(tmp_path, inside):
 
 
 def test_absent_path_and_file(tmp_path):
-    with pytest.raises(NotKittiError, match='no such folder'):
+    with pytest.raises(NotKittiError, match='no such file or folder'):
         open_recording(tmp_path / 'absent')
     put(tmp_path, 'file.txt')
     with pytest.raises(NotKittiError, match='is a file'):
@@ -79,7 +79,9 @@ def test_several_sequences_ask_for_one(tmp_path):
     for name in ('00', '01'):
         put(tmp_path, f'sequences/{name}/velodyne/000000.bin', f'sequences/{name}/times.txt')
         (tmp_path / 'sequences' / name / 'times.txt').write_text('0.0\n')
-    with pytest.raises(AmbiguousSequenceError, match='--sequence 00'):
+    with pytest.raises(
+        AmbiguousSequenceError, match=r'2 sequences \(00, 01\); choose one with --sequence'
+    ):
         open_recording(tmp_path)
     assert open_recording(tmp_path, ReadOptions(sequence='1')).name == '01'
     with pytest.raises(UsageError, match=r"'7'.*00, 01"):

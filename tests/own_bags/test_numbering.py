@@ -135,7 +135,7 @@ def test_numbers_are_kept_after_start(holed, tmp_path):
 def test_a_frame_that_is_missing_is_refused_with_those_that_are_there(recordings, tmp_path):
     holed = make_holes(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path)
     bag = make_bag(holed, tmp_path / 'bag')
-    with pytest.raises(UsageError, match='it has frames 8 to 30'):
+    with pytest.raises(UsageError, match='it has 5 frames, 8 to 30'):
         BagProgram(bag, SelectionOptions(start=Bound(frame=31)))
 
 

@@ -165,7 +165,7 @@ def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys
     ]  # fmt: skip
     assert BY_POSITION not in capsys.readouterr().out
     assert main(['view', str(object_bag), '-o', str(tmp_path / 'a.png'), '--frame', '0']) == 2
-    assert 'has no frame 0; it has 8, 10, 15-16, 30' in capsys.readouterr().err
+    assert 'has no frame 0; it has 5 frames, 8 to 30 with gaps' in capsys.readouterr().err
 
 
 def test_an_object_set_of_several_days_has_no_findings_in_its_bag(object_bag):

@@ -89,10 +89,10 @@ def test_only_what_is_wanted_is_read(recordings):
 
 @pytest.mark.parametrize('number', [-1, 5])
 def test_a_frame_that_is_not_there(recording_path, tmp_path, number):
-    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0-4'):
+    with pytest.raises(UsageError, match=f'has no frame {number}; it has 5 frames, 0 to 4'):
         open_frames(recording_path, ANY).frame(number)
     bag = open_frames(make_bag(recording_path, tmp_path / 'bag.mcap'), ANY)
-    with pytest.raises(UsageError, match=f'has no frame {number}; it has 0-4'):
+    with pytest.raises(UsageError, match=f'has no frame {number}; it has 5 frames, 0 to 4'):
         bag.frame(number)
 
 

@@ -340,7 +340,7 @@ def test_what_is_not_played_is_as_it_was(recordings, tmp_path):
 
 def test_wrong_images_are_wrong_usage(recordings, capsys):
     assert main(['play', str(recordings[Layout.RAW]), '--images', 'jpeg', '--foxglove']) == 2
-    assert 'images takes compressed or raw or both' in capsys.readouterr().err
+    assert 'images takes compressed, raw or both' in capsys.readouterr().err
 
 
 def recorded_later(source, path):

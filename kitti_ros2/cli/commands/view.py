@@ -71,7 +71,10 @@ def view(
     if web or save is not None or drawn.keys() & set(_TOPICS):
         raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
     if out is None:
-        raise UsageError('view needs -o OUT (a picture, a film, a folder), or --rerun')
+        raise UsageError(
+            'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC -o OUT,'
+            ' or kitti-ros2 view SRC --rerun'
+        )
     from ..view import run_view
 
     return run_view(src, out, drawn, quiet=quiet)

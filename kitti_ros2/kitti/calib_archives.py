@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's archives of calibration files: which one has a missing file, and how it is unpacked."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from ..model.layouts import Layout
+from . import names
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def describe_source(layout: Layout, path: Path) -> str:
+    """Describe how to get a missing calibration file, for the end of a message.
+
+    Args:
+        layout: The layout of the recording.
+        path: The file, or the folder of several.
+    """
+    archive, member = _ARCHIVES[layout](path)
+    parts = PurePosixPath(member).parts
+    if path.parts[-len(parts) :] == parts:
+        target, command = Path(*path.parts[: -len(parts)]), f'unzip {archive}'
+    else:
+        # Other folders than in the archive: without them.
+        target, members = (path.parent, member) if _is_file(path) else (path, f'{member}/*')
+        command = f'unzip -j {archive} {shlex.quote(members)}'
+    return f'{archive} has it ({command} -d {shlex.quote(str(target))})'
+
+
+def _is_file(path: Path) -> bool:
+    return path.suffix == names.TXT  # it does not exist
+
+
+def _raw(path: Path) -> tuple[str, str]:
+    dates = [part[: len('2011_09_26')] for part in path.parts if names.RAW_DATE.match(part)]
+    date = dates[-1] if dates else '2011_09_26'
+    return f'{date}_calib.zip', f'{date}/{path.name}' if _is_file(path) else date
+
+
+def _of_split(archive: str, path: Path) -> tuple[str, str]:
+    """Return the archive, and the place in it of a file, or of the folder, of a split."""
+    below = path.parts[-3:] if _is_file(path) else path.parts[-2:]
+    split = below[0] if below[0] in names.SPLITS else names.SPLITS[0]
+    return archive, '/'.join([split, *below[1:]])
+
+
+def _odometry(path: Path) -> tuple[str, str]:
+    place = (names.DATASET, names.SEQUENCES, path.parent.name, path.name)
+    return 'data_odometry_calib.zip', '/'.join(place)
+
+
+_ARCHIVES: dict[Layout, Callable[[Path], tuple[str, str]]] = {
+    Layout.RAW: _raw,
+    Layout.OBJECT: lambda path: _of_split('data_object_calib.zip', path),
+    Layout.ODOMETRY: _odometry,
+    Layout.TRACKING: lambda path: _of_split('data_tracking_calib.zip', path),
+}

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recordings of each layout at a path, found by the names of folders and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from ..model.layouts import Layout
+from . import names
+from .object import ObjectRecording
+from .odometry import OdometryRecording
+from .raw import RawRecording
+from .store import STORE
+from .tracking import TrackingRecording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from ..options.read import ReadOptions
+    from .recording import KittiRecording
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A recording found in a folder.
+
+    Attributes:
+        name: Its name for --sequence.
+        folder: Its own folder; None if it shares folders with others.
+        open: Opens it.
+    """
+
+    name: str
+    folder: Path | None
+    open: Callable[[ReadOptions], KittiRecording]
+
+
+def find_raw(path: Path) -> list[Candidate]:
+    """Find the drives at a path: a drive itself, those of a date, or those of all dates."""
+    drives = [path] if _is_drive(path) else _subfolders(path, _is_drive)
+    if not drives:
+        for date in _subfolders(path, lambda folder: bool(names.RAW_DATE.fullmatch(folder.name))):
+            drives += _subfolders(date, _is_drive)
+    return [Candidate(drive.name, drive, partial(RawRecording, drive)) for drive in drives]
+
+
+def find_object(path: Path) -> list[Candidate]:
+    """Find the splits of an object set at a path: the root's, or the split itself."""
+    splits = [path] if _is_object_split(path) else []
+    splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
+    return [Candidate(split.name, split, partial(ObjectRecording, split)) for split in splits]
+
+
+def find_odometry(path: Path) -> list[Candidate]:
+    """Find the sequences of an odometry set at a path: all, or the sequence itself."""
+    sequences = [path] if _is_sequence(path) else []
+    for root in (path, path / names.SEQUENCES, path / names.DATASET / names.SEQUENCES):
+        if not sequences and root.name == names.SEQUENCES:
+            sequences = _subfolders(root, _is_sequence)
+    return [
+        Candidate(folder.name, folder, partial(OdometryRecording, folder)) for folder in sequences
+    ]
+
+
+def find_tracking(path: Path) -> list[Candidate]:
+    """Find the sequences of a tracking set at a path: the root's, or one split's."""
+    candidates = []
+    for split in (path, *(path / name for name in names.SPLITS)):
+        for sequence in _tracking_sequences(split):
+            name = f'testing/{sequence}' if split.name == 'testing' and split != path else sequence
+            candidates.append(Candidate(name, None, partial(TrackingRecording, split, sequence)))
+    return candidates
+
+
+FIND: dict[Layout, Callable[[Path], list[Candidate]]] = {
+    Layout.RAW: find_raw,
+    Layout.OBJECT: find_object,
+    Layout.ODOMETRY: find_odometry,
+    Layout.TRACKING: find_tracking,
+}
+"""Lists the recordings of a layout at a path."""
+
+
+def _subfolders(path: Path, wanted: Callable[[Path], bool]) -> list[Path]:
+    return [path / name for name in STORE.names(path) if wanted(path / name)]
+
+
+def _is_drive(path: Path) -> bool:
+    folders = [path / name for name in (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)]
+    return any(
+        (folder / names.RAW_DATA).is_dir() or (folder / names.TIMESTAMPS).is_file()
+        for folder in folders
+    )
+
+
+def _has_frames(path: Path) -> bool:
+    """Whether the sub-folders contain images or scans named by six digits."""
+    folders = [(names.SCANS, names.BIN), *((name, names.PNG) for name in names.OBJECT_IMAGES)]
+    return any(
+        len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
+        for folder, suffix in folders
+    )
+
+
+def _has_object_text(path: Path) -> bool:
+    return any(
+        len(STORE.list_numbered(path / folder, (names.TXT,), names.FRAME_DIGITS).numbers)
+        for folder in (names.CALIB, names.OBJECT_LABELS)
+    )
+
+
+def _has_odometry_text(path: Path) -> bool:
+    return (
+        (path / names.ODOMETRY_CALIB).is_file()
+        or (path / names.TIMES).is_file()
+        or any(name.endswith(names.LABEL) for name in STORE.names(path / names.POINT_LABELS))
+    )
+
+
+def _is_object_split(path: Path) -> bool:
+    if _has_object_text(path):
+        return True
+    elsewhere = _has_odometry_text(path) or path.parent.name == names.SEQUENCES
+    return _has_frames(path) and not elsewhere
+
+
+def _is_sequence(path: Path) -> bool:
+    if _has_odometry_text(path):
+        return True
+    elsewhere = _has_object_text(path) or path.name in names.SPLITS
+    return _has_frames(path) and not elsewhere
+
+
+def _tracking_sequences(split: Path) -> list[str]:
+    """List the sequences of a split: four-digit folders of data, four-digit text files."""
+    found: set[str] = set()
+    for folder in (names.SCANS, *names.TRACKING_IMAGES):
+        found |= {
+            name
+            for name in STORE.names(split / folder)
+            if _is_sequence_name(name) and (split / folder / name).is_dir()
+        }
+    for folder in (names.CALIB, names.OXTS, names.TRACKING_LABELS):
+        found |= {
+            name.removesuffix(names.TXT)
+            for name in STORE.names(split / folder)
+            if name.endswith(names.TXT) and _is_sequence_name(name.removesuffix(names.TXT))
+        }
+    return sorted(found)
+
+
+def _is_sequence_name(name: str) -> bool:
+    return len(name) == names.SEQUENCE_DIGITS and name.isdecimal()

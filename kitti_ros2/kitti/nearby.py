@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Explains why a path is no recording, from what is near it.
+
+The data set around a folder or file, those below a folder, an archive, a name of similar spelling.
+Nothing here runs for a path that can be opened; searches are limited, as the folder may be anyone's
+home directory.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..model.errors import NotKittiError, Remedy
+from ..model.layouts import Layout
+from ..model.spelling import close_names
+from ..model.text import format_count, some_of
+from . import names
+from .archives import Archive, is_archive
+from .find import FIND
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from .find import Candidate
+
+_MOST_LEVELS = 4
+_MOST_FOLDERS = 300
+_MOST_ENTRIES = 1000
+"""Of one folder."""
+
+_FOLDERS = frozenset({
+    *names.SPLITS, *names.RAW_IMAGES, *names.OBJECT_IMAGES, names.RAW_SCANS, names.SCANS,
+    names.OXTS, names.CALIB, names.OBJECT_LABELS, names.TRACKING_LABELS, names.SEQUENCES,
+    names.DATASET, names.POSES, names.POINT_LABELS, names.IMAGE_SETS,
+})  # fmt: skip
+_FILES = ('.png', '.bin', '.txt', '.xml', '.label', '.jpg', '.jpeg')
+
+
+class DataSet(NamedTuple):
+    """A folder that can be given as a source, with the recordings in it."""
+
+    folder: Path
+    layout: Layout
+    recordings: list[Candidate]
+
+    def __str__(self) -> str:
+        """Return the folder with the layout and the number of recordings."""
+        count = len(self.recordings)
+        kind = self.layout.traits.noun
+        of = '' if count == 1 else f', {format_count(count, kind)}'
+        return f'{self.folder} ({self.layout.value}{of})'
+
+
+def explain(path: Path) -> NotKittiError:
+    """Return the error for a path that holds no recording of any layout."""
+    if not path.exists():
+        return absent(path)
+    if not path.is_dir():
+        return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
+    entries = _entries(path)
+    listed = f'holds {some_of(entries, 4)}' if entries else 'the folder is empty'
+    return (
+        _explain_below(path)
+        or _explain_around(path)
+        or _explain_archives(path, entries)
+        or _not_kitti(path, listed)
+    )
+
+
+def absent(path: Path) -> NotKittiError:
+    """Return the error for a path that does not exist, with names like it beside."""
+    rest: list[str] = []
+    folder = path
+    while not folder.exists() and folder.name:
+        rest.insert(0, folder.name)
+        folder = folder.parent
+    wanted, below = rest[0], rest[1:]
+    close = [folder / name for name in close_names(wanted, _entries(folder))]
+    meant = [each.joinpath(*below) for each in close if each.joinpath(*below).exists()]
+    advice = 'give a KITTI folder or a bag'
+    error = NotKittiError(
+        path,
+        'no such file or folder',
+        [],
+        f'did you mean {" or ".join(map(str, meant))}?' if meant else advice,
+    )
+    return error.with_remedies(*(Remedy(path, each) for each in meant[:1]))
+
+
+def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
+    return NotKittiError(path, found, [layout.value for layout in Layout], advice)
+
+
+# The data set around a path.
+
+
+def _explain_around(path: Path) -> NotKittiError | None:
+    found = _around(path.absolute())
+    if found is None:
+        return None
+    folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
+    below = path.absolute().relative_to(found.folder)
+    stems = {Path(part).stem for part in below.parts}
+    chosen = [each.name for each in found.recordings if each.name in stems]
+    options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()
+    is_file = not path.is_dir()
+    frame = int(path.stem) if is_file and _is_frame(path.stem) else None
+    part = 'a file of' if is_file else 'a folder of'
+    part += f' frame {frame} of' if frame is not None else ''
+    sequence = f' (sequence {chosen[0]})' if options else ''
+    error = _not_kitti(
+        path,
+        f'is {part} a KITTI {found.layout.value} data set',
+        f'give {folder}{sequence}',
+    )
+    return error.with_remedies(Remedy(path, folder, options, frame))
+
+
+def _around(path: Path) -> DataSet | None:
+    """Return the data set that a folder or file is a part of."""
+    for folder in path.parents[:_MOST_LEVELS]:
+        part = path.relative_to(folder).parts[0]
+        if part in _FOLDERS or (folder / part).suffix.lower() in _FILES:
+            found = _at(folder)
+            if found is not None:
+                return found
+    return None
+
+
+def _is_frame(stem: str) -> bool:
+    return stem.isdecimal() and len(stem) in {names.FRAME_DIGITS, names.RAW_DIGITS}
+
+
+# The data sets below a folder.
+
+
+def _explain_below(path: Path) -> NotKittiError | None:
+    found, complete = data_sets_below(path)
+    if not found:
+        return None
+    count = f'{"" if complete else "at least "}{format_count(len(found), "data set")}'
+    shown = some_of([str(each) for each in found])
+    error = _not_kitti(path, f'holds {count}, {shown}', 'give one of these folders')
+    return error.with_remedies(Remedy(path, found[0].folder))
+
+
+def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
+    """Return the data sets below a folder, and whether all of it was searched."""
+    found: list[DataSet] = []
+    seen: set[str] = set()
+    queue = deque([(path, 0)])
+    while queue and len(seen) < _MOST_FOLDERS:
+        folder, level = queue.popleft()
+        place = os.path.realpath(folder)  # links may lead back
+        if place in seen:
+            continue
+        seen.add(place)
+        data_set = _at(folder) if level else None
+        if data_set is not None:
+            found.append(data_set)
+        elif level < _MOST_LEVELS:
+            queue.extend((each, level + 1) for each in _subfolders(folder))
+    return found, not queue
+
+
+def _at(folder: Path) -> DataSet | None:
+    """Return the data set in a folder, if names in it are KITTI's."""
+    if not any(map(_is_kitti_name, _entries(folder))):
+        return None
+    for layout, find in FIND.items():
+        try:
+            recordings = find(folder)
+        except OSError:
+            continue
+        if recordings:
+            return DataSet(folder, layout, recordings)
+    return None
+
+
+def _is_kitti_name(name: str) -> bool:
+    if name in _FOLDERS or name in {names.ODOMETRY_CALIB, names.TIMES}:
+        return True
+    return bool(names.RAW_DRIVE.fullmatch(name) or names.RAW_DATE.fullmatch(name))
+
+
+# Archives.
+
+
+def _explain_archive(path: Path) -> NotKittiError | None:
+    if not is_archive(path.name) or not path.is_file():  # reading a pipe would wait
+        return None
+    archive = Archive.open(path)
+    if archive is None:
+        return _not_kitti(path, 'is an archive that is damaged or incomplete', 'download it again')
+    error = _not_kitti(path, 'is an archive', f'unpack it, then give the folder {archive.folder}')
+    return error.with_remedies(Remedy(path, archive.folder, before=archive.command))
+
+
+def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
+    packed = [name for name in entries if is_archive(name)]
+    if not packed:
+        return None
+    archive = Archive.open(path / packed[0])
+    error = _not_kitti(
+        path, f'holds {format_count(len(packed), "archive")}, {some_of(packed)}', 'unpack them'
+    )
+    if archive is None:
+        return error
+    return error.with_remedies(Remedy(path, archive.folder, before=archive.command))
+
+
+# Listing.
+
+
+def _entries(folder: Path) -> list[str]:
+    """List some names in a folder, sorted; none if it cannot be read."""
+    return sorted(entry.name for entry in _scan(folder))
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    return sorted(folder / entry.name for entry in _scan(folder) if _is_folder(entry))
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir() and not entry.name.startswith('.')
+    except OSError:
+        return False
+
+
+def _scan(folder: Path) -> Iterator[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as entries:
+            yield from islice(entries, _MOST_ENTRIES)
+    except OSError:
+        return

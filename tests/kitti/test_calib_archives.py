@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Missing calibration: the archive that has it, and where it goes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.kitti.calib_archives import describe_source
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
+
+WHERE = {
+    Layout.RAW: '2011_09_26_calib.zip has it (unzip 2011_09_26_calib.zip -d {root})',
+    Layout.OBJECT: 'data_object_calib.zip has it (unzip data_object_calib.zip -d {root})',
+    Layout.TRACKING: 'data_tracking_calib.zip has it (unzip data_tracking_calib.zip -d {root})',
+    Layout.ODOMETRY: 'data_odometry_calib.zip has it (unzip -j data_odometry_calib.zip'
+                     ' dataset/sequences/00/calib.txt -d {root}/sequences/00)',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('layout', list(Layout))
+def test_a_recording_without_calibration(recordings, tmp_path, layout):
+    whole = recordings[layout].parent if layout is Layout.RAW else recordings[layout]
+    root = tmp_path / 'set'
+    copy = root / whole.name if layout is Layout.RAW else root
+    shutil.copytree(whole, copy)
+    for path in [*copy.rglob('calib*.txt'), *copy.glob('*/calib')]:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    recording = open_recording(copy)
+    missing = recording.calibration(0).missing.values()
+    assert any(each.endswith(WHERE[layout].format(root=root)) for each in missing)
+    options = MessageOptions(), SelectionOptions(), BagOptions()
+    report = convert(recording, tmp_path / 'o.mcap', *options)
+    own = [loss.message for loss in report.losses if loss.stream == 'calibration']
+    # One line for each file, not for each frame.
+    assert len(own) == (3 if layout is Layout.RAW else 1)
+
+
+def test_one_missing_file_of_an_object_set_is_named(recordings, tmp_path):
+    shutil.copytree(recordings[Layout.OBJECT], tmp_path / 'set')
+    (tmp_path / 'set' / 'training' / 'calib' / '000002.txt').unlink()
+    [reason] = open_recording(tmp_path / 'set').calibration(2).missing.values()
+    assert 'training/calib/000002.txt: no such file; data_object_calib.zip has it' in reason
+
+
+@pytest.mark.parametrize(
+    ('layout', 'path', 'said'),
+    [
+        (Layout.RAW, '/k/2011_10_03/calib_cam_to_cam.txt',
+         '2011_10_03_calib.zip has it (unzip 2011_10_03_calib.zip -d /k)'),
+        (Layout.RAW, '/k/2011_10_03', '2011_10_03_calib.zip -d /k)'),
+        (Layout.RAW, '/k.d/2011_10_03_drive_0001_sync',
+         "2011_10_03_calib.zip '2011_10_03/*' -d /k.d/2011_10_03_drive_0001_sync)"),
+        (Layout.RAW, '/k/2011_09_28_drive_0001_sync/calib_cam_to_cam.txt',
+         'zip 2011_09_28/calib_cam_to_cam.txt -d /k/2011_09_28_drive_0001_sync)'),
+        (Layout.OBJECT, '/k/testing/calib', 'unzip data_object_calib.zip -d /k)'),
+        (Layout.OBJECT, '/k/mine/calib',
+         "unzip -j data_object_calib.zip 'training/calib/*' -d /k/mine/calib)"),
+        (Layout.TRACKING, '/k/testing/calib/0003.txt', 'unzip data_tracking_calib.zip -d /k)'),
+        (Layout.ODOMETRY, '/k/dataset/sequences/07/calib.txt',
+         'unzip data_odometry_calib.zip -d /k)'),
+        (Layout.ODOMETRY, '/my k/07/calib.txt',
+         "dataset/sequences/07/calib.txt -d '/my k/07')"),
+    ],
+)  # fmt: skip
+def test_where_it_goes(layout, path, said):
+    assert describe_source(layout, Path(path)).endswith(said)
