@@ -70,7 +70,7 @@ from .source import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Callable, Collection, Hashable, Mapping
 
     from ..model.samples import Calibration, Sample
     from ..options.selection import SelectionOptions
@@ -256,7 +256,7 @@ def _matches(name: str, patterns: tuple[str, ...]) -> bool:
     return any(fnmatchcase(name, each) for each in patterns)
 
 
-def unmatched(table: list[Topic], selection: SelectionOptions) -> list[str]:
-    """Return the patterns of topics and exclude_topics that match no row."""
+def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
+    """Return the patterns of topics and exclude_topics that match no topic name."""
     patterns = (*selection.topics, *selection.exclude_topics)
-    return [each for each in patterns if not any(fnmatchcase(row.topic, each) for row in table)]
+    return [each for each in patterns if not any(fnmatchcase(name, each) for name in names)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import match_names
+from ..messages.topics import match_names, unmatched
 from ..model.channels import Channel
 from ..model.errors import UsageError
 from ..model.msgtypes import HEADER, IMAGE
@@ -121,7 +121,8 @@ def choose_topics(
     played = tuple(name for name in wanted if name not in {topic for topic, _ in reasons})
     if left_out and not played:
         raise UsageError(left_out[0])
-    return PlayedTopics(played, made.sources, (*left_out, *made.notes))
+    unknown = tuple(f'no topic is called {each}' for each in unmatched(names, selection))
+    return PlayedTopics(played, made.sources, (*left_out, *unknown, *made.notes))
 
 
 def define_images(typestore: Typestore) -> None:
