@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Completion of a command line that is being typed: option values, topics and sequences of SRC.
 
-The shell starts the command with the words so far in the environment; see get_completion_words.
+The shell starts the command with the words so far in the environment; see completion_words.
 What is asked of SRC reads the names of its files, or the summary of a bag.
 """
 

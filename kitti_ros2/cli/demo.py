@@ -25,7 +25,7 @@ What to do next:
   kitti-ros2 view {bag} -o frame.png
   kitti-ros2 report {bag} --open
   kitti-ros2 play {bag} --foxglove    # in Foxglove, without ROS
-  kitti-ros2 play {bag} --loop        # in ROS 2, as RViz shows it
+  kitti-ros2 play {bag} --loop        # in ROS 2, such as for RViz
   kitti-ros2 info {recording}
   kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
 or open the .mcap file in {bag} with Foxglove; the frame to fix is map.

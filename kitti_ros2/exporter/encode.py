@@ -69,8 +69,7 @@ class Encoder:
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule
-        patterns = (*selection.topics, *selection.exclude_topics)
-        self._unmatched = unmatched([row.topic for row in table], patterns)
+        self._unmatched = unmatched([row.topic for row in table], selection)
         due = {stream for stream in Stream if schedule.count(stream)}
         self.table: list[Topic] = [row for row in selected if row.stream in due]
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}

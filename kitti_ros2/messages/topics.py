@@ -71,7 +71,7 @@ from .source import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 
     from ..model.samples import Calibration, Sample
     from ..options.selection import SelectionOptions
@@ -258,11 +258,11 @@ def _matches(name: str, patterns: tuple[str, ...]) -> bool:
     return any(fnmatchcase(name, each) for each in patterns)
 
 
-def unmatched(names: Sequence[str], patterns: tuple[str, ...]) -> list[str]:
-    """Return a remark on each pattern that matches no topic."""
+def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
+    """Return a note on each pattern of topics and exclude_topics that matches no topic."""
     return [
-        f'no topic is called {each}{_close_topics(each, names)}'
-        for each in patterns
+        f'no topic is called {each}{_close_topics(each, sorted(names))}'
+        for each in (*selection.topics, *selection.exclude_topics)
         if not any(fnmatchcase(name, each) for name in names)
     ]
 

@@ -121,9 +121,8 @@ def choose_topics(
     played = tuple(name for name in wanted if name not in {topic for topic, _ in reasons})
     if left_out and not played:
         raise UsageError(left_out[0])
-    patterns = (*selection.topics, *selection.exclude_topics)
-    misspelt = unmatched(sorted(names), patterns)
-    return PlayedTopics(played, made.sources, (*left_out, *made.notes, *misspelt))
+    unknown = unmatched(names, selection)
+    return PlayedTopics(played, made.sources, (*left_out, *unknown, *made.notes))
 
 
 def define_images(typestore: Typestore) -> None:

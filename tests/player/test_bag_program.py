@@ -416,3 +416,15 @@ def test_what_is_not_cdr_has_no_position(tmp_path, profile):
     assert missing == []
     with pytest.raises(BadBagError):
         take(path, topics=('/json',))
+
+
+def test_excluded_topics_are_not_played(raw_bag):
+    whole = {channel.topic for channel in BagProgram(raw_bag, ALL).channels}
+    program = take(raw_bag, exclude_topics=('*image*', '/tf', '/kitti/absent'))
+    played = {channel.topic for channel in program.channels}
+    assert played == {topic for topic in whole if 'image' not in topic and topic != '/tf'}
+    assert 'no topic is called /kitti/absent' in program.notes()
+    both = take(raw_bag, topics=('/kitti/oxts/*',), exclude_topics=('/kitti/oxts/fix',))
+    assert {each.topic for each in both.channels} == {'/kitti/oxts/imu', '/kitti/oxts/vel'}
+    with pytest.raises(UsageError, match=r'no topic is left without \*'):
+        take(raw_bag, exclude_topics=('*',))

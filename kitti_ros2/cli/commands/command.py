@@ -40,7 +40,7 @@ class Command(TyperCommand):
         super().__init__(*args, **rest)
         text, _, examples = (self.help or '').partition(_EXAMPLES)
         self.help: str = text
-        self._examples = examples
+        self.examples = examples
 
     def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - click's form
         """Return the first line, whole."""
@@ -80,9 +80,9 @@ class Command(TyperCommand):
             formatter.write_paragraph()
             names = ' and '.join(each.metavar for each in self._arguments)
             formatter.write_text(_LISTS.format(arguments=names))
-        if self._examples:
+        if self.examples:
             formatter.write_paragraph()
-            formatter.write(f'Examples:\n{self._examples}\n')
+            formatter.write(f'Examples:\n{self.examples}\n')
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as above
         """Parse, after repeating options with several values before each of them."""
