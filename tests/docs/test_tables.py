@@ -28,7 +28,8 @@ import tables
 MARKER = re.compile(r'<!-- generated: (\S+) ?(.*?) -->')
 COMMANDS = tables.command_names()
 TEXTS = {page_name(page): page.read_text('utf-8') for page in PAGES}
-OUR_PAGES = sorted(set(TEXTS) - {'docs/comparison.md'})  # it names what others have
+OUR_PAGES = sorted(set(TEXTS) - {'docs/comparison.md', 'docs/performance.md'})
+"""Pages that name nothing of other programs, nor of benchmarks."""
 
 
 def rows_of(markdown):
