@@ -120,12 +120,12 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
 
 def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
     """List the drives, splits or sequences of SRC."""
-    from ..kitti.find import FIND
+    from ..kitti.layout_files import LAYOUTS
     from ..kitti.layouts import guess_layout
 
     path = Path(given['src']).expanduser()
     layout = _reading(given).layout or guess_layout(path)
-    return [candidate.name for candidate in FIND[layout](path)]
+    return [candidate.name for candidate in LAYOUTS[layout].find(path)]
 
 
 def _reading(given: Mapping[str, Any]) -> ReadOptions:

@@ -14,7 +14,7 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map, worker_count
-from ..kitti.layouts import make_writer
+from ..kitti.layout_files import make_writer
 from ..kitti.write_object import WriteOptions
 from ..model.errors import KittiRos2Error
 from ..model.streams import Stream

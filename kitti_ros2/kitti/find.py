@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..model.layouts import Layout
 from . import names
 from .object import ObjectRecording
 from .odometry import OdometryRecording
@@ -76,12 +75,6 @@ def find_tracking(path: Path) -> list[Candidate]:
     return candidates
 
 
-FIND: dict[Layout, Callable[[Path], list[Candidate]]] = {
-    Layout.RAW: find_raw,
-    Layout.OBJECT: find_object,
-    Layout.ODOMETRY: find_odometry,
-    Layout.TRACKING: find_tracking,
-}
 """Lists the recordings of a layout at a path."""
 
 

@@ -1,15 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The writer of each layout; detects the layout of a folder and opens it.
-
-find.py has the readers; what else differs between layouts is in LayoutTraits.
-"""
+"""Detects the layout of a folder and opens it."""
 
 from __future__ import annotations
 
 import os
 import shlex
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,77 +16,18 @@ from ..model.errors import (
     Remedy,
     UsageError,
 )
-from ..model.layouts import Layout
 from ..model.losses import runs_of
 from ..model.spelling import did_you_mean
-from ..model.streams import Stream
 from ..model.text import some_of
 from ..options.read import ReadOptions
 from . import names
-from .find import FIND
+from .layout_files import LAYOUTS
 from .nearby import explain
-from .write_object import ObjectWriter
-from .write_odometry import OdometryWriter
-from .write_raw import RawWriter
-from .write_tracking import TrackingWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
+    from ..model.layouts import Layout
     from .find import Candidate
     from .recording import KittiRecording
-    from .write_object import WriteOptions
-    from .writer import LayoutWriter
-
-
-@dataclass(frozen=True)
-class LayoutFiles:
-    """The writer of a layout, and names of text files.
-
-    Attributes:
-        write: Makes a writer below a root folder for a recording of a name.
-        line_folders: By line stream (see LayoutTraits) the folder of its text file, or the name of
-            the file without suffix.
-        stamps: Name of the text file with the stamps of a stream, beside the stream's folder; empty
-            in a layout without time.
-    """
-
-    write: Callable[[Path, str, WriteOptions | None], LayoutWriter]
-    line_folders: Mapping[Stream, str] = field(default_factory=dict)
-    stamps: str = ''
-
-
-LAYOUTS = {
-    Layout.RAW: LayoutFiles(
-        lambda root, name, _: RawWriter(root, *names.parse_drive(name)),
-        stamps=names.TIMESTAMPS,
-    ),
-    Layout.OBJECT: LayoutFiles(ObjectWriter),
-    Layout.ODOMETRY: LayoutFiles(
-        lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
-        {Stream.POSE: names.POSES},
-        stamps=names.TIMES,
-    ),
-    Layout.TRACKING: LayoutFiles(
-        lambda root, name, _: TrackingWriter(root, names.parse_sequence(name)),
-        {
-            Stream.OXTS: names.OXTS,
-            Stream.POSE: names.OXTS,
-            Stream.LABELS: names.TRACKING_LABELS,
-        },
-    ),
-}
-
-
-def make_writer(
-    layout: Layout, root: Path, name: str, options: WriteOptions | None = None
-) -> LayoutWriter:
-    """Make the writer of a layout, for a recording of a name; the options are for object sets.
-
-    Raises:
-        UsageError: The layout has no such name.
-    """
-    return LAYOUTS[layout].write(root, name, options)
 
 
 def guess_layout(path: Path) -> Layout:
@@ -128,7 +65,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    candidates = FIND[layout](folder) if folder.is_dir() else []
+    candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
     if not candidates:
         raise _not_of_layout(path, layout)
     chosen = _choose(path, layout, candidates, options.sequence)
@@ -152,7 +89,7 @@ def _absolute(path: Path) -> Path:
 def _layouts_at(path: Path) -> list[Layout]:
     """Return the layouts that a path has recordings of."""
     folder = _absolute(path)
-    return [layout for layout, find in FIND.items() if folder.is_dir() and find(folder)]
+    return [layout for layout, files in LAYOUTS.items() if folder.is_dir() and files.find(folder)]
 
 
 def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:

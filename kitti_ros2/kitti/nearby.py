@@ -21,7 +21,7 @@ from ..model.spelling import close_names
 from ..model.text import format_count, some_of
 from . import names
 from .archives import Archive, is_archive
-from .find import FIND
+from .layout_files import LAYOUTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -172,9 +172,9 @@ def _at(folder: Path) -> DataSet | None:
     """Return the data set in a folder, if names in it are KITTI's."""
     if not any(map(_is_kitti_name, _entries(folder))):
         return None
-    for layout, find in FIND.items():
+    for layout, files in LAYOUTS.items():
         try:
-            recordings = find(folder)
+            recordings = files.find(folder)
         except OSError:
             continue
         if recordings:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..model.text import format_count
 from . import names
-from .find import FIND
+from .layout_files import LAYOUTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
     """
 
     def refusal(path: Path) -> str | None:
-        found = max(len(find(path)) for find in FIND.values()) if path.is_dir() else 0
+        found = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
         if not found or not _is_plain(path):
             return 'it is no KITTI data set, so --overwrite does not touch it; choose another name'
         if found > recordings:

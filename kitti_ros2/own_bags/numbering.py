@@ -16,7 +16,7 @@ import numpy as np
 
 from ..bags.reader import open_messages, path_of
 from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
-from ..kitti.layouts import LAYOUTS
+from ..kitti.layout_files import LAYOUTS
 from ..messages.header import peek_header
 from ..messages.moment import Origin
 from ..messages.topics import decoders, own_topics

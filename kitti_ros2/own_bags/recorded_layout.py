@@ -17,7 +17,7 @@ from ..bags.decoding import Decoder
 from ..bags.reader import open_messages, opened, path_of
 from ..importer.report import LossTally, damage
 from ..kitti import names
-from ..kitti.layouts import LAYOUTS
+from ..kitti.layout_files import LAYOUTS
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
 from ..messages.moment import Origin

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exporter.schedule import UNKNOWN
 from ..kitti import names
-from ..kitti.layouts import LAYOUTS
+from ..kitti.layout_files import LAYOUTS
 from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..model.errors import BadFileError
 from ..model.streams import Stream

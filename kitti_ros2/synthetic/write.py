@@ -9,7 +9,7 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
-from ..kitti.layouts import make_writer
+from ..kitti.layout_files import make_writer
 from ..model.errors import OutputExistsError
 from ..model.streams import Stream
 from .drive import SyntheticDrive

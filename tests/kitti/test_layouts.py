@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from kitti_ros2.kitti.layouts import LAYOUTS, guess_layout, make_writer, open_recording
+from kitti_ros2.kitti.layout_files import LAYOUTS, make_writer
+from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.names import parse_drive, parse_sequence
 from kitti_ros2.model.errors import (
     AmbiguousLayoutError,

@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.files.png.header import parse_image
-from kitti_ros2.kitti.layouts import LAYOUTS
+from kitti_ros2.kitti.layout_files import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
