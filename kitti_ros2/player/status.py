@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..model.errors import UsageError
 from .keyboard import in_foreground
 from .state import where
 
@@ -30,7 +31,7 @@ class StatusLine:
     """One line at the bottom of a terminal, written again and again in its place.
 
     Whatever else is written to the terminal calls hide before. The cursor stays at the beginning of
-    the line, so that a line of code that does not know of it replaces it.
+    the line, so that a log line of another library replaces it.
 
     Args:
         stream: The terminal; None for standard error.
@@ -66,7 +67,8 @@ class StatusLine:
         """Write the line as it is now."""
         if self._text is None or not in_foreground(self._stream.fileno()):
             return
-        with self._lock, suppress(OSError):  # the terminal may be gone
+        # The terminal may be gone, or the session be replaced by that of another source.
+        with self._lock, suppress(OSError, UsageError):
             columns = os.get_terminal_size(self._stream.fileno()).columns or _COLUMNS
             text = self._text()[: columns - 1]
             if text != self._drawn:

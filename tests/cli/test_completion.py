@@ -115,8 +115,9 @@ def test_what_is_wrong_is_answered_without_a_word(home, shell, words):
         text=True,
         check=False,
     )
-    assert done.stdout.strip() in {'', '_files'}
     assert not done.stderr
+    if 'no-command' not in words:  # which may become one of the commands
+        assert done.stdout.strip() in {'', '_files'}
 
 
 def test_a_list_offers_every_topic_of_the_bag(home):

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from kitti_ros2.model.errors import UsageError
 from kitti_ros2.player import status
 from kitti_ros2.player.playback import PlaybackState
 from kitti_ros2.player.session import Counts
@@ -101,6 +102,23 @@ def test_a_line_is_cut_to_the_width_of_the_terminal(screen, monkeypatch):
     with line.follow(lambda: 'frame 1234567890'):
         line.draw()
     assert screen.written().startswith(f'{ERASE}frame 123\r')
+
+
+@pytest.mark.usefixtures('by_hand')
+def test_a_line_without_a_session_stays_as_it_is(screen):
+    texts = iter(['first', None, 'second'])
+
+    def text():
+        found = next(texts)
+        if found is None:
+            raise UsageError('no session is running')
+        return found
+
+    line = StatusLine(screen.stream)
+    with line.follow(text):
+        for expected in (f'{ERASE}first\r', '', f'{ERASE}second\r'):
+            line.draw()
+            assert screen.written() == expected
 
 
 def test_it_is_refreshed_by_itself(screen):

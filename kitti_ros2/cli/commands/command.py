@@ -15,7 +15,7 @@ from ...model.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-_SPECIAL = re.compile(r'[^\w ,./*-]')
+_SPECIAL = re.compile(r'[^\w ,.:()/*-]')
 _EXAMPLES = '\n\nExamples:\n'
 _LISTS = (
     'NAME... takes all words up to the next option or --. Give {arguments} before it, after --, or'
