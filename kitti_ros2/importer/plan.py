@@ -110,8 +110,13 @@ class Plan:
         reference: The stream whose samples are the frames: scan, image_N or pose.
         tolerance_s: Maximum distance of a sample from the stamp of its frame, seconds.
         incomplete: Whether frames with a missing sample are dropped or kept.
-        scan, cameras, pose, labels: The sources of these; cameras by KITTI index.
-        imu, fix, velocity: Topics of the packets of the GPS/IMU unit, empty for none.
+        scan: The source of the scans.
+        cameras: The sources of images, by KITTI camera number.
+        pose: The source of the poses.
+        labels: The source of the labels.
+        imu: Topic of an Imu for the packets of the GPS/IMU unit, empty for none.
+        fix: Topic of a NavSatFix for the same, empty for none.
+        velocity: Topic of a TwistStamped for the same, empty for none.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
