@@ -77,7 +77,7 @@ def interval_plot(key: str, name: str, timing: Timing) -> str:
     area = _PlotArea((0, span), (max(period - reach, 0.0), period + reach), _INTERVAL_HEIGHT)
     drawn = [
         area.axes('s', unit),
-        line(_LEFT, area.y(period), WIDTH - _RIGHT, area.y(period), 'median'),
+        line(area.left, area.y(period), WIDTH - _RIGHT, area.y(period), 'median'),
         _dots(area, times, np.clip(intervals, *area.vertical)),
         *[
             _gap_mark(area, (gap.at_ns - int(timing.stamps_ns[0])) / 1e9)
@@ -123,11 +123,14 @@ class _PlotArea:
     ) -> None:
         self._across, self.vertical = across, vertical
         self._floor = height - _BOTTOM
+        self._levels = [(value, plain(value)) for value in ticks(*vertical, 4)]
+        widest = max((len(words) for _, words in self._levels), default=0)
+        self.left = max(_LEFT, widest * _DIGIT + 6)
 
     def x(self, value: float) -> float:
         """Return the x coordinate of a value."""
         low, high = self._across
-        return _LEFT + (WIDTH - _LEFT - _RIGHT) * (value - low) / (high - low)
+        return self.left + (WIDTH - self.left - _RIGHT) * (value - low) / (high - low)
 
     def y(self, value: float) -> float:
         """Return the y coordinate of a value."""
@@ -136,13 +139,13 @@ class _PlotArea:
 
     def axes(self, across: str, up: str) -> str:
         """Draw lines and numbers of both axes, with their units."""
-        drawn = [self.level(value, plain(value)) for value in ticks(*self.vertical, 4)]
+        drawn = [self.level(value, words) for value, words in self._levels]
         drawn += [
             text(_inside(self.x(value), plain(value)), self._floor + 16, plain(value), 'middle')
             for value in ticks(*self._across, 6)
         ]
         drawn += [
-            text(_LEFT + 4, 12, up, class_='unit'),
+            text(self.left + 4, 12, up, class_='unit'),
             text(WIDTH - _RIGHT, self._floor + 27, across, 'end', 'unit'),
         ]
         return ''.join(drawn)
@@ -150,7 +153,8 @@ class _PlotArea:
     def level(self, value: float, words: str) -> str:
         """Draw a line across at a value, and its number beside the axis."""
         y = self.y(value)
-        return line(_LEFT, y, WIDTH - _RIGHT, y, 'grid-line') + text(_LEFT - 6, y + 4, words, 'end')
+        across = line(self.left, y, WIDTH - _RIGHT, y, 'grid-line')
+        return across + text(self.left - 6, y + 4, words, 'end')
 
 
 def _inside(x: float, words: str) -> float:
@@ -240,7 +244,7 @@ def histogram_plot(
     drawn += [text(area.x(edge), low, plain(edge), 'middle') for edge in edges[:-1:2]]
     drawn += [
         text(area.x(edges[-1]) + across / 2, low, f'{plain(edges[-1])}+', 'middle'),
-        line(_LEFT, area.y(0), WIDTH - _RIGHT, area.y(0), 'axis'),
+        line(area.left, area.y(0), WIDTH - _RIGHT, area.y(0), 'axis'),
         text(WIDTH - _RIGHT, height - 3, unit, 'end', 'unit'),
     ]
     ends = [f'to {plain(edge)}' for edge in edges[1:]] + ['on']

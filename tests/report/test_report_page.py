@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli.info import overlook
+from kitti_ros2.drawing.palette import rgb_of
 from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
@@ -189,6 +190,20 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
     assert all(scene.above for scene in report.scenes)
     assert report.projections == ()
     assert Page(make_page(report)).faults == []
+
+
+def test_distances_are_drawn_in_the_colour_of_the_class(recordings):
+    report = gather(recordings[Layout.TRACKING], ANY)
+    source = make_page(report)
+    plots = re.findall(r'<title id="distance-\d+-title">Distances of (\w+)<.*?</svg>', source)
+    assert plots == [each.kind for each in report.classes.classes if len(each.distances_m)]
+    assert len(plots) > 1
+    for kind in plots:
+        plot = re.search(f'>Distances of {kind}<.*?</svg>', source)[0]
+        red, green, blue = rgb_of(kind)
+        fills = re.findall('fill="([^"]*)"', plot)
+        assert set(fills) == {f'#{red:02x}{green:02x}{blue:02x}'}
+        assert len(fills) == plot.count('<rect ')
 
 
 HOSTILE = '<script>alert(1)</script>"\'&<img/src=x onerror=alert(1)>'
