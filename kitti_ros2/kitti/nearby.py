@@ -125,11 +125,20 @@ def _around(path: Path) -> DataSet | None:
     """Return the data set that a folder or file is a part of."""
     for folder in path.parents[:_MOST_LEVELS]:
         part = path.relative_to(folder).parts[0]
-        if part in _FOLDERS or (folder / part).suffix.lower() in _FILES:
+        if _is_inside(part):
             found = _at(folder)
             if found is not None:
                 return found
     return None
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a name is one of those in a data set, also of data that others add to KITTI's."""
+    return (
+        name in _FOLDERS
+        or name.startswith(('image_', 'velodyne_', 'label_'))
+        or Path(name).suffix.lower() in _FILES
+    )
 
 
 def _is_frame(stem: str) -> bool:

@@ -82,6 +82,12 @@ def test_a_relative_path_gets_a_relative_remedy(recordings, monkeypatch):
     assert explain(Path('training/image_2')).remedies[0].source == Path('training')
 
 
+def test_a_folder_that_others_add_is_inside(tmp_path):
+    put(tmp_path, 'training/velodyne/000000.bin', 'training/velodyne_reduced/000000.bin')
+    [remedy] = explain(tmp_path / 'training' / 'velodyne_reduced').remedies
+    assert remedy.source == tmp_path / 'training'
+
+
 @pytest.mark.parametrize('name', ['notes', 'notes/a.txt', 'photo.gif'])
 def test_beside_a_data_set_is_not_inside(tmp_path, name):
     put(tmp_path, 'training/velodyne/000000.bin', name if '.' in name else f'{name}/x')

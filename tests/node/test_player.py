@@ -234,7 +234,7 @@ def test_rate(player, listen, recordings, rate):
         ('position', 99, 'there is no frame 99; there are 0 to 4'),
         ('position', '"soon"', 'invalid start or end'),
         ('source', '"/nowhere"', '/nowhere: no such file or folder'),
-        ('layout', '"round"', 'layout takes raw or object'),
+        ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
         ('clock', 10.0, 'read-only'),
     ],
 )
@@ -348,7 +348,7 @@ def test_a_signal_ends_it_cleanly(player, recordings, number, module):
     ('words', 'said'),
     [
         (['/nowhere'], 'no such file or folder'),
-        ([], 'no source; give a KITTI folder'),
+        ([], 'SRC is missing (a KITTI folder'),
         (['.', '--rate', '101'], 'rate 101 is not within 0.01 to 100'),
         (['.', '--stamps', 'later'], 'stamps takes original or now'),
         (['.', '--ros-args', '-p', 'rate:=fast'], 'rate'),
