@@ -21,7 +21,7 @@ from ..model.spelling import close_names
 from ..model.text import format_count, some_of
 from . import names
 from .archives import Archive, is_archive
-from .find import FIND
+from .find import FIND, absolute
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,7 +59,7 @@ class DataSet(NamedTuple):
 def explain(path: Path) -> NotKittiError:
     """Return the error for a path that holds no recording of any layout."""
     if not path.exists():
-        return absent(path)
+        return _absent(path)
     if not path.is_dir():
         return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
     entries = _entries(path)
@@ -72,7 +72,7 @@ def explain(path: Path) -> NotKittiError:
     )
 
 
-def absent(path: Path) -> NotKittiError:
+def _absent(path: Path) -> NotKittiError:
     """Return the error for a path that does not exist, with names like it beside."""
     rest: list[str] = []
     folder = path
@@ -100,11 +100,12 @@ def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
 
 
 def _explain_around(path: Path) -> NotKittiError | None:
-    found = _around(path.absolute())
+    place = absolute(path)
+    found = _around(place)
     if found is None:
         return None
     folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
-    below = path.absolute().relative_to(found.folder)
+    below = place.relative_to(found.folder)
     stems = {Path(part).stem for part in below.parts}
     chosen = [each.name for each in found.recordings if each.name in stems]
     options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()

@@ -78,6 +78,7 @@ def test_a_relative_path_gets_a_relative_remedy(recordings, monkeypatch):
     monkeypatch.chdir(recordings[Layout.OBJECT] / 'training' / 'image_2')
     assert explain(Path()).remedies[0].source == Path('..')
     assert explain(Path('000001.png')).remedies[0].source == Path('..')
+    assert explain(Path('../velodyne')).remedies[0].source == Path('..')
     monkeypatch.chdir(recordings[Layout.OBJECT])
     assert explain(Path('training/image_2')).remedies[0].source == Path('training')
 

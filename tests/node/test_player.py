@@ -231,7 +231,7 @@ def test_rate(player, listen, recordings, rate):
         ('rate', '"fast"', 'parameter type'),
         ('step', -1, 'step'),
         ('loop', -1, 'loop'),
-        ('position', 99, 'there is no frame 99; there are 0 to 4'),
+        ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
         ('position', '"soon"', 'invalid start or end'),
         ('source', '"/nowhere"', '/nowhere: no such file or folder'),
         ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
