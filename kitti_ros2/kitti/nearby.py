@@ -63,13 +63,25 @@ def explain(path: Path) -> NotKittiError:
     if not path.is_dir():
         return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
     entries = _entries(path)
-    listed = f'holds {some_of(entries, 4)}' if entries else 'the folder is empty'
+    found, complete = data_sets_below(path)
+    if found:
+        return _explain_below(path, found, complete=complete)
     return (
-        _explain_below(path)
-        or _explain_around(path)
+        _explain_around(path)
         or _explain_archives(path, entries)
-        or _not_kitti(path, listed)
+        or _not_kitti(path, _listed(entries, complete=complete))
     )
+
+
+def _listed(entries: list[str], *, complete: bool) -> str:
+    """Describe the content of a folder without data sets."""
+    if not entries:
+        return 'the folder is empty'
+    shown = (
+        some_of(entries, 4) if len(entries) < _MOST_ENTRIES else f'{", ".join(entries[:4])}, ...'
+    )
+    searched = '' if complete else f' ({_MOST_FOLDERS} folders below it were searched)'
+    return f'holds {shown}{searched}'
 
 
 def _absent(path: Path) -> NotKittiError:
@@ -149,10 +161,7 @@ def _is_frame(stem: str) -> bool:
 # The data sets below a folder.
 
 
-def _explain_below(path: Path) -> NotKittiError | None:
-    found, complete = data_sets_below(path)
-    if not found:
-        return None
+def _explain_below(path: Path, found: list[DataSet], *, complete: bool) -> NotKittiError:
     count = f'{"" if complete else "at least "}{format_count(len(found), "data set")}'
     shown = some_of([str(each) for each in found])
     error = _not_kitti(path, f'holds {count}, {shown}', 'give one of these folders')

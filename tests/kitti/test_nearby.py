@@ -139,11 +139,15 @@ def test_the_search_is_limited(tmp_path, monkeypatch):
     assert not found
     assert not complete
     assert len(set(read)) <= 5
+    assert 'holds a, b, c, d and 5 more (5 folders below it were searched)' in str(
+        explain(tmp_path)
+    )
     monkeypatch.setattr(nearby, '_MOST_FOLDERS', 300)
     assert data_sets_below(tmp_path)[1]
     assert not any(Path(each).match('x/x/x/x/x') for each in read)
     monkeypatch.setattr(nearby, '_MOST_ENTRIES', 2)
     assert not data_sets_below(tmp_path)[0]
+    assert ', ...; expected a KITTI folder' in str(explain(tmp_path))
 
 
 def test_a_misspelt_path(tmp_path):
