@@ -1,38 +1,21 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Opens what a user names as a source: a KITTI folder or a bag, or only one of them.
-
-For a path that is neither, or the other, errors say what it is and which command is meant.
-"""
+"""Opens what a user names as a source: a KITTI folder or a bag, or one of them only."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..kitti.layouts import guess_layout, open_recording
-from ..kitti.nearby import explain
-from ..model.containers import ANY_BAG
-from ..model.errors import (
-    AmbiguousLayoutError,
-    BadBagError,
-    KittiRos2Error,
-    NotABagError,
-    NotKittiError,
-    Remedy,
-    UsageError,
-)
+from ..model.errors import NotABagError
 from .bag_files import OpenBag
-from .locate import METADATA, locate_bag, looks_like_bag
+from .locate import looks_like_bag
+from .open_folder import open_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
     from ..options.read import ReadOptions
-    from .locate import BagFiles
-
-_QUICKLY_READ_BYTES = 1 << 30
 
 
 def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
@@ -51,23 +34,9 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
     try:
         return OpenBag(path)
     except NotABagError:
-        raise _explain_file(path) from None
+        from .mistaken import explain_file  # noqa: PLC0415 - for errors only
 
-
-def open_folder(path: Path, options: ReadOptions) -> KittiRecording:
-    """Open a KITTI folder.
-
-    Raises:
-        KittiRos2Error: There is no such path, or it is a bag, or it cannot be read.
-        OSError: The same.
-    """
-    try:
-        return open_recording(path, options)
-    except NotKittiError as error:
-        bag = _find_bag(path)
-        if bag is None or (error.remedies and not _has_bag_alone(path)):
-            raise
-        raise _is_bag(bag, forced=options.layout is not None) from None
+        raise explain_file(path) from None
 
 
 def open_bag_source(path: Path) -> OpenBag:
@@ -80,79 +49,6 @@ def open_bag_source(path: Path) -> OpenBag:
     try:
         return OpenBag(path)
     except NotABagError as error:
+        from .mistaken import explain_no_bag  # noqa: PLC0415 - for errors only
+
         raise explain_no_bag(path, error) from None
-
-
-def explain_no_bag(path: Path, error: NotABagError) -> KittiRos2Error:
-    """Return the error for a path that holds no bag, where a bag is needed."""
-    if not path.exists() or _is_metadata(path):
-        near = _explain_file(path)
-        return near if near.remedies else error
-    try:
-        kind = f'layout {guess_layout(path).value}'
-    except AmbiguousLayoutError:
-        kind = 'several layouts'
-    except NotKittiError as near:
-        if not near.remedies:
-            return error
-        packed = any(each.before for each in near.remedies)
-        command = '' if packed else 'to-bag'
-        text = str(near) if packed else f'{near} to to-bag'
-        remedies = (replace(each, command=command) for each in near.remedies)
-        return UsageError(text).with_remedies(*remedies)
-    found = f'{path}: is a KITTI folder ({kind}), not a bag; convert it to a bag'
-    return UsageError(found).with_remedies(Remedy(path, path, command='to-bag'))
-
-
-def _explain_file(path: Path) -> KittiRos2Error:
-    """Return the error for a file that is no bag."""
-    if _is_metadata(path):
-        found = f'{path}: describes the bag {path.parent}; give that folder'
-        return UsageError(found).with_remedies(Remedy(path, path.parent))
-    near = explain(path)
-    if near.remedies or not path.exists():
-        return near
-    return BadBagError(path, 'is a file of another kind', f'a KITTI folder, {ANY_BAG}')
-
-
-def _is_metadata(path: Path) -> bool:
-    return path.name == METADATA and looks_like_bag(path.parent)
-
-
-def _has_bag_alone(path: Path) -> bool:
-    """Whether a path is a file or a rosbag2 directory, not a folder that also holds bags."""
-    return path.is_file() or (path / METADATA).is_file()
-
-
-def _find_bag(path: Path) -> BagFiles | None:
-    if not looks_like_bag(path):
-        return None
-    try:
-        return locate_bag(path)
-    except (BadBagError, OSError):
-        return None
-
-
-def _is_bag(bag: BagFiles, *, forced: bool) -> UsageError:
-    """Return the error for a bag in place of a KITTI folder."""
-    path = bag.path
-    found = f'{path}: is a bag ({bag.container}), not a KITTI folder'
-    if forced:
-        return UsageError(f'{found}; leave --layout out')
-    commands, advice = ['play', 'to-kitti'], 'play it, or convert it to KITTI'
-    if _is_damaged(bag):
-        commands.append('recover')
-        advice = 'play it, convert it to KITTI, or repair it, as it is damaged'
-    remedies = (Remedy(path, path, command=command) for command in commands)
-    return UsageError(f'{found}; {advice}').with_remedies(*remedies)
-
-
-def _is_damaged(bag: BagFiles) -> bool:
-    """Whether a bag is damaged, as far as a short look can tell."""
-    if bag.losses or sum(file.stat().st_size for file in bag.files) > _QUICKLY_READ_BYTES:
-        return bool(bag.losses)
-    try:
-        with OpenBag(bag.path) as opened:
-            return not opened.index.complete
-    except (BadBagError, OSError):
-        return True

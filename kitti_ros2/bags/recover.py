@@ -105,7 +105,7 @@ def _located(path: Path) -> BagFiles:
     try:
         return locate_bag(path)
     except NotABagError as error:
-        from .open_source import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
+        from .mistaken import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
 
         raise explain_no_bag(path, error) from None
 

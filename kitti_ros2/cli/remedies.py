@@ -45,7 +45,7 @@ def _format(remedy: Remedy, words: list[str]) -> str:
     if not remedy.each:
         return command
     variable = _NAME if remedy.by_name else _FOLDER
-    return f'for {variable} in {remedy.each}; do {command}; done'
+    return f'all: for {variable} in {remedy.each}; do {command}; done'
 
 
 def _same_command(remedy: Remedy, words: list[str], given: dict[str, Any]) -> str:

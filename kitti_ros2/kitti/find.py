@@ -38,6 +38,11 @@ class Candidate:
     open: Callable[[ReadOptions], KittiRecording]
 
 
+def absolute(path: Path) -> Path:
+    """Return an absolute path whose names are those of folders."""
+    return path.resolve() if '..' in path.parts else path.absolute()
+
+
 def find_raw(path: Path) -> list[Candidate]:
     """Find the drives at a path: a drive itself, those of a date, or those of all dates."""
     drives = [path] if _is_drive(path) else _subfolders(path, _is_drive)

@@ -21,6 +21,7 @@ from ..model.spelling import did_you_mean
 from ..model.text import some_of
 from ..options.read import ReadOptions
 from . import names
+from .find import absolute
 from .layout_files import LAYOUTS
 from .nearby import explain
 
@@ -59,7 +60,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     """
     options = options or ReadOptions()
     layout = options.layout or guess_layout(path)
-    folder = _absolute(path)
+    folder = absolute(path)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
@@ -82,13 +83,9 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     return recording
 
 
-def _absolute(path: Path) -> Path:
-    return path.resolve() if '..' in path.parts else path.absolute()
-
-
 def _layouts_at(path: Path) -> list[Layout]:
     """Return the layouts that a path has recordings of."""
-    folder = _absolute(path)
+    folder = absolute(path)
     return [layout for layout, files in LAYOUTS.items() if folder.is_dir() and files.find(folder)]
 
 
@@ -130,7 +127,7 @@ def _all_of(path: Path, candidates: list[Candidate]) -> Remedy:
         return Remedy(path, path, each=each, by_name=True)
     common = os.path.commonpath([folder.parent for folder in folders])
     levels = max(len(folder.parts) for folder in folders) - len(Path(common).parts)
-    shown = path / os.path.relpath(common, _absolute(path))
+    shown = path / os.path.relpath(common, absolute(path))
     return Remedy(path, path, each=f'{shlex.quote(str(shown))}/{"*/" * levels}')
 
 

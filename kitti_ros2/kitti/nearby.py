@@ -21,6 +21,7 @@ from ..model.spelling import close_names
 from ..model.text import format_count, some_of
 from . import names
 from .archives import Archive, is_archive
+from .find import absolute
 from .layout_files import LAYOUTS
 
 if TYPE_CHECKING:
@@ -59,20 +60,32 @@ class DataSet(NamedTuple):
 def explain(path: Path) -> NotKittiError:
     """Return the error for a path that holds no recording of any layout."""
     if not path.exists():
-        return absent(path)
+        return _absent(path)
     if not path.is_dir():
         return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
     entries = _entries(path)
-    listed = f'holds {some_of(entries, 4)}' if entries else 'the folder is empty'
+    found, complete = data_sets_below(path)
+    if found:
+        return _explain_below(path, found, complete=complete)
     return (
-        _explain_below(path)
-        or _explain_around(path)
+        _explain_around(path)
         or _explain_archives(path, entries)
-        or _not_kitti(path, listed)
+        or _not_kitti(path, _listed(entries, complete=complete))
     )
 
 
-def absent(path: Path) -> NotKittiError:
+def _listed(entries: list[str], *, complete: bool) -> str:
+    """Describe the content of a folder without data sets."""
+    if not entries:
+        return 'the folder is empty'
+    shown = (
+        some_of(entries, 4) if len(entries) < _MOST_ENTRIES else f'{", ".join(entries[:4])}, ...'
+    )
+    searched = '' if complete else f' ({_MOST_FOLDERS} folders below it were searched)'
+    return f'holds {shown}{searched}'
+
+
+def _absent(path: Path) -> NotKittiError:
     """Return the error for a path that does not exist, with names like it beside."""
     rest: list[str] = []
     folder = path
@@ -100,11 +113,12 @@ def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
 
 
 def _explain_around(path: Path) -> NotKittiError | None:
-    found = _around(path.absolute())
+    place = absolute(path)
+    found = _around(place)
     if found is None:
         return None
     folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
-    below = path.absolute().relative_to(found.folder)
+    below = place.relative_to(found.folder)
     stems = {Path(part).stem for part in below.parts}
     chosen = [each.name for each in found.recordings if each.name in stems]
     options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()
@@ -125,11 +139,20 @@ def _around(path: Path) -> DataSet | None:
     """Return the data set that a folder or file is a part of."""
     for folder in path.parents[:_MOST_LEVELS]:
         part = path.relative_to(folder).parts[0]
-        if part in _FOLDERS or (folder / part).suffix.lower() in _FILES:
+        if _is_inside(part):
             found = _at(folder)
             if found is not None:
                 return found
     return None
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a name is one of those in a data set, also of data that others add to KITTI's."""
+    return (
+        name in _FOLDERS
+        or name.startswith(('image_', 'velodyne_', 'label_'))
+        or Path(name).suffix.lower() in _FILES
+    )
 
 
 def _is_frame(stem: str) -> bool:
@@ -139,10 +162,7 @@ def _is_frame(stem: str) -> bool:
 # The data sets below a folder.
 
 
-def _explain_below(path: Path) -> NotKittiError | None:
-    found, complete = data_sets_below(path)
-    if not found:
-        return None
+def _explain_below(path: Path, found: list[DataSet], *, complete: bool) -> NotKittiError:
     count = f'{"" if complete else "at least "}{format_count(len(found), "data set")}'
     shown = some_of([str(each) for each in found])
     error = _not_kitti(path, f'holds {count}, {shown}', 'give one of these folders')

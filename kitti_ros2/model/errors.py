@@ -79,9 +79,14 @@ class UnreadableFileError(KittiRos2Error, OSError):
 
 
 class NotKittiError(UsageError):
-    """No recording of a known layout at a path."""
+    """No recording of a known layout at a path.
+
+    Attributes:
+        explained: Whether it is known what the path is instead.
+    """
 
     def __init__(self, path: Path, found: str, layouts: Iterable[str], advice: str = '') -> None:
+        self.explained = bool(advice)
         super().__init__(
             f'{path}: {found}; '
             + (advice or f'expected a KITTI folder of layout {either(list(layouts))}')

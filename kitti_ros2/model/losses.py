@@ -54,7 +54,7 @@ def runs_of(numbers: Iterable[int]) -> list[list[int]]:
     return spans
 
 
-def describe_frames(numbers: Int64Array) -> str:
+def describe_frames(numbers: Sequence[int] | Int64Array) -> str:
     """Describe ascending frame numbers: how many, the first, the last, and whether some miss."""
     count, first, last = len(numbers), int(numbers[0]), int(numbers[-1])
     gaps = ' with gaps' if last - first + 1 != count else ''

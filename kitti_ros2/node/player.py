@@ -112,7 +112,10 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         """
         source = str(self._values['source'])
         if not source:
-            raise UsageError('no source; give a KITTI folder or a bag as source')
+            raise UsageError(
+                'SRC is missing (a KITTI folder or a bag); usage: kitti-ros2 play SRC, or set the'
+                ' parameter source'
+            )
         settings = make_play_settings(given(self._values))
         program = self._open(source, settings)
         if publishes_clock(settings):

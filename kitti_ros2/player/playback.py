@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
+from ..model.losses import describe_frames
 from .playback_schedule import PlaybackSchedule
 
 if TYPE_CHECKING:
@@ -131,8 +132,8 @@ class Playback(PlaybackSchedule):
         with self._condition:
             index = bisect_left(self._frame_numbers, number)
             if index >= len(self._frame_numbers) or self._frame_numbers[index] != number:
-                first, last = self._frame_numbers[0], self._frame_numbers[-1]
-                raise UsageError(f'there is no frame {number}; there are {first} to {last}')
+                known = describe_frames(self._frame_numbers)
+                raise UsageError(f'there is no frame {number}; it has {known}')
             position = self._frame_starts[index]
             self._move(position, self._stamps[position])
             self._wake()

@@ -108,7 +108,7 @@ def test_a_port_that_is_taken(play):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['play', '--foxglove'], 'no source'),
+        (['play', '--foxglove'], 'SRC is missing'),
         (['play', '/nowhere', '--foxglove'], '/nowhere: no such file or folder'),
         (['play', '{raw}', '--foxglove', '65536'], 'invalid port 65536'),
         (['play', '{raw}', '--foxglove=-1'], 'invalid port -1'),

@@ -134,6 +134,23 @@ def test_an_archive(recordings, tmp_path, capsys, command):
     assert (main(command_in(line)) == 0) == (command in {'to-bag', 'info'})
 
 
+@pytest.mark.parametrize('command', ['to-bag', 'info', 'to-kitti', 'recover'])
+def test_a_damaged_archive(tmp_path, capsys, command):
+    (tmp_path / 'a.zip').write_bytes(b'PK cut')
+    out = [] if command == 'info' else [tmp_path / 'o']
+    said = complain([command, tmp_path / 'a.zip', *out], capsys)
+    assert said.endswith('is an archive that is damaged or incomplete; download it again')
+
+
+@pytest.mark.parametrize('command', ['to-bag', 'info', 'to-kitti', 'recover'])
+def test_any_other_file(tmp_path, capsys, command):
+    (tmp_path / 'a.pdf').write_bytes(b'%PDF')
+    out = [] if command == 'info' else [tmp_path / 'o']
+    said = complain([command, tmp_path / 'a.pdf', *out], capsys)
+    assert f'{tmp_path}/a.pdf: is a file' in said
+    assert 'expected a' in said
+
+
 # A bag in place of a folder, and a folder in place of a bag.
 
 
@@ -239,7 +256,7 @@ def test_choosing_one_of_several_and_taking_all(several, tmp_path, capsys, layou
     line = complain(typed, capsys)
     count, noun = len(NAMES[layout]), layout.traits.noun
     assert f'holds {count} {noun}s ({", ".join(NAMES[layout])}); choose one with --sequence' in line
-    one, all_of_them = line[line.index(': kitti-ros2 ') + 2 :].split(' or for ')
+    one, all_of_them = line[line.index(': kitti-ros2 ') + 2 :].split(' or all: for ')
     assert main(shlex.split(one)[1:]) == 0
     assert len(summarize_bag(tmp_path / 'o.mcap').topics)
     program = f'kitti-ros2() {{ {sys.executable} -m kitti_ros2 "$@"; }}; for {all_of_them}'
@@ -260,7 +277,7 @@ def test_loops_of_all_commands(several, capsys, monkeypatch):
         ('info tracking', f'{by_name} info tracking --sequence "$s"; done'),
         ('report tracking', f'{by_name} report tracking --sequence "$s" -o "$s.html"; done'),
     ]:
-        assert complain(typed.split(), capsys).endswith(f' or {loop}')
+        assert complain(typed.split(), capsys).endswith(f' or all: {loop}')
 
 
 def test_recordings_of_several_dates_are_looped_over_by_date(several, capsys):

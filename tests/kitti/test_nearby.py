@@ -78,8 +78,15 @@ def test_a_relative_path_gets_a_relative_remedy(recordings, monkeypatch):
     monkeypatch.chdir(recordings[Layout.OBJECT] / 'training' / 'image_2')
     assert explain(Path()).remedies[0].source == Path('..')
     assert explain(Path('000001.png')).remedies[0].source == Path('..')
+    assert explain(Path('../velodyne')).remedies[0].source == Path('..')
     monkeypatch.chdir(recordings[Layout.OBJECT])
     assert explain(Path('training/image_2')).remedies[0].source == Path('training')
+
+
+def test_a_folder_that_others_add_is_inside(tmp_path):
+    put(tmp_path, 'training/velodyne/000000.bin', 'training/velodyne_reduced/000000.bin')
+    [remedy] = explain(tmp_path / 'training' / 'velodyne_reduced').remedies
+    assert remedy.source == tmp_path / 'training'
 
 
 @pytest.mark.parametrize('name', ['notes', 'notes/a.txt', 'photo.gif'])
@@ -132,11 +139,15 @@ def test_the_search_is_limited(tmp_path, monkeypatch):
     assert not found
     assert not complete
     assert len(set(read)) <= 5
+    assert 'holds a, b, c, d and 5 more (5 folders below it were searched)' in str(
+        explain(tmp_path)
+    )
     monkeypatch.setattr(nearby, '_MOST_FOLDERS', 300)
     assert data_sets_below(tmp_path)[1]
     assert not any(Path(each).match('x/x/x/x/x') for each in read)
     monkeypatch.setattr(nearby, '_MOST_ENTRIES', 2)
     assert not data_sets_below(tmp_path)[0]
+    assert ', ...; expected a KITTI folder' in str(explain(tmp_path))
 
 
 def test_a_misspelt_path(tmp_path):

@@ -231,10 +231,10 @@ def test_rate(player, listen, recordings, rate):
         ('rate', '"fast"', 'parameter type'),
         ('step', -1, 'step'),
         ('loop', -1, 'loop'),
-        ('position', 99, 'there is no frame 99; there are 0 to 4'),
+        ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
         ('position', '"soon"', 'invalid start or end'),
         ('source', '"/nowhere"', '/nowhere: no such file or folder'),
-        ('layout', '"round"', 'layout takes raw or object'),
+        ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
         ('clock', 10.0, 'read-only'),
     ],
 )
@@ -349,7 +349,7 @@ def test_a_signal_ends_it_cleanly(player, recordings, number, module):
     ('words', 'said'),
     [
         (['/nowhere'], 'no such file or folder'),
-        ([], 'no source; give a KITTI folder'),
+        ([], 'SRC is missing (a KITTI folder'),
         (['.', '--rate', '101'], 'rate 101 is not within 0.01 to 100'),
         (['.', '--stamps', 'later'], 'stamps takes original or now'),
         (['.', '--ros-args', '-p', 'rate:=fast'], 'rate'),

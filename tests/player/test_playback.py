@@ -235,7 +235,7 @@ def test_seek_before_the_first_is_the_first_and_after_the_last_is_refused():
     assert playback.state().stamp_ns == START
     with pytest.raises(UsageError, match='after the end'):
         playback.seek(int(STAMPS[-1]) + 1)
-    with pytest.raises(UsageError, match='no frame 15; there are 10 to 14'):
+    with pytest.raises(UsageError, match='no frame 15; it has 5 frames, 10 to 14'):
         playback.seek_frame(15)
 
 

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Opens a KITTI folder for what reads no bags; the readers of bags are imported for errors only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..kitti.layouts import open_recording
+from ..model.errors import NotKittiError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..kitti.recording import KittiRecording
+    from ..options.read import ReadOptions
+
+
+def open_folder(path: Path, options: ReadOptions) -> KittiRecording:
+    """Open a KITTI folder.
+
+    Raises:
+        KittiRos2Error: There is no such path, or it is a bag, or it cannot be read.
+        OSError: The same.
+    """
+    try:
+        return open_recording(path, options)
+    except NotKittiError as error:
+        from .mistaken import explain_no_folder  # noqa: PLC0415 - 40 ms
+
+        raise explain_no_folder(path, error, forced=options.layout is not None) from None
