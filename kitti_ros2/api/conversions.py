@@ -9,7 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bags.open_source import open_bag_source, open_folder
+from ..bags.open_folder import open_folder
+from ..bags.open_source import open_bag_source
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
