@@ -62,7 +62,7 @@ def to_bag(
         >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
         ExportReport(...)
     """
-    source, target = require(Path(src)), Path(out)
+    source, target = Path(src), Path(out)
     settings = make_settings(by_name(options, TO_BAG))
     bag = settings.bag(guess_storage(target, settings.storage))
     recording = open_folder(source, settings.read)

@@ -301,7 +301,7 @@ def _reading(path: AnyPath) -> Iterator[Path]:
     except MissingPathError:
         raise
     except FileNotFoundError as error:
-        raise MissingPathError(f'{error.filename or path}: no such file or folder') from None
+        raise MissingPathError(error.filename or str(path)) from None
     except OSError as error:
         raise UnreadableFileError(error.filename or str(path), error) from None
 

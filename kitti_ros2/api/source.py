@@ -36,7 +36,7 @@ class OpenSource:
         """The frames; file positions of a bag are not shared between processes."""
         if self._frames is None or self._process != os.getpid():
             read = ReadOptions(**values_for(ReadOptions, parse_values(self.options, _OPTIONS)))
-            self._frames = open_frames(require(self.path), read)
+            self._frames = open_frames(self.path, read)
             self._process = os.getpid()
         return self._frames
 
@@ -61,7 +61,7 @@ def require(path: Path) -> Path:
         MissingPathError: It does not.
     """
     if not path.exists():
-        raise MissingPathError(f'{path}: no such file or folder')
+        raise MissingPathError(path)
     return path
 
 

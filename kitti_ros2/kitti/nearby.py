@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..model.errors import NotKittiError, Remedy
+from ..model.errors import MissingSourceError, NotKittiError, Remedy
 from ..model.layouts import Layout
 from ..model.spelling import close_names
 from ..model.text import format_count, some_of
@@ -96,7 +96,7 @@ def _absent(path: Path) -> NotKittiError:
     close = [folder / name for name in close_names(wanted, _entries(folder))]
     meant = [each.joinpath(*below) for each in close if each.joinpath(*below).exists()]
     advice = 'give a KITTI folder or a bag'
-    error = NotKittiError(
+    error = MissingSourceError(
         path,
         'no such file or folder',
         [],

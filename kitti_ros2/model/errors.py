@@ -69,6 +69,10 @@ class UsageError(KittiRos2Error):
 class MissingPathError(UsageError, FileNotFoundError):
     """A path of the user does not exist."""
 
+    def __init__(self, path: Path | str) -> None:
+        self.path = str(path)
+        super().__init__(f'{path}: no such file or folder')
+
 
 class UnreadableFileError(KittiRos2Error, OSError):
     """The operating system cannot read or write a file."""
@@ -86,6 +90,7 @@ class NotKittiError(UsageError):
     """
 
     def __init__(self, path: Path, found: str, layouts: Iterable[str], advice: str = '') -> None:
+        self.path = str(path)
         self.explained = bool(advice)
         super().__init__(
             f'{path}: {found}; '
@@ -93,10 +98,15 @@ class NotKittiError(UsageError):
         )
 
 
+class MissingSourceError(NotKittiError, FileNotFoundError):
+    """The path of a source does not exist."""
+
+
 class AmbiguousLayoutError(KittiRos2Error):
     """A folder fits more than one layout."""
 
     def __init__(self, path: Path, layouts: Sequence[str]) -> None:
+        self.path = str(path)
         super().__init__(
             f'{path}: fits the layouts {" and ".join(layouts)};'
             f' choose one with --layout {layouts[0]}'
@@ -107,6 +117,7 @@ class AmbiguousSequenceError(KittiRos2Error):
     """A folder contains several sequences or drives, and one must be chosen."""
 
     def __init__(self, path: Path, kind: str, names: Sequence[str]) -> None:
+        self.path = str(path)
         super().__init__(
             f'{path}: holds {len(names)} {kind}s ({some_of(names)});'
             f' choose one with --sequence, or take all in turn'
@@ -137,6 +148,7 @@ class MissingFileError(KittiRos2Error):
     """A required file is missing."""
 
     def __init__(self, path: Path | str, needed_for: str) -> None:
+        self.path = str(path)
         super().__init__(f'{path}: no such file; it is needed for {needed_for}')
 
 
@@ -146,6 +158,7 @@ class OutputExistsError(KittiRos2Error):
     def __init__(
         self, path: Path, remedy: str = 'choose another name, or pass --overwrite'
     ) -> None:
+        self.path = str(path)
         super().__init__(f'{path}: exists already; {remedy}')
 
 
@@ -153,6 +166,7 @@ class OutputError(KittiRos2Error):
     """The output cannot be written: permissions, a full disk, a busy writer."""
 
     def __init__(self, path: Path, reason: str, remedy: str) -> None:
+        self.path = str(path)
         super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
 
 
@@ -165,6 +179,7 @@ class BadBagError(KittiRos2Error):
         found: str,
         expected: str = ANY_BAG,
     ) -> None:
+        self.path = str(path)
         super().__init__(f'{path}: {found}; expected {expected}')
 
 

@@ -194,6 +194,7 @@ def test_a_missing_path_is_a_file_not_found_error(tmp_path):
     with pytest.raises(FileNotFoundError, match='no such file or folder') as found:
         kitti_ros2.open(tmp_path / 'nothing')
     assert isinstance(found.value, kitti_ros2.KittiRos2Error)
+    assert found.value.path == str(tmp_path / 'nothing')
 
 
 def test_a_folder_that_is_no_recording_is_an_error(tmp_path):
