@@ -23,6 +23,9 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 
+# Sets with holes warn of them when they are opened.
+pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
+
 
 @pytest.fixture(params=list(Layout), ids=[layout.value for layout in Layout])
 def holed(request, recordings, tmp_path):

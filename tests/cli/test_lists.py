@@ -54,7 +54,7 @@ def test_a_list_ends_at_the_next_option(recordings, tmp_path, words):
         ('SRC --topics A B', '--topics takes A B; give SRC OUT before it, or after --'),
         ('--topics A SRC', '--topics takes A SRC; give SRC OUT before it, or after --'),
         ('--topics A B --streams scan SRC OUT', '--topics takes A B; give'),
-        ('--topics A', "Missing argument 'SRC'"),
+        ('--topics A', 'SRC is missing'),
         ('SRC OUT --topics', "'--topics' requires an argument"),
         ('SRC OUT --topics -q', "'--topics' requires an argument"),
     ],
