@@ -55,7 +55,7 @@ def find_raw(path: Path) -> list[Candidate]:
 def find_object(path: Path) -> list[Candidate]:
     """Find the splits of an object set at a path: the root's, or the split itself."""
     splits = [path] if _is_object_split(path) else []
-    splits = splits or [path / name for name in names.SPLITS if _is_object_split(path / name)]
+    splits = splits or [split for split in _splits(path) if _is_object_split(split)]
     return [Candidate(split.name, split, partial(ObjectRecording, split)) for split in splits]
 
 
@@ -73,14 +73,15 @@ def find_odometry(path: Path) -> list[Candidate]:
 def find_tracking(path: Path) -> list[Candidate]:
     """Find the sequences of a tracking set at a path: the root's, or one split's."""
     candidates = []
-    for split in (path, *(path / name for name in names.SPLITS)):
+    for split in (path, *_splits(path)):
         for sequence in _tracking_sequences(split):
             name = f'testing/{sequence}' if split.name == 'testing' and split != path else sequence
             candidates.append(Candidate(name, None, partial(TrackingRecording, split, sequence)))
     return candidates
 
 
-"""Lists the recordings of a layout at a path."""
+def _splits(path: Path) -> list[Path]:
+    return [path / name for name in names.SPLITS if (path / name).is_dir()]
 
 
 def _subfolders(path: Path, wanted: Callable[[Path], bool]) -> list[Path]:

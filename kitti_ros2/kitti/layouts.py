@@ -38,14 +38,18 @@ def guess_layout(path: Path) -> Layout:
         NotKittiError: There is no such folder, or it fits no layout.
         AmbiguousLayoutError: It fits several.
     """
-    fits = _layouts_at(path)
+    return _guess(path)[0]
+
+
+def _guess(path: Path) -> tuple[Layout, list[Candidate]]:
+    fits = _find_all(path)
     if not fits:
         raise explain(path)
     if len(fits) > 1:
         raise AmbiguousLayoutError(path, [layout.value for layout in fits]).with_remedies(
             *(Remedy(path, path, ('--layout', layout.value)) for layout in fits)
         )
-    return fits[0]
+    return next(iter(fits.items()))
 
 
 def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
@@ -59,14 +63,17 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             and the layout has none.
     """
     options = options or ReadOptions()
-    layout = options.layout or guess_layout(path)
     folder = absolute(path)
+    if options.layout is None:
+        layout, candidates = _guess(path)
+    else:
+        layout = options.layout
+        candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
     if not candidates:
         raise _not_of_layout(path, layout)
     chosen = _choose(path, layout, candidates, options.sequence)
@@ -83,18 +90,21 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     return recording
 
 
-def _layouts_at(path: Path) -> list[Layout]:
-    """Return the layouts that a path has recordings of."""
+def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
+    """Return the recordings at a path, by each layout that it has any of."""
     folder = absolute(path)
-    return [layout for layout, files in LAYOUTS.items() if folder.is_dir() and files.find(folder)]
+    if not folder.is_dir():
+        return {}
+    found = {layout: files.find(folder) for layout, files in LAYOUTS.items()}
+    return {layout: candidates for layout, candidates in found.items() if candidates}
 
 
 def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     """Return the error for a path without a recording of the requested layout."""
-    fits = _layouts_at(path)
+    fits = _find_all(path)
     if not fits:
         return explain(path)
-    other = fits[0].value
+    other = next(iter(fits)).value
     advice = f'it is layout {other}, which is detected without --layout'
     return NotKittiError(path, f'no {layout.value} recording', [], advice)
 

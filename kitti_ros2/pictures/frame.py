@@ -72,7 +72,6 @@ class FrameSource(Protocol):
         name: Display name, such as ``raw 2011_09_26_drive_0005_sync`` or a bag's file name.
         numbers: (N,) int64, ascending.
         stamps_ns: (N,) int64, of the frames.
-        cameras: KITTI camera index to name, of cameras with images.
         streams: Stream name (samples.Stream values) to (N,) int64, the frames that have a sample.
         base_t_imu: imu_link in base_link, or in the body that the poses of a bag are of.
         losses: Data missing or damaged from the start, by stream or topic.
@@ -83,12 +82,15 @@ class FrameSource(Protocol):
     name: str
     numbers: Int64Array
     stamps_ns: Int64Array
-    cameras: Mapping[int, str]
     streams: Mapping[str, Int64Array]
     base_t_imu: Transform
     losses: Sequence[Loss]
     assumptions: Sequence[str]
     notes: Sequence[str]
+
+    @property
+    def cameras(self) -> Mapping[int, str]:
+        """KITTI camera index to name, of cameras with images."""
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """Return the frame with a number.

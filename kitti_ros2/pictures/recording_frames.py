@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.pixels import Pixels
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Float64Array, Transform
     from ..model.losses import Loss
     from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array, Sample
@@ -58,8 +58,6 @@ class RecordingFrames:
         self._reading_poses = Lock()
         own = recording.base_t_imu if isinstance(recording, BagRecording) else None
         self.base_t_imu = own or base_t_imu(MessageOptions())
-        self._map_t_world = map_from_world(recording.start, self.base_t_imu, MapFrame.ENU)
-        self.cameras: Mapping[int, str] = recording.cameras
         streams = [each for each in FRAME_STREAMS if each in recording.streams]
         if not streams:
             raise MissingDataError(
@@ -76,6 +74,15 @@ class RecordingFrames:
             stream.value: np.array([*files], dtype=np.int64)
             for stream, files in self._samples.items()
         }
+
+    @cached_property
+    def cameras(self) -> Mapping[int, str]:
+        """See FrameSource."""
+        return self.recording.cameras
+
+    @cached_property
+    def _map_t_world(self) -> Transform:
+        return map_from_world(self.recording.start, self.base_t_imu, MapFrame.ENU)
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
         """See FrameSource."""

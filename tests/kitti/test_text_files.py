@@ -24,7 +24,7 @@ from kitti_ros2.kitti.stamps_file import (
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import BadFileError
 from kitti_ros2.model.samples import OxtsPacket
-from kitti_ros2.model.stamps import LAST_NS
+from kitti_ros2.model.stamps import LAST_NS, parse_stamp
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -32,6 +32,26 @@ NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 @given(st.lists(st.integers(0, LAST_NS)))
 def test_timestamps_and_back(stamps):
     assert parse_timestamps(format_timestamps(stamps), 'x').values == stamps
+
+
+CLOCK_TEXTS = st.builds(
+    '{:04d}-{:02d}-{:02d} {:02d}:{:02d}:{:02d}.{:09d}'.format,
+    st.integers(1900, 2099) | st.integers(1968, 2039),
+    *(st.integers(0, limit) for limit in (13, 32, 24, 60, 61, 999_999_999)),
+)
+
+
+@given(st.lists(CLOCK_TEXTS, min_size=1, max_size=3))
+def test_lines_parsed_together_have_the_values_that_each_has_alone(texts):
+    def alone(text):
+        try:
+            return parse_stamp(text)
+        except ValueError:
+            return None
+
+    lines = parse_timestamps('\n'.join([*texts, '']), 'x')
+    assert lines.values == [alone(text) for text in texts]
+    assert [*lines.errors] == [n for n, text in enumerate(texts) if alone(text) is None]
 
 
 @given(st.lists(st.integers(0, 9_999_999).map(lambda n: n * 100_000)))
