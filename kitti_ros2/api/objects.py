@@ -43,7 +43,7 @@ class FrameObject:
     ) -> None:
         self._cuboid = found.cuboid
         self._transform = transform
-        self.class_name = found.kind
+        self.class_name = found.class_name
         self.box_2d = found.box_2d
         self.alpha = None if label is None or label.alpha < -np.pi - 1 else label.alpha
         self.truncated = found.truncated

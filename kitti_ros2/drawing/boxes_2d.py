@@ -62,7 +62,7 @@ def draw_boxes_2d(
     tags = []
     for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
         each, predicted = shown[place]
-        if each.kind == DONT_CARE:
+        if each.class_name == DONT_CARE:
             _shade(picture, cut[place])
             continue
         sides, _ = cut_segments(rectangle_segments(np.rint(bounds[place : place + 1])), size)

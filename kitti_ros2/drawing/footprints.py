@@ -118,13 +118,13 @@ def left_out(
         flat: Counter[str] = Counter()
         for each, seen in zip(shown, ~np.isnan(bounds[:, 0]), strict=True):
             if each.cuboid is None:
-                flat[each.kind] += each.kind != DONT_CARE
+                flat[each.class_name] += each.class_name != DONT_CARE
             elif not seen:
-                out[each.kind] += 1
+                out[each.class_name] += 1
         for reason, counts in (('out of range', out), ('without a 3D box', flat)):
             if +counts:
-                kinds = (f'{count} {kind}' for kind, count in (+counts).most_common())
-                lines.append(f'{title}{reason}: {", ".join(kinds)}')
+                classes = (f'{count} {class_name}' for class_name, count in (+counts).most_common())
+                lines.append(f'{title}{reason}: {", ".join(classes)}')
     return lines
 
 

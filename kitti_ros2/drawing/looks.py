@@ -41,15 +41,15 @@ def bgr(rgb: tuple[float, float, float]) -> Color:
     return blue, green, red
 
 
-def class_color(kind: str) -> Color:
+def class_color(class_name: str) -> Color:
     """Return the colour of a class."""
-    red, green, blue = rgb_of(kind)
+    red, green, blue = rgb_of(class_name)
     return blue, green, red
 
 
 def box_color(each: LabelledObject, *, predicted: bool) -> Color:
     """Return the colour of an object's box."""
-    return PREDICTION_BGR if predicted else class_color(each.kind)
+    return PREDICTION_BGR if predicted else class_color(each.class_name)
 
 
 def scale_of(picture: Pixels) -> float:
@@ -68,7 +68,7 @@ def name_of(each: LabelledObject) -> str:
     """Format class, track, score, and the result of the comparison."""
     track = '' if each.track_id is None else f' {each.track_id}'
     score = '' if each.score is None else f' {each.score:.2f}'
-    return f'{each.kind}{track}{score}{_mark(each)}'
+    return f'{each.class_name}{track}{score}{_mark(each)}'
 
 
 def _mark(each: LabelledObject) -> str:

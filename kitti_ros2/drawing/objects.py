@@ -30,7 +30,7 @@ class LabelledObject:
     """One object of a frame.
 
     Attributes:
-        kind: Class name; DontCare for a region without labels.
+        class_name: DontCare for a region without labels.
         cuboid: Its 3D box in velo_link, None without one.
         box_2d: left, top, right, bottom in pixels of the labelled camera (KITTI's camera 2), None
             without one (tracklets).
@@ -41,7 +41,7 @@ class LabelledObject:
         match: Comparison of labels and predictions, None without one.
     """
 
-    kind: str
+    class_name: str
     cuboid: Cuboid | None
     box_2d: tuple[float, float, float, float] | None = None
     truncated: float | None = None
@@ -58,7 +58,7 @@ def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[Lab
     """
     if labels.cuboids:
         return [
-            LabelledObject(each.kind, each, score=each.score, track_id=each.track_id)
+            LabelledObject(each.class_name, each, score=each.score, track_id=each.track_id)
             for each in labels.cuboids
         ]
     rect_t_velo = _rect_t_velo(calibration)
@@ -90,7 +90,7 @@ def _object_of(identity: str, box: Box, rect_t_velo: Transform | None) -> Labell
     solid = rect_t_velo is not None and has_cuboid(box) and not is_absurd(box)
     left, top, right, bottom = box.box_2d
     return LabelledObject(
-        box.kind,
+        box.class_name,
         cuboid_of(box, identity, rect_t_velo) if solid and rect_t_velo is not None else None,
         box.box_2d if right > left and bottom > top else None,
         box.truncated if box.truncated >= 0 else None,

@@ -40,19 +40,19 @@ EGO_SIZE_LWH = (4.0, 1.7, 1.5)
 _GOLDEN_TURN = 0.6180339887498949
 
 
-def rgb_of(kind: str) -> tuple[int, int, int]:
+def rgb_of(class_name: str) -> tuple[int, int, int]:
     """Return red, green, blue, 0..255, of a class."""
-    red, green, blue = color_of(kind, 0, MarkerColors.CLASS)
+    red, green, blue = color_of(class_name, 0, MarkerColors.CLASS)
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def color_of(kind: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
+def color_of(class_name: str, number: int, colors: MarkerColors) -> tuple[float, float, float]:
     """Return red, green, blue, 0..1, of a class, or of a track's number.
 
     Unknown classes get a colour by their name, the same in every run.
     """
-    if colors is MarkerColors.CLASS and kind in CLASS_COLORS:
-        red, green, blue = CLASS_COLORS[kind]
+    if colors is MarkerColors.CLASS and class_name in CLASS_COLORS:
+        red, green, blue = CLASS_COLORS[class_name]
         return red / 255, green / 255, blue / 255
-    seed = number if colors is MarkerColors.TRACK else crc32(kind.encode())
+    seed = number if colors is MarkerColors.TRACK else crc32(class_name.encode())
     return colorsys.hsv_to_rgb(seed * _GOLDEN_TURN % 1.0, 0.75, 0.95)

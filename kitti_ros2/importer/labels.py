@@ -58,7 +58,7 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
         except ValueError as error:
             raise ValueError(f'{line!r} is no label ({error})') from None
         if box.track_id is None:
-            track = -1 if box.kind == DONT_CARE else tracks.number(f'line {place}')
+            track = -1 if box.class_name == DONT_CARE else tracks.number(f'line {place}')
             box = replace(box, track_id=track)
         boxes.append(replace(box, frame=None))
     return boxes
@@ -168,7 +168,7 @@ def make_boxes(
     alphas = alpha_of(locations, headings)
     made = [
         Box(
-            kind=class_name(cuboids[place].kind),
+            class_name=class_name(cuboids[place].class_name),
             truncated=float(truncated[place]),
             occluded=occluded,
             alpha=float(alphas[place]),

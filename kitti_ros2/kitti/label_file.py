@@ -94,7 +94,7 @@ def parse_box(line: str) -> Box:
     truncated, _, alpha, *rest = parse_numbers(words[1:], len(words) - 1)
     left, top, right, bottom, height, width, length, x, y, z, rotation_y = rest[:11]
     return Box(
-        kind=words[0],
+        class_name=words[0],
         truncated=truncated,
         occluded=_parse_integer(words[2]),
         alpha=alpha,
@@ -120,9 +120,9 @@ def format_tracking_labels(boxes: Iterable[Box]) -> str:
 
 def format_object_box(box: Box, decimals: int = 2) -> str:
     """Format the line of a box in an object file, without its end; the inverse of parse_box."""
-    care = decimals if box.kind != DONT_CARE else 0
+    care = decimals if box.class_name != DONT_CARE else 0
     columns = [
-        box.kind,
+        box.class_name,
         f'{box.truncated:.{care}f}',
         f'{box.occluded:d}',
         f'{box.alpha:.{care}f}',
@@ -144,7 +144,7 @@ def format_tracking_box(box: Box) -> str:
         raise ValueError('a tracking label needs a frame and a track id')
     numbers = (box.alpha, *box.box_2d, *box.size_hwl, *box.location, box.rotation_y)
     columns = [
-        f'{box.frame:d} {box.track_id:d} {box.kind}',
+        f'{box.frame:d} {box.track_id:d} {box.class_name}',
         f'{box.truncated:.6f}'.rstrip('0').rstrip('.'),
         f'{box.occluded:d}',
         *(f'{value:.6f}' for value in numbers),

@@ -77,13 +77,13 @@ class Tracklet:
     """One object over consecutive frames.
 
     Attributes:
-        kind: Class name.
+        class_name: Its objectType.
         size_hwl: Height, width, length, metres.
         first_frame: File number of the first pose.
         poses: One a frame.
     """
 
-    kind: str
+    class_name: str
     size_hwl: tuple[float, float, float]
     first_frame: int
     poses: Sequence[TrackletPose]
@@ -124,7 +124,7 @@ def _parse_tracklet(item: Element, where: str) -> Tracklet:
     poses = item.find('poses')
     found = [] if poses is None else poses.findall('item')
     return Tracklet(
-        kind=item.findtext('objectType') or _missing('objectType', where),
+        class_name=item.findtext('objectType') or _missing('objectType', where),
         size_hwl=(_number(item, 'h', where), _number(item, 'w', where), _number(item, 'l', where)),
         first_frame=_integer(item, 'first_frame', where, range(10**names.FRAME_DIGITS)),
         poses=[_parse_pose(pose, f'{where}, pose {index}') for index, pose in enumerate(found)],
@@ -174,7 +174,7 @@ def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
             middle = np.array([x, y, z + height / 2])
             velo_t_box = Transform(rotation_from_rpy(0.0, 0.0, pose.yaw), middle)
             cuboid = Cuboid(
-                tracklet.kind, str(track), velo_t_box, (length, width, height), track_id=track
+                tracklet.class_name, str(track), velo_t_box, (length, width, height), track_id=track
             )
             frames.setdefault(tracklet.first_frame + offset, []).append(cuboid)
     return frames
@@ -213,7 +213,7 @@ def _format_tracklet(tracklet: Tracklet, *, first: bool) -> list[str]:
     poses = ' class_id="2" tracking_level="0" version="0"' if first else ''
     lines = [
         f'\t<item{item}>',
-        f'\t\t<objectType>{escape(tracklet.kind, quote=False)}</objectType>',
+        f'\t\t<objectType>{escape(tracklet.class_name, quote=False)}</objectType>',
         f'\t\t<h>{height:.9g}</h>',
         f'\t\t<w>{width:.9g}</w>',
         f'\t\t<l>{length:.9g}</l>',

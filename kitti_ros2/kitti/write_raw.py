@@ -184,7 +184,7 @@ class RawWriter(LayoutWriter):
             for first, last in runs_of(sorted(boxes)):
                 box = boxes[first]
                 poses = [self._tracklet_pose(boxes[n]) for n in range(first, last + 1)]
-                tracklets.append(Tracklet(box.kind, box.size_hwl, first, poses))
+                tracklets.append(Tracklet(box.class_name, box.size_hwl, first, poses))
         return tracklets
 
     def _tracklet_pose(self, box: Box) -> TrackletPose:

@@ -41,7 +41,7 @@ def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -
     for cuboid in cuboids:
         pose = pose_numbers(cuboid.velo_T_box)
         cdr.header(stamp_ns, frame_id)
-        _add_result(cdr, cuboid.kind, cuboid.score, pose)
+        _add_result(cdr, cuboid.class_name, cuboid.score, pose)
         cdr.float64((*pose, *cuboid.size_lwh))
         cdr.text(cuboid.identity)
     return (cdr.finish(),)
@@ -61,17 +61,19 @@ def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: s
     for identity, box in boxes:
         left, top, right, bottom = box.box_2d
         cdr.header(stamp_ns, frame_id)
-        _add_result(cdr, box.kind, box.score, _NO_POSE)
+        _add_result(cdr, box.class_name, box.score, _NO_POSE)
         middle = ((left + right) / 2, (top + bottom) / 2)
         cdr.float64((*middle, _NO_TURN, right - left, bottom - top))
         cdr.text(identity)
     return (cdr.finish(),)
 
 
-def _add_result(cdr: CdrWriter, kind: str, score: float | None, pose: tuple[float, ...]) -> None:
+def _add_result(
+    cdr: CdrWriter, class_name: str, score: float | None, pose: tuple[float, ...]
+) -> None:
     """Write the results of a detection: one ObjectHypothesisWithPose."""
     cdr.uint32(1)
-    cdr.text(kind)
+    cdr.text(class_name)
     cdr.float64((_TRUTH_SCORE if score is None else score, *pose, *_UNKNOWN))
 
 

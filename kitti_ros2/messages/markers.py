@@ -136,7 +136,7 @@ class _Drawing:
     def object(self, cuboid: Cuboid, number: int, frame_id: str) -> None:
         """Add box, edges, heading and text of an object."""
         options = self._options
-        color = color_of(cuboid.kind, number, options.colors)
+        color = color_of(cuboid.class_name, number, options.colors)
         length, _, height = cuboid.size_lwh
         pose = pose_numbers(cuboid.velo_T_box)
         width, shaft = (options.line_width, 0.0, 0.0), 2 * options.line_width
@@ -220,4 +220,4 @@ def _caption(cuboid: Cuboid) -> str:
     """Format class, id, score if there is one, and distance."""
     x, y, z = cuboid.velo_T_box.translation.tolist()
     score = '' if cuboid.score is None else f' {cuboid.score:.2f}'
-    return f'{cuboid.kind} {cuboid.identity}{score}\n{math.hypot(x, y, z):.1f} m'
+    return f'{cuboid.class_name} {cuboid.identity}{score}\n{math.hypot(x, y, z):.1f} m'

@@ -34,7 +34,7 @@ class Box:
     """One labelled object, as the KITTI object devkit's readme.txt defines it.
 
     Attributes:
-        kind: Class name; custom names are legal.
+        class_name: Custom names are legal.
         truncated: 0..1, or -1.
         occluded: 0 visible, 1 partly, 2 largely, 3 unknown, or -1.
         alpha: Observation angle, radians.
@@ -47,7 +47,7 @@ class Box:
         track_id: Identity across frames, tracking only; -1 for DontCare.
     """
 
-    kind: str
+    class_name: str
     truncated: float
     occluded: int
     alpha: float
@@ -65,7 +65,7 @@ class Cuboid:
     """A box in ROS conventions.
 
     Attributes:
-        kind: Class name.
+        class_name: Such as Car.
         identity: Unique in its frame: track id, or place in the file.
         velo_T_box: Its own frame (middle, x along the heading, y left, z up) in velo_link.
         size_lwh: Length, width, height along x, y, z, metres.
@@ -73,7 +73,7 @@ class Cuboid:
         track_id: Identity across frames, None where there is none.
     """
 
-    kind: str
+    class_name: str
     identity: str
     velo_T_box: Transform
     size_lwh: tuple[float, float, float]
@@ -204,7 +204,7 @@ def is_absurd(box: Box) -> bool:
 
 def has_cuboid(box: Box) -> bool:
     """Whether a label has a 3D box; DontCare and 2D detections have -1 for every size."""
-    return box.kind != DONT_CARE and box.size_hwl != (-1.0, -1.0, -1.0)
+    return box.class_name != DONT_CARE and box.size_hwl != (-1.0, -1.0, -1.0)
 
 
 def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
@@ -217,7 +217,7 @@ def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
     middle = np.array(box.location) - [0.0, height / 2, 0.0]
     rect_t_box = Transform(box_rotations(box.rotation_y)[0], middle)
     return Cuboid(
-        box.kind,
+        box.class_name,
         identity,
         rect_T_velo.inverse() @ rect_t_box,
         (length, width, height),

@@ -47,7 +47,7 @@ class Matchable(Protocol):
     """An object with boxes, a label or a prediction."""
 
     @property
-    def kind(self) -> str:
+    def class_name(self) -> str:
         """Class name."""
 
     @property
@@ -93,9 +93,9 @@ class Matches(NamedTuple):
     predictions: Sequence[Match]
 
 
-def least_overlap(kind: str) -> float:
+def least_overlap(class_name: str) -> float:
     """Return the IoU above which a prediction finds a label of a class."""
-    return _VEHICLE_OVERLAP if kind in _VEHICLES else _OTHER_OVERLAP
+    return _VEHICLE_OVERLAP if class_name in _VEHICLES else _OTHER_OVERLAP
 
 
 def match(labels: Sequence[Matchable], predictions: Sequence[Matchable]) -> Matches:
@@ -105,9 +105,9 @@ def match(labels: Sequence[Matchable], predictions: Sequence[Matchable]) -> Matc
         labels: Ground truth, with its DontCare regions.
         predictions: Of any classes; one without a score is the surest.
     """
-    predicted = {each.kind for each in predictions}
+    predicted = {each.class_name for each in predictions}
     of_labels = [
-        Match(None if _is_uncounted(each.kind, predicted) else Verdict.FALSE_NEGATIVE)
+        Match(None if _is_uncounted(each.class_name, predicted) else Verdict.FALSE_NEGATIVE)
         for each in labels
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
@@ -121,13 +121,16 @@ def match(labels: Sequence[Matchable], predictions: Sequence[Matchable]) -> Matc
 
 def _match_one(prediction: Matchable, labels: Sequence[Matchable], taken: Sequence[Match]) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
-    least, best = least_overlap(prediction.kind), 0.0
-    kinds = (frozenset({prediction.kind}), NEIGHBOURS.get(prediction.kind, frozenset()))
-    for verdict, chosen in zip((Verdict.TRUE_POSITIVE, None), kinds, strict=True):
+    least, best = least_overlap(prediction.class_name), 0.0
+    classes = (
+        frozenset({prediction.class_name}),
+        NEIGHBOURS.get(prediction.class_name, frozenset()),
+    )
+    for verdict, chosen in zip((Verdict.TRUE_POSITIVE, None), classes, strict=True):
         overlaps = {
             place: overlap_of(prediction, each)
             for place, each in enumerate(labels)
-            if each.kind in chosen
+            if each.class_name in chosen
         }
         if verdict is Verdict.TRUE_POSITIVE:
             best = max(overlaps.values(), default=0.0)
@@ -139,7 +142,7 @@ def _match_one(prediction: Matchable, labels: Sequence[Matchable], taken: Sequen
         if free:
             overlap, place = max(free)
             return Match(verdict, -place, overlap)
-    regions = (each for each in labels if each.kind == DONT_CARE)
+    regions = (each for each in labels if each.class_name == DONT_CARE)
     ignored = any(_share_within(prediction, region) > least for region in regions)
     return Match(None if ignored else Verdict.FALSE_POSITIVE, overlap=best)
 
@@ -225,5 +228,5 @@ def _sureness(prediction: Matchable) -> float:
     return math.inf if score is None else score if math.isfinite(score) else -math.inf
 
 
-def _is_uncounted(kind: str, predicted: set[str]) -> bool:
-    return kind == DONT_CARE or (kind in _UNEVALUATED and kind not in predicted)
+def _is_uncounted(class_name: str, predicted: set[str]) -> bool:
+    return class_name == DONT_CARE or (class_name in _UNEVALUATED and class_name not in predicted)

@@ -282,7 +282,9 @@ def _axes(plan: Plan, assumptions: list[str]) -> Transform | None:
 
 def _identified(cuboid: Cuboid) -> Cuboid:
     """Return the box with its class in the form of labels, and its track if it is a number."""
-    return replace(cuboid, kind=class_name(cuboid.kind), track_id=own_number(cuboid.identity))
+    return replace(
+        cuboid, class_name=class_name(cuboid.class_name), track_id=own_number(cuboid.identity)
+    )
 
 
 def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:

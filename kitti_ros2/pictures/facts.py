@@ -48,7 +48,7 @@ def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]
         facts.append(('image', f'{width} x {height}, camera {camera}'))
     if frame.points is not None:
         facts.append(('points', f'{len(frame.points):,}'.replace(',', ' ')))
-    cared = sum(each.kind != DONT_CARE for each in frame.objects)
+    cared = sum(each.class_name != DONT_CARE for each in frame.objects)
     ignored = len(frame.objects) - cared
     facts.append(('objects', f'{cared}' + (f' and {ignored} DontCare' if ignored else '')))
     if frame.predictions:
@@ -103,12 +103,15 @@ def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
 
 def draw_classes(window: Pixels, frame: FrameData) -> None:
     """Draw the number of objects of each class with bars, and below them the predictions."""
-    counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
-    found = Counter(each.kind for each in frame.predictions)
+    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
+    found = Counter(each.class_name for each in frame.predictions)
     most = max([*counts.values(), *found.values()], default=0)
-    kinds = sorted({*counts, *found}, key=lambda kind: (-counts[kind], -found[kind], kind))
+    classes = sorted(
+        {*counts, *found},
+        key=lambda class_name: (-counts[class_name], -found[class_name], class_name),
+    )
     height, width = window.shape[:2]
-    if not kinds:
+    if not classes:
         put_text(window, 'no objects', (0, _LINE - 4), _SCALE, _LABEL)
         return
     if frame.predictions:
@@ -119,18 +122,18 @@ def draw_classes(window: Pixels, frame: FrameData) -> None:
     number = extent_of('0000', _SCALE).width
     row = 2 * _LINE if frame.predictions else _LINE
     fit = max(height // row, 1)
-    shown = kinds if len(kinds) <= fit else kinds[: fit - 1]
-    for place, kind in enumerate(shown):
+    shown = classes if len(classes) <= fit else classes[: fit - 1]
+    for place, class_name in enumerate(shown):
         baseline = place * row + _LINE - 4
-        put_text(window, fitted(kind, names - 8, _SCALE), (0, baseline), _SCALE, _VALUE)
-        for line, count in enumerate((counts[kind], found[kind])[: row // _LINE]):
+        put_text(window, fitted(class_name, names - 8, _SCALE), (0, baseline), _SCALE, _VALUE)
+        for line, count in enumerate((counts[class_name], found[class_name])[: row // _LINE]):
             bottom = baseline + line * _LINE
             length = round((width - names - number) * count / most)
             corner, end = (names, bottom - _BAR_HEIGHT), (names + length, bottom)
             if length:
-                color = PREDICTION_BGR if line else class_color(kind)
+                color = PREDICTION_BGR if line else class_color(class_name)
                 cv2.rectangle(window, corner, end, color, cv2.FILLED)
             put_text(window, f'{count}', (end[0] + 6, bottom), _SCALE, _VALUE)
-    if len(shown) < len(kinds):
-        text = f'and {len(kinds) - len(shown)} more classes'
+    if len(shown) < len(classes):
+        text = f'and {len(classes) - len(shown)} more classes'
         put_text(window, text, (0, len(shown) * row + _LINE - 4), _SCALE, _LABEL)

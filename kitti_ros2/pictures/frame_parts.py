@@ -124,8 +124,8 @@ def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     kept = {kind.lower() for kind in (*options.classes, DONT_CARE)}
     return replace(
         frame,
-        objects=[each for each in frame.objects if each.kind.lower() in kept],
-        predictions=[each for each in frame.predictions if each.kind.lower() in kept],
+        objects=[each for each in frame.objects if each.class_name.lower() in kept],
+        predictions=[each for each in frame.predictions if each.class_name.lower() in kept],
     )
 
 

@@ -68,7 +68,7 @@ def draw_frames(
 
     def draw(number: int) -> Drawn:
         frame = refine(source.frame(number, wanted))
-        kinds = frozenset(each.kind for each in (*frame.objects, *frame.predictions))
+        kinds = frozenset(each.class_name for each in (*frame.objects, *frame.predictions))
         try:
             return Drawn(number, mode.draw(frame, options), frame.missing, kinds)
         except MissingDataError as error:

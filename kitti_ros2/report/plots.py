@@ -218,9 +218,9 @@ def _course(area: _PlotArea, times: Float64Array, values: Float64Array) -> str:
     return 'M' + 'L'.join(f'{number(area.x(x))} {number(area.y(y))}' for x, y in places)
 
 
-def class_colour(kind: str) -> str:
+def class_colour(class_name: str) -> str:
     """Return the colour of a class in the pictures, as CSS."""
-    return '#{:02x}{:02x}{:02x}'.format(*rgb_of(kind))
+    return '#{:02x}{:02x}{:02x}'.format(*rgb_of(class_name))
 
 
 def histogram_plot(

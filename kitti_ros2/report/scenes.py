@@ -107,14 +107,14 @@ def _projection(frame: FrameData, camera: int, name: str) -> ReportPicture | Non
 
 
 def _words(frame: FrameData) -> Iterator[str]:
-    counts = Counter(each.kind for each in frame.objects if each.kind != DONT_CARE)
-    yield from (f'{count} {kind}' for kind, count in counts.most_common())
+    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
+    yield from (f'{count} {class_name}' for class_name, count in counts.most_common())
     if frame.points is not None:
         yield format_count(len(frame.points), 'point')
 
 
 def _labels(frame: FrameData) -> str:
-    count = sum(each.kind != DONT_CARE for each in frame.objects)
+    count = sum(each.class_name != DONT_CARE for each in frame.objects)
     return f'{format_count(count, "labelled object")}' if count else 'no labels'
 
 

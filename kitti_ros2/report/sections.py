@@ -92,15 +92,15 @@ def objects_section(report: Report) -> dict[str, object] | None:
         words += f' {classes.dont_care:,} regions are without labels (DontCare).'
     distances = [
         (
-            each.kind,
+            each.class_name,
             f'{np.median(each.distances_m):.1f} m',
             histogram_plot(
                 f'distance-{place}',
-                f'Distances of {each.kind}',
+                f'Distances of {each.class_name}',
                 _EDGES_M,
                 histogram(each.distances_m, _EDGES_M),
                 'metres from the scanner',
-                class_colour(each.kind),
+                class_colour(each.class_name),
             ),
         )
         for place, each in enumerate(classes.classes[:_MOST_HISTOGRAMS])
@@ -120,7 +120,7 @@ def _class_table(classes: ClassStatistics) -> Table:
     columns += [('Occlusion', TEXT)] * occluded + [('Truncated', NUMBER)] * cut
     rows = [
         [
-            each.kind,
+            each.class_name,
             f'{each.count:,}',
             f'{each.frames:,}',
             f'{each.count / max(classes.frames, 1):.2f}',

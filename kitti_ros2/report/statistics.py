@@ -27,7 +27,7 @@ class ClassFacts:
     """The objects of one class.
 
     Attributes:
-        kind: Class name.
+        class_name: Such as Car.
         count: Number of boxes.
         frames: Number of frames with one.
         most: Maximum number in a frame.
@@ -37,7 +37,7 @@ class ClassFacts:
         truncated: Number truncated by the image edge; None if unknown.
     """
 
-    kind: str
+    class_name: str
     count: int
     frames: int
     most: int
@@ -97,12 +97,12 @@ class _ClassCounts:
                 self.truncation_known += 1
                 self.truncated += each.truncated > 0
 
-    def facts(self, kind: str) -> ClassFacts:
+    def facts(self, class_name: str) -> ClassFacts:
         """Return the facts of the objects so far."""
         known = sum(self.occlusions.values())
         places = range(len(OCCLUSIONS))
         return ClassFacts(
-            kind,
+            class_name,
             self.count,
             self.frames,
             self.most,
@@ -124,19 +124,19 @@ class ClassTally:
 
     def add(self, objects: Iterable[LabelledObject]) -> None:
         """Add a frame, also one without objects."""
-        by_kind: dict[str, list[LabelledObject]] = defaultdict(list)
+        by_class: dict[str, list[LabelledObject]] = defaultdict(list)
         for each in objects:
-            by_kind[each.kind].append(each)
-        self._dont_care += len(by_kind.pop(DONT_CARE, ()))
+            by_class[each.class_name].append(each)
+        self._dont_care += len(by_class.pop(DONT_CARE, ()))
         self._frames += 1
-        self._labelled += bool(by_kind)
-        for kind, found in by_kind.items():
-            self._counts[kind].add(found)
+        self._labelled += bool(by_class)
+        for class_name, found in by_class.items():
+            self._counts[class_name].add(found)
 
     def statistics(self) -> ClassStatistics:
         """Return the statistics of the frames so far."""
-        facts = (tally.facts(kind) for kind, tally in self._counts.items())
-        ordered = sorted(facts, key=lambda each: (-each.count, each.kind))
+        facts = (tally.facts(class_name) for class_name, tally in self._counts.items())
+        ordered = sorted(facts, key=lambda each: (-each.count, each.class_name))
         return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
 
 

@@ -101,12 +101,14 @@ def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a r
 
 def _labels(detections: list[Any], names: list[tuple[str, float]]) -> list[str]:
     labels = []
-    for detection, (kind, score) in zip(detections, names, strict=True):
-        words = [kind, getattr(detection, 'id', ''), '' if score == 1.0 else f'{score:.2f}']
+    for detection, (class_name, score) in zip(detections, names, strict=True):
+        words = [class_name, getattr(detection, 'id', ''), '' if score == 1.0 else f'{score:.2f}']
         labels.append(' '.join(word for word in words if word))
     return labels
 
 
 def _colors(names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
     """Return the colours of classes, as for markers: red, green, blue, 0..255."""
-    return [_DONT_CARE_RGB if kind == DONT_CARE else rgb_of(kind) for kind, _ in names]
+    return [
+        _DONT_CARE_RGB if class_name == DONT_CARE else rgb_of(class_name) for class_name, _ in names
+    ]

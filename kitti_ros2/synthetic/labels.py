@@ -45,7 +45,7 @@ def label_solids(
     boxes = []
     for index, one in enumerate(placed):
         covered = int(canvas.covered[index])
-        if one.solid.kind is None or covered < _LEAST_PIXELS:
+        if one.solid.class_name is None or covered < _LEAST_PIXELS:
             continue
         part = int(visible[index]) / covered
         if part >= LEAST_VISIBLE:
@@ -81,7 +81,7 @@ def _label(
     left, top, right, bottom = cut[0].tolist()
     length, box_width, box_height = one.solid.size
     return Box(
-        kind=str(one.solid.kind),
+        class_name=str(one.solid.class_name),
         truncated=truncated,
         occluded=next(level for least, level in _OCCLUDED if visible >= least),
         alpha=float(alpha_of((x, y, z), rotation_y)[0]),

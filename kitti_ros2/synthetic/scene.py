@@ -52,7 +52,7 @@ class Solid:
         turn: Heading against the street's, radians.
         speed: Along the street, m/s.
         leads: Whether it keeps ahead of the ego car instead.
-        kind: Class name of its label, None for an unlabelled object.
+        class_name: Class of its label, None for an unlabelled object.
         track_id: Its identity, -1 for an unlabelled object.
     """
 
@@ -64,7 +64,7 @@ class Solid:
     turn: float = 0.0
     speed: float = 0.0
     leads: bool = False
-    kind: str | None = None
+    class_name: str | None = None
     track_id: int = -1
 
     def along(self, time: float) -> float:
@@ -148,24 +148,30 @@ def _every(
             yield float(x)
 
 
-def _vehicle(rng: np.random.Generator, kind: str) -> tuple[Look, tuple[float, float, float]]:
+def _vehicle(rng: np.random.Generator, class_name: str) -> tuple[Look, tuple[float, float, float]]:
     length, width, height = {'Car': (4.1, 1.72, 1.5), 'Van': (4.9, 1.9, 2.0)}.get(
-        kind, (7.2, 2.4, 3.0)
+        class_name, (7.2, 2.4, 3.0)
     )
     stretch = rng.uniform(0.94, 1.06)
-    look = Look(kind, int(rng.integers(8)), float(rng.uniform(0.08, 0.6)))
+    look = Look(class_name, int(rng.integers(8)), float(rng.uniform(0.08, 0.6)))
     return look, (length * stretch, width * rng.uniform(0.97, 1.03), height)
 
 
 def _traffic(rng: np.random.Generator, end: float, duration: float) -> Iterator[Solid]:
     """Make a car ahead of the ego car, and oncoming ones in the other lane."""
     look, size = _vehicle(rng, 'Car')
-    yield Solid(look, size, x=19.0, lane=0.0, leads=True, kind='Car')
+    yield Solid(look, size, x=19.0, lane=0.0, leads=True, class_name='Car')
     for x in _every(rng, -100.0, end + _ONCOMING_SPEED * duration, 29.0, 0.8):
-        kind = 'Van' if rng.random() < 0.2 else 'Car'
-        look, size = _vehicle(rng, kind)
+        class_name = 'Van' if rng.random() < 0.2 else 'Car'
+        look, size = _vehicle(rng, class_name)
         yield Solid(
-            look, size, x + rng.uniform(-6, 6), 3.5, turn=pi, speed=-_ONCOMING_SPEED, kind=kind
+            look,
+            size,
+            x + rng.uniform(-6, 6),
+            3.5,
+            turn=pi,
+            speed=-_ONCOMING_SPEED,
+            class_name=class_name,
         )
 
 
@@ -173,11 +179,13 @@ def _parked(rng: np.random.Generator, end: float) -> Iterator[Solid]:
     """Make rows of parked cars on both sides, trucks only on the right."""
     for lane, turn, chance in ((-3.3, 0.0, 0.55), (6.4, pi, 0.5)):
         for x in _every(rng, -_BEHIND, end, 8.4, chance):
-            kind = str(rng.choice(['Car', 'Van', 'Truck'], p=[0.84, 0.12, 0.04]))
-            if kind == 'Truck' and turn:
-                kind = 'Car'
-            look, size = _vehicle(rng, kind)
-            yield Solid(look, size, x + rng.uniform(-0.2, 0.2), lane, turn=turn, kind=kind)
+            class_name = str(rng.choice(['Car', 'Van', 'Truck'], p=[0.84, 0.12, 0.04]))
+            if class_name == 'Truck' and turn:
+                class_name = 'Car'
+            look, size = _vehicle(rng, class_name)
+            yield Solid(
+                look, size, x + rng.uniform(-0.2, 0.2), lane, turn=turn, class_name=class_name
+            )
 
 
 def _people(rng: np.random.Generator, end: float, duration: float) -> Iterator[Solid]:
@@ -189,10 +197,12 @@ def _people(rng: np.random.Generator, end: float, duration: float) -> Iterator[S
             look = Look('Pedestrian', int(rng.integers(6)), float(rng.uniform(0.15, 0.5)))
             turn = 0.0 if speed > 0 else pi
             shift = rng.uniform(-4, 4)
-            yield Solid(look, size, x + shift, lane, turn=turn, speed=speed, kind='Pedestrian')
+            yield Solid(
+                look, size, x + shift, lane, turn=turn, speed=speed, class_name='Pedestrian'
+            )
     for x in _every(rng, -_BEHIND - spare, end, 31.0, 0.7):
         look = Look('Cyclist', int(rng.integers(6)), 0.3)
-        yield Solid(look, (1.8, 0.62, 1.75), x, -5.3, speed=_CYCLING, kind='Cyclist')
+        yield Solid(look, (1.8, 0.62, 1.75), x, -5.3, speed=_CYCLING, class_name='Cyclist')
 
 
 def _buildings(rng: np.random.Generator, end: float) -> Iterator[Solid]:

@@ -136,7 +136,7 @@ def test_a_box_becomes_its_label_again(recordings):
             made = frame.calibration.label(
                 each.class_name, each.box, (width, height), score=0.5, track=7
             )
-            assert (made.kind, made.score, made.track_id) == (each.class_name, 0.5, 7)
+            assert (made.class_name, made.score, made.track_id) == (each.class_name, 0.5, 7)
             np.testing.assert_allclose(made.location, each.label.location, atol=0.05)
             np.testing.assert_allclose(made.size_hwl, each.label.size_hwl, atol=1e-9)
             np.testing.assert_allclose(made.rotation_y, each.label.rotation_y, atol=0.02)

@@ -220,5 +220,5 @@ def test_real_wireframes_are_around_the_2d_labels(real_kitti):
             draw_wireframes(picture, [], projection.resized(4, 4), [each], named=False)
             left, top, right, bottom = bounds_of(drawn(picture))
             label = resized([each], 4, 4)[0].box_2d
-            found[each.kind] = iou((left, top, right, bottom), label)
+            found[each.class_name] = iou((left, top, right, bottom), label)
         assert found == {kind: pytest.approx(value, abs=0.02) for kind, value in expected.items()}

@@ -119,7 +119,7 @@ def rect_t_velo_of(static) -> Transform:
 class Told:
     """What detections and boxes_2d tell of a label; no 3D numbers for a 2D box."""
 
-    kind: str
+    class_name: str
     box_2d: tuple[float, ...]
     size_hwl: tuple[float, ...] | None = None
     location: tuple[float, ...] | None = None
@@ -145,8 +145,10 @@ def told_without_source(found) -> dict[int, dict[str, Told]]:
         for cuboid in cuboids_in(found[DETECTIONS][stamp]):
             location, size, rotation_y = box_of(cuboid, rect_t_velo)
             told = frame[cuboid.identity]
-            assert told.kind == cuboid.kind
-            frame[cuboid.identity] = Told(told.kind, told.box_2d, size, tuple(location), rotation_y)
+            assert told.class_name == cuboid.class_name
+            frame[cuboid.identity] = Told(
+                told.class_name, told.box_2d, size, tuple(location), rotation_y
+            )
         frames[stamp] = frame
     return frames
 
@@ -155,7 +157,7 @@ def assert_told(told: dict[str, Told], lines: list[list[str]]):
     """That the messages tell each number of label lines (words from the class on) to 0.005."""
     assert len(told) == len(lines)
     for one, words in zip(told.values(), lines, strict=True):
-        assert one.kind == words[0]
+        assert one.class_name == words[0]
         numbers = [float(word) for word in words[1:]]
         np.testing.assert_allclose(one.box_2d, numbers[3:7], rtol=0, atol=0.005)
         if words[0] == 'DontCare':
@@ -180,7 +182,7 @@ def bags(recordings, tmp_path_factory) -> dict[Layout, Path]:
 def box(kind='Car', size=(1.5, 1.6, 4.0), track_id=None, **values) -> Box:
     frame = None if track_id is None else 0
     return Box(
-        **{'kind': kind, 'truncated': 0.0, 'occluded': 0, 'alpha': 0.0,
+        **{'class_name': kind, 'truncated': 0.0, 'occluded': 0, 'alpha': 0.0,
            'box_2d': (0.0, 0.0, 9.0, 9.0), 'size_hwl': size, 'location': (0.0, 1.6, 20.0),
            'rotation_y': -1.57, 'frame': frame, 'track_id': track_id} | values
     )  # fmt: skip
@@ -188,7 +190,7 @@ def box(kind='Car', size=(1.5, 1.6, 4.0), track_id=None, **values) -> Box:
 
 def test_ids_are_places_in_the_file_and_bad_lines_do_not_shift_them():
     labels = FrameLabels(boxes=[box(), None, box('DontCare'), box('Van')])
-    assert [(name, one.kind) for name, one in identified(labels)] == [
+    assert [(name, one.class_name) for name, one in identified(labels)] == [
         ('0', 'Car'),
         ('2', 'DontCare'),
         ('3', 'Van'),
@@ -212,7 +214,7 @@ def test_which_boxes_become_cuboids():
         box('Van', score=0.5),
     ]
     found = cuboids_of(FrameLabels(boxes=boxes), calibration)
-    assert [(one.identity, one.kind, one.score) for one in found] == [
+    assert [(one.identity, one.class_name, one.score) for one in found] == [
         ('3', 'my-robot', None),
         ('6', 'Van', 0.5),
     ]
@@ -343,7 +345,7 @@ def test_markers_and_detections_are_of_the_same_boxes(bags, layout):
             np.testing.assert_array_equal(place.matrix(), cuboid.velo_T_box.matrix())
             np.testing.assert_array_equal(size, cuboid.size_lwh)
             distance = np.linalg.norm(cuboid.velo_T_box.translation)
-            assert text == f'{cuboid.kind} {cuboid.identity}\n{distance:.1f} m'
+            assert text == f'{cuboid.class_name} {cuboid.identity}\n{distance:.1f} m'
 
 
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
@@ -681,7 +683,7 @@ def test_tracklets_are_where_the_tracking_labels_are(recordings):
         for one in cuboids:
             location, size, rotation_y = box_of(one, rect_t_velo)
             nearest = min(boxes, key=lambda b, at=location: np.linalg.norm(b.location - at))
-            assert nearest.kind == one.kind
+            assert nearest.class_name == one.class_name
             np.testing.assert_allclose(location, nearest.location, atol=1e-4)
             np.testing.assert_allclose(size, nearest.size_hwl, atol=1e-5)
             np.testing.assert_allclose(

@@ -214,7 +214,7 @@ def test_real_tracklets(real_kitti):
     frames = cuboids_by_frame(tracklets)
     assert sorted(frames) == list(range(173))
     first = frames[0][0]
-    assert (first.kind, first.size_lwh) == ('Car', (3.3603947, 1.5138891, 1.4631295))
+    assert (first.class_name, first.size_lwh) == ('Car', (3.3603947, 1.5138891, 1.4631295))
     middle = (24.46635836520133, -13.904731988596636, -1.8675297769587202 + 1.4631295 / 2)
     np.testing.assert_allclose(first.velo_T_box.translation, middle)
 
@@ -237,6 +237,6 @@ def test_a_drive_takes_real_tracklets(make_drive, real_kitti, tmp_path):
     tracklets = cuboids_by_frame(parse_tracklets(source.read_bytes(), source))
     arrays = [deserialize(data, kind) for topic, _, data, kind in found if topic == DETECTIONS]
     for number, message in enumerate(arrays):
-        expected = [(one.identity, one.kind) for one in tracklets[number]]
-        assert [(one.identity, one.kind) for one in cuboids_in(message)] == expected
+        expected = [(one.identity, one.class_name) for one in tracklets[number]]
+        assert [(one.identity, one.class_name) for one in cuboids_in(message)] == expected
     assert any('no stamp for the tracklets' in loss.message for loss in report.losses)

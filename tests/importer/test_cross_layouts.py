@@ -72,7 +72,7 @@ def test_the_world_is_the_same(recordings, bags, layout, target, tmp_path):
         for box in found:
             near = min(true, key=lambda each, box=box: distance(each, box))
             assert distance(near, box) < 2e-3
-            assert near.kind == box.kind
+            assert near.class_name == box.class_name
             assert np.allclose(near.size_lwh, box.size_lwh, atol=6e-3)  # two decimals in labels
 
 

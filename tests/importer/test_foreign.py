@@ -159,14 +159,14 @@ def test_boxes_are_those_of_the_detector(made):
         labels = recording.read(Stream.LABELS, number)
         if recording.layout is Layout.RAW:  # tracklets, in the scanner's frame
             (cuboid,) = labels.cuboids
-            assert cuboid.kind == 'Car'
+            assert cuboid.class_name == 'Car'
             true, seen = frame.cuboid.velo_T_box.matrix(), cuboid.velo_T_box.matrix()
             assert np.abs(true[:3, 3] - seen[:3, 3]).max() < 1e-3
             assert np.abs(true[:3, :3] - seen[:3, :3]).max() < 5e-3  # the camera leans by 3 degrees
             continue
         (box,) = labels.boxes
         location, size_hwl, rotation_y = box_of(frame.cuboid, rect_t_velo)
-        assert (box.kind, box.occluded, box.score) == ('Car', 3, None)
+        assert (box.class_name, box.occluded, box.score) == ('Car', 3, None)
         assert np.abs(np.array(box.location) - location).max() < 1e-3
         assert np.abs(np.array(box.size_hwl) - size_hwl).max() < 1e-3
         assert abs(box.rotation_y - rotation_y) < 1e-3

@@ -100,7 +100,7 @@ def p_rect(camera):
 
 
 def assert_same(made: Box, box: Box, camera=2):
-    assert (made.kind, made.track_id, made.occluded) == (box.kind, box.track_id, 3)
+    assert (made.class_name, made.track_id, made.occluded) == (box.class_name, box.track_id, 3)
     np.testing.assert_allclose(made.location, box.location, atol=1e-6)
     np.testing.assert_allclose(made.size_hwl, box.size_hwl, rtol=1e-9)
     assert abs(np.angle(np.exp(1j * (made.rotation_y - box.rotation_y)))) < 1e-6
@@ -279,13 +279,13 @@ def array(*detections, frame='velo_link'):
 def test_the_best_result_counts():
     results = [result('Van', 0.2), result('Car', 0.7), result('Bus', 0.1)]
     (found,), _ = cuboids_of_detections(array(detection(results=results)), HERE)
-    assert (found.kind, found.score) == ('Car', 0.7)
+    assert (found.class_name, found.score) == ('Car', 0.7)
 
 
 def test_a_detection_without_result_is_of_no_class():
     (found,), _ = cuboids_of_detections(array(detection()), HERE, scores=True)
-    assert (found.kind, found.score) == ('', None)
-    assert labels([found])[0][0].kind == 'Misc'
+    assert (found.class_name, found.score) == ('', None)
+    assert labels([found])[0][0].class_name == 'Misc'
 
 
 @pytest.mark.parametrize(
@@ -309,10 +309,10 @@ def test_the_definitions_of_older_distributions_are_understood():
     old = detection(Some(id=3, score=0.5))
     del old.id
     (found,), _ = cuboids_of_detections(array(old), HERE)
-    assert (found.kind, found.score, found.identity) == ('3', 0.5, '')
+    assert (found.class_name, found.score, found.identity) == ('3', 0.5, '')
     old = detection(Some(id='Car', score=0.5), tracking_id='9', id='')
     (found,), _ = cuboids_of_detections(array(old), HERE)
-    assert (found.kind, found.identity) == ('Car', '9')
+    assert (found.class_name, found.identity) == ('Car', '9')
 
 
 def test_the_array_s_frame_stands_in_for_an_empty_one():
@@ -339,7 +339,9 @@ def marker(kind=CUBE, ns='car', number=5, text='', action=ADD, frame='velo_link'
 
 
 def kinds(*markers):
-    return [class_name(each.kind) for each in cuboids_of_markers(Some(markers=markers), HERE)[0]]
+    return [
+        class_name(each.class_name) for each in cuboids_of_markers(Some(markers=markers), HERE)[0]
+    ]
 
 
 def test_the_numbers_are_those_of_the_definition():

@@ -36,7 +36,7 @@ def boxes(decimals: int) -> st.SearchStrategy[Box]:
     number = grid(-999, 999, decimals)
     return st.builds(
         Box,
-        kind=st.sampled_from(['Car', 'Person_sitting', 'my-robot', 'DontCares']),
+        class_name=st.sampled_from(['Car', 'Person_sitting', 'my-robot', 'DontCares']),
         truncated=grid(-1, 1, decimals),
         occluded=st.integers(-1, 3),
         alpha=grid(-3.14, 3.14, decimals),
@@ -61,7 +61,7 @@ def test_tracking_box_survives_its_line(box: Box, frame: int, track_id: int) -> 
 
 def test_columns_are_read_as_the_devkit_names_them() -> None:
     box = parse_box('3 7 ' + LINE + ' 0.75')
-    assert (box.frame, box.track_id, box.kind, box.score) == (3, 7, 'Car', 0.75)
+    assert (box.frame, box.track_id, box.class_name, box.score) == (3, 7, 'Car', 0.75)
     assert (box.truncated, box.occluded, box.alpha) == (0.12, 1, -1.57)
     assert box.box_2d == (100.0, 120.5, 200.25, 180.0)
     assert box.size_hwl == (1.5, 1.6, 3.9)
@@ -72,7 +72,7 @@ def test_columns_are_read_as_the_devkit_names_them() -> None:
 def test_dont_care_is_written_without_decimals() -> None:
     line = 'DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10\n'
     (box,) = parse_boxes(line, PATH)
-    assert (box.kind, box.location) == ('DontCare', (-1000.0, -1000.0, -1000.0))
+    assert (box.class_name, box.location) == ('DontCare', (-1000.0, -1000.0, -1000.0))
     assert format_object_labels([box]) == line
 
 

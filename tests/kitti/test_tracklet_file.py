@@ -34,7 +34,7 @@ POSES = st.builds(
 SIDES = st.integers(100, 15_000).map(lambda n: n / 1000)
 TRACKLETS = st.builds(
     Tracklet,
-    kind=st.sampled_from(['Car', 'Person (sitting)', 'a < b & "c"', 'Straßenbahn']),
+    class_name=st.sampled_from(['Car', 'Person (sitting)', 'a < b & "c"', 'Straßenbahn']),
     size_hwl=st.tuples(SIDES, SIDES, SIDES),
     first_frame=st.integers(0, 5000),
     poses=st.lists(POSES, max_size=3),
@@ -78,7 +78,11 @@ def test_cuboids_are_where_the_poses_are(tracklet):
     height, width, length = tracklet.size_hwl
     for offset, pose in enumerate(tracklet.poses):
         cuboid = frames[tracklet.first_frame + offset][-1]
-        assert (cuboid.kind, cuboid.identity, cuboid.track_id) == (tracklet.kind, '1', 1)
+        assert (cuboid.class_name, cuboid.identity, cuboid.track_id) == (
+            tracklet.class_name,
+            '1',
+            1,
+        )
         assert cuboid.size_lwh == (length, width, height)
         corners = cuboid.velo_T_box.apply(unit_corners() * cuboid.size_lwh)
         np.testing.assert_allclose(corners[:4].mean(axis=0), pose.translation, atol=1e-9)

@@ -38,7 +38,7 @@ SIDES = st.floats(1e-3, 100)
 WORDS = st.text(st.characters(blacklist_categories=['Cs'], blacklist_characters='\0'))
 CUBOIDS = st.builds(
     Cuboid,
-    kind=WORDS,
+    class_name=WORDS,
     identity=WORDS,
     velo_T_box=st.builds(
         lambda rpy, t: Transform(rotation_from_rpy(*rpy), np.array(t)),
@@ -52,7 +52,7 @@ CUBOIDS = st.builds(
 PIXELS = st.floats(-5e3, 5e3)
 BOXES = st.builds(
     Box,
-    kind=WORDS,
+    class_name=WORDS,
     truncated=st.just(0.0),
     occluded=st.just(0),
     alpha=st.just(0.0),
@@ -74,7 +74,7 @@ def decoded(parts, msgtype):
 
 def cuboid(**values) -> Cuboid:
     place = Transform(rotation_from_rpy(0, 0, 0.3), np.array([10.0, -2.0, -1.0]))
-    return Cuboid(**{'kind': 'Car', 'identity': '5', 'velo_T_box': place,
+    return Cuboid(**{'class_name': 'Car', 'identity': '5', 'velo_T_box': place,
                      'size_lwh': (4.0, 1.8, 1.5)} | values)  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def test_detections_and_back(cuboids):
     again, skipped = cuboids_of_detections(message, TO_VELO, scores=True)
     assert not skipped
     for one, other in zip(again, cuboids, strict=True):
-        assert (one.kind, one.identity) == (other.kind, other.identity)
+        assert (one.class_name, one.identity) == (other.class_name, other.identity)
         assert one.size_lwh == other.size_lwh
         assert one.score == (1.0 if other.score is None else other.score)
         np.testing.assert_allclose(
@@ -107,7 +107,7 @@ def test_boxes_2d_and_back(boxes):
     message = decoded(encode_boxes_2d(boxes, STAMP, 'cam'), DETECTIONS_2D)
     again = boxes_2d_in(message)
     for (identity, kind, bounds), (other_identity, other) in zip(again, boxes, strict=True):
-        assert (identity, kind) == (other_identity, other.kind)
+        assert (identity, kind) == (other_identity, other.class_name)
         np.testing.assert_allclose(bounds, other.box_2d, rtol=0, atol=1e-9)
     scores = [one.results[0].hypothesis.score for one in message.detections]
     assert scores == [1.0 if box.score is None else box.score for _, box in boxes]

@@ -37,7 +37,7 @@ METRES = st.floats(-100, 100)
 SIDES = st.floats(0.1, 15)
 CUBOIDS = st.builds(
     Cuboid,
-    kind=st.sampled_from(['Car', 'Pedestrian', 'my-robot', 'Straßenbahn']),
+    class_name=st.sampled_from(['Car', 'Pedestrian', 'my-robot', 'Straßenbahn']),
     identity=st.just('9'),
     velo_T_box=st.builds(
         lambda rpy, t: Transform(rotation_from_rpy(*rpy), np.array(t)),
@@ -53,7 +53,7 @@ CUBOIDS = st.builds(
 def cuboid(kind='Car', track_id=None, **values) -> Cuboid:
     place = Transform(rotation_from_rpy(0, 0, 0.3), np.array([3.0, -4.0, 0.0]))
     identity = '0' if track_id is None else str(track_id)
-    return Cuboid(**{'kind': kind, 'identity': identity, 'velo_T_box': place,
+    return Cuboid(**{'class_name': kind, 'identity': identity, 'velo_T_box': place,
                      'size_lwh': (4.0, 1.8, 1.5), 'track_id': track_id} | values)  # fmt: skip
 
 
@@ -123,7 +123,7 @@ def test_ids_are_the_tracks_over_frames_whatever_the_order():
         found = {(m.id, m.ns): rgb(m) for m in markers(*present) if m.ns in KINDS}
         assert {number for number, _ in found} == {c.track_id for c in present}
         for other in present:
-            expected = color_of(other.kind, other.track_id, MarkerColors.CLASS)
+            expected = color_of(other.class_name, other.track_id, MarkerColors.CLASS)
             assert found[other.track_id, 'box'] == pytest.approx(expected)
 
 

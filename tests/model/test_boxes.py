@@ -170,7 +170,7 @@ def test_alpha_straight_ahead_is_the_heading_and_real_ones_agree():
 @given(PLACED, RIGS)
 def test_cuboid_and_back(placed, rect_t_velo):
     cuboid = cuboid_of(label(*placed), '7', rect_t_velo)
-    assert (cuboid.kind, cuboid.identity, cuboid.size_lwh) == ('Car', '7', placed[1][::-1])
+    assert (cuboid.class_name, cuboid.identity, cuboid.size_lwh) == ('Car', '7', placed[1][::-1])
     location, size, rotation_y = box_of(cuboid, rect_t_velo)
     np.testing.assert_allclose(location, placed[0], atol=1e-9)
     assert size == placed[1]

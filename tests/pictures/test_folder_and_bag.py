@@ -79,7 +79,7 @@ def assert_same_classes(there, here):
         np.testing.assert_allclose(mine.distances_m, own.distances_m, atol=1e-9)
         nothing = np.zeros(0)
         assert replace(mine, distances_m=nothing).__dict__.keys() == own.__dict__.keys()
-        for name in ('kind', 'count', 'frames', 'most', 'tracks', 'occlusions', 'truncated'):
+        for name in ('class_name', 'count', 'frames', 'most', 'tracks', 'occlusions', 'truncated'):
             assert getattr(mine, name) == getattr(own, name), name
 
 

@@ -156,8 +156,8 @@ def test_predictions_are_seen_and_seen_to_be_predictions(mode):
 
 
 def test_predictions_are_compared_with_labels():
-    car = next(each for each in FRAME.objects if each.kind == 'Car')
-    cyclist = next(each for each in FRAME.objects if each.kind == 'Cyclist')
+    car = next(each for each in FRAME.objects if each.class_name == 'Car')
+    cyclist = next(each for each in FRAME.objects if each.class_name == 'Cyclist')
     found = [replace(car, score=0.9), replace(car, score=0.5)]
     frame = compared(make_frame(objects=[car, cyclist], predictions=found))
     assert dict(facts_of(frame, ANY))['compared'] == '1 TP, 1 FP, 1 FN'
@@ -189,7 +189,7 @@ def test_predictions_are_compared_where_there_are_labels(recordings, tmp_path, l
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
 def test_only_the_classes_asked_for_are_drawn(mode):
     draw = MODES[mode].draw
-    cars = [each for each in FRAME.objects if each.kind == 'Car']
+    cars = [each for each in FRAME.objects if each.class_name == 'Car']
     assert 0 < len(cars) < len(FRAME.objects)
     chosen = draw(FRAME, PictureOptions(classes=('Car',)))
     np.testing.assert_array_equal(chosen, draw(make_frame(objects=cars), ANY))

@@ -63,8 +63,8 @@ def test_a_bag_shows_what_its_folder_shows(recording_path, tmp_path, storage, im
         assert not here.missing
         assert there.stamp_ns == here.stamp_ns
         assert_same(there, here)
-        solid = sorted(each.kind for each in here.objects if each.cuboid is not None)
-        assert sorted(each.kind for each in there.objects if each.cuboid is not None) == solid
+        solid = sorted(each.class_name for each in here.objects if each.cuboid is not None)
+        assert sorted(each.class_name for each in there.objects if each.cuboid is not None) == solid
 
 
 def test_a_bag_of_others(tmp_path):

@@ -80,8 +80,8 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
     assert there.sound
     assert there.frames == here.frames
     assert len(there.scenes) == len(here.scenes)
-    kinds = {each.kind: each.count for each in here.classes.classes}
-    assert {each.kind: each.count for each in there.classes.classes} == kinds
+    kinds = {each.class_name: each.count for each in here.classes.classes}
+    assert {each.class_name: each.count for each in there.classes.classes} == kinds
     timings = {each.name: each.timing for each in there.streams}
     scans = next(each for each in here.streams if each.name == 'scan')
     assert timings['/kitti/velo/points'].stamps_ns.tolist() == scans.timing.stamps_ns.tolist()
@@ -196,7 +196,7 @@ def test_distances_are_drawn_in_the_colour_of_the_class(recordings):
     report = gather(recordings[Layout.TRACKING], ANY)
     source = make_page(report)
     plots = re.findall(r'<title id="distance-\d+-title">Distances of (\w+)<.*?</svg>', source)
-    assert plots == [each.kind for each in report.classes.classes if len(each.distances_m)]
+    assert plots == [each.class_name for each in report.classes.classes if len(each.distances_m)]
     assert len(plots) > 1
     for kind in plots:
         plot = re.search(f'>Distances of {kind}<.*?</svg>', source)[0]

@@ -108,7 +108,7 @@ def test_class_statistics():
     found = tally.statistics()
     assert (found.frames, found.labelled, found.dont_care, found.count) == (3, 2, 1, 4)
     car, van = found.classes
-    assert (car.kind, car.count, car.frames, car.most, car.tracks) == ('Car', 3, 2, 2, 2)
+    assert (car.class_name, car.count, car.frames, car.most, car.tracks) == ('Car', 3, 2, 2, 2)
     assert sorted(car.distances_m) == [3, 5, 8]  # over the ground: their height does not count
     assert car.occlusions == (2, 0, 1, 0)
     assert car.truncated == 1

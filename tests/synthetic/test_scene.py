@@ -146,7 +146,7 @@ def test_points_fall_on_pixels_of_their_depth(drive: SyntheticDrive, camera: int
 
 def test_labels_are_as_the_devkit_says(drive: SyntheticDrive) -> None:
     boxes = [box for frame in range(len(drive)) for box in drive.boxes(frame)]
-    assert {'Car', 'Pedestrian'} <= {box.kind for box in boxes}
+    assert {'Car', 'Pedestrian'} <= {box.class_name for box in boxes}
     p2 = drive.calibration.cameras[2].p_rect
     width, height = drive.options.image_size
     for box in boxes:
@@ -174,7 +174,7 @@ def test_tracks_keep_their_identity(drive: SyntheticDrive) -> None:
             assert box.frame == frame
             tracks.setdefault(box.track_id or 0, []).append(box)
     for boxes in tracks.values():
-        assert len({(box.kind, box.size_hwl) for box in boxes}) == 1
+        assert len({(box.class_name, box.size_hwl) for box in boxes}) == 1
         places = np.array([box.location for box in boxes])
         steps = np.diff(places, axis=0) / np.diff([box.frame or 0 for box in boxes])[:, None]
         assert (np.linalg.norm(steps, axis=1) < 2.2).all()

@@ -121,8 +121,8 @@ def test_tracking_labels_are_the_truth(written: dict[Layout, Path]) -> None:
     truth = SyntheticDrive(TINY)
     expected = [box for frame in range(3) for box in truth.boxes(frame)]
     read = parse_boxes(path.read_text(), path)
-    assert [(box.frame, box.track_id, box.kind) for box in read] == [
-        (box.frame, box.track_id, box.kind) for box in expected
+    assert [(box.frame, box.track_id, box.class_name) for box in read] == [
+        (box.frame, box.track_id, box.class_name) for box in expected
     ]
     np.testing.assert_allclose(
         [box.location for box in read], [box.location for box in expected], atol=1e-6
