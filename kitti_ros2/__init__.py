@@ -41,66 +41,68 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .api.calibration import CalibratedRig
+    from .api.calibration_files import read_calibration, write_calibration
     from .api.conversions import to_bag, to_kitti
     from .api.draw import Picture, draw
-    from .api.files import (
-        read_calibration,
-        read_image,
-        read_labels,
-        read_oxts,
-        read_point_labels,
-        read_poses,
-        read_scan,
-        read_stamps,
-        read_tracklets,
-        write_calibration,
-        write_image,
-        write_labels,
-        write_oxts,
-        write_point_labels,
-        write_poses,
-        write_scan,
-        write_stamps,
-        write_tracklets,
-    )
     from .api.frame import Frame
     from .api.messages import encode
     from .api.objects import FrameObject
     from .api.open_recording import PoseSeries, Recording, open  # noqa: A004
+    from .api.sensor_files import (
+        read_image,
+        read_point_labels,
+        read_scan,
+        write_image,
+        write_point_labels,
+        write_scan,
+    )
     from .api.source import KittiRos2Warning
+    from .api.text_files import (
+        read_labels,
+        read_oxts,
+        read_poses,
+        read_stamps,
+        read_tracklets,
+        write_labels,
+        write_oxts,
+        write_poses,
+        write_stamps,
+        write_tracklets,
+    )
     from .model.boxes import Box
     from .model.errors import KittiRos2Error
     from .model.samples import OxtsPacket
 
 _NAMES = {
     'api.calibration': ('CalibratedRig',),
+    'api.calibration_files': ('read_calibration', 'write_calibration'),
     'api.conversions': ('to_bag', 'to_kitti'),
     'api.draw': ('Picture', 'draw'),
-    'api.files': (
-        'read_calibration',
-        'read_image',
-        'read_labels',
-        'read_oxts',
-        'read_point_labels',
-        'read_poses',
-        'read_scan',
-        'read_stamps',
-        'read_tracklets',
-        'write_calibration',
-        'write_image',
-        'write_labels',
-        'write_oxts',
-        'write_point_labels',
-        'write_poses',
-        'write_scan',
-        'write_stamps',
-        'write_tracklets',
-    ),
     'api.frame': ('Frame',),
     'api.messages': ('encode',),
     'api.objects': ('FrameObject',),
     'api.open_recording': ('PoseSeries', 'Recording', 'open'),
+    'api.sensor_files': (
+        'read_image',
+        'read_point_labels',
+        'read_scan',
+        'write_image',
+        'write_point_labels',
+        'write_scan',
+    ),
     'api.source': ('KittiRos2Warning',),
+    'api.text_files': (
+        'read_labels',
+        'read_oxts',
+        'read_poses',
+        'read_stamps',
+        'read_tracklets',
+        'write_labels',
+        'write_oxts',
+        'write_poses',
+        'write_stamps',
+        'write_tracklets',
+    ),
     'model.boxes': ('Box',),
     'model.errors': ('KittiRos2Error',),
     'model.samples': ('OxtsPacket',),
