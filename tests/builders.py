@@ -10,17 +10,45 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.label_file import parse_labels
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticOptions
 
 if TYPE_CHECKING:
+    from kitti_ros2.exporter.to_bag import ExportReport
     from kitti_ros2.model.boxes import Box
+    from kitti_ros2.options.read import ReadOptions
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""
 
 SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
 """The recording of the shared fixtures."""
+
+
+def convert_recording(
+    source: Path,
+    out: Path,
+    messages: MessageOptions | None = None,
+    selection: SelectionOptions | None = None,
+    *,
+    read: ReadOptions | None = None,
+    strict: bool = False,
+    **bag: Any,
+) -> ExportReport:
+    """Convert a recording; `bag` are fields of BagOptions."""
+    return convert(
+        open_recording(source, read),
+        out,
+        messages or MessageOptions(),
+        selection or SelectionOptions(),
+        BagOptions(**bag),
+        strict=strict,
+    )
 
 
 def parse_boxes(text: str, path: Path | str) -> list[Box]:

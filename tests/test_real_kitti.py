@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.source import decode_sweep
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,9 +47,7 @@ def source(real_kitti: Path, layout: str) -> Path:
 
 
 def run(path: Path, out: Path, sequence: str | None = None, storage: str = 'mcap'):
-    recording = open_recording(path, ReadOptions(sequence=sequence))
-    bag = BagOptions(storage=storage)
-    return convert(recording, out, MessageOptions(), SelectionOptions(), bag)
+    return convert_recording(path, out, read=ReadOptions(sequence=sequence), storage=storage)
 
 
 def read(path: Path, *topics: str) -> dict[str, list]:
