@@ -14,11 +14,10 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.source import decode_text
-from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
 from kitti_ros2.options.selection import SelectionOptions
 
-from builders import boxes_2d_in, convert_recording  # isort: skip
+from builders import boxes_2d_in, convert_recording, seen_by  # isort: skip
 from test_labels import (  # isort: skip
     BOXES_2D,
     DETECTIONS,
@@ -94,17 +93,12 @@ def points_inside(message, cloud) -> dict[str, int]:
 
 def overlaps(detections, boxes_2d, static, info) -> dict[str, float]:
     """IoU of each projected box with its 2D box, by the decoded messages alone."""
-    up = {child: (parent, transform) for parent, child, transform in decode_static(static)}
-    frame, velo_t_camera = info.header.frame_id, None
-    while frame != 'velo_link':
-        frame, transform = up[frame]
-        velo_t_camera = transform if velo_t_camera is None else transform @ velo_t_camera
-    rotation, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
+    p = info.p.reshape(3, 4)
     labels = {identity: np.array(bounds) for identity, _, bounds in boxes_2d_in(boxes_2d)}
     found = {}
     for cuboid in cuboids_in(detections):
         corners = cuboid.velo_T_box.apply(unit_corners() * cuboid.size_lwh)
-        seen = velo_t_camera.inverse().apply(corners) @ rotation.T
+        seen = seen_by(static, info, corners)
         bounds, _ = clip_bounds(project_corners(seen[None], p), (info.width, info.height))
         found[cuboid.identity] = iou(bounds[0], labels[cuboid.identity])
     return found
