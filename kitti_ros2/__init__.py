@@ -39,73 +39,59 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .api.calibration import CalibratedRig
-    from .api.conversions import to_bag, to_kitti
-    from .api.draw import Picture, draw
-    from .api.files import (
-        read_calibration,
-        read_image,
-        read_labels,
-        read_oxts,
-        read_point_labels,
-        read_poses,
-        read_scan,
-        read_stamps,
-        read_tracklets,
-        write_calibration,
-        write_image,
-        write_labels,
-        write_oxts,
-        write_point_labels,
-        write_poses,
-        write_scan,
-        write_stamps,
-        write_tracklets,
-    )
-    from .api.frame import Frame
-    from .api.messages import encode
-    from .api.objects import FrameObject
-    from .api.open_recording import PoseSeries, Recording, open  # noqa: A004
-    from .api.source import KittiRos2Warning
-    from .model.boxes import Box
-    from .model.errors import KittiRos2Error
-    from .model.samples import OxtsPacket
+if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
+    from .api.calibration import *
+    from .api.calibration_files import *
+    from .api.conversions import *
+    from .api.draw import *
+    from .api.frame import *
+    from .api.messages import *
+    from .api.objects import *
+    from .api.open_recording import *
+    from .api.sensor_files import *
+    from .api.source import *
+    from .api.text_files import *
+    from .model.boxes import *
+    from .model.errors import *
+    from .model.samples import *
 
-_NAMES = {
-    'api.calibration': ('CalibratedRig',),
-    'api.conversions': ('to_bag', 'to_kitti'),
-    'api.draw': ('Picture', 'draw'),
-    'api.files': (
-        'read_calibration',
-        'read_image',
-        'read_labels',
-        'read_oxts',
-        'read_point_labels',
-        'read_poses',
-        'read_scan',
-        'read_stamps',
-        'read_tracklets',
-        'write_calibration',
-        'write_image',
-        'write_labels',
-        'write_oxts',
-        'write_point_labels',
-        'write_poses',
-        'write_scan',
-        'write_stamps',
-        'write_tracklets',
-    ),
-    'api.frame': ('Frame',),
-    'api.messages': ('encode',),
-    'api.objects': ('FrameObject',),
-    'api.open_recording': ('PoseSeries', 'Recording', 'open'),
-    'api.source': ('KittiRos2Warning',),
-    'model.boxes': ('Box',),
-    'model.errors': ('KittiRos2Error',),
-    'model.samples': ('OxtsPacket',),
+    __version__: str
+
+_MODULES = {
+    'Box': 'model.boxes',
+    'CalibratedRig': 'api.calibration',
+    'Frame': 'api.frame',
+    'FrameObject': 'api.objects',
+    'KittiRos2Error': 'model.errors',
+    'KittiRos2Warning': 'api.source',
+    'OxtsPacket': 'model.samples',
+    'Picture': 'api.draw',
+    'PoseSeries': 'api.open_recording',
+    'Recording': 'api.open_recording',
+    'draw': 'api.draw',
+    'encode': 'api.messages',
+    'open': 'api.open_recording',
+    'read_calibration': 'api.calibration_files',
+    'read_image': 'api.sensor_files',
+    'read_labels': 'api.text_files',
+    'read_oxts': 'api.text_files',
+    'read_point_labels': 'api.sensor_files',
+    'read_poses': 'api.text_files',
+    'read_scan': 'api.sensor_files',
+    'read_stamps': 'api.text_files',
+    'read_tracklets': 'api.text_files',
+    'to_bag': 'api.conversions',
+    'to_kitti': 'api.conversions',
+    'write_calibration': 'api.calibration_files',
+    'write_image': 'api.sensor_files',
+    'write_labels': 'api.text_files',
+    'write_oxts': 'api.text_files',
+    'write_point_labels': 'api.sensor_files',
+    'write_poses': 'api.text_files',
+    'write_scan': 'api.sensor_files',
+    'write_stamps': 'api.text_files',
+    'write_tracklets': 'api.text_files',
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     'Box',
@@ -144,7 +130,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
+def _load(name: str) -> object:
     """Import a public name when it is used first: the command line needs none of them."""
     from importlib import import_module, metadata  # noqa: PLC0415
 
@@ -159,6 +145,10 @@ def __getattr__(name: str) -> object:
     found = getattr(import_module(f'.{_MODULES[name]}', __name__), name)
     globals()[name] = found
     return found
+
+
+if not TYPE_CHECKING:  # a type checker would accept any name
+    __getattr__ = _load
 
 
 def __dir__() -> list[str]:

@@ -10,17 +10,46 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.label_file import parse_labels
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.transforms import decode_static
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticOptions
 
 if TYPE_CHECKING:
+    from kitti_ros2.exporter.to_bag import ExportReport
     from kitti_ros2.model.boxes import Box
+    from kitti_ros2.options.read import ReadOptions
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""
 
 SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
 """The recording of the shared fixtures."""
+
+
+def convert_recording(
+    source: Path,
+    out: Path,
+    messages: MessageOptions | None = None,
+    selection: SelectionOptions | None = None,
+    *,
+    read: ReadOptions | None = None,
+    strict: bool = False,
+    **bag: Any,
+) -> ExportReport:
+    """Convert a recording; `bag` are fields of BagOptions."""
+    return convert(
+        open_recording(source, read),
+        out,
+        messages or MessageOptions(),
+        selection or SelectionOptions(),
+        BagOptions(**bag),
+        strict=strict,
+    )
 
 
 def parse_boxes(text: str, path: Path | str) -> list[Box]:
@@ -46,6 +75,16 @@ def one_line(text: str) -> str:
     assert lines[0].startswith('kitti-ros2: ')
     assert 'Traceback' not in text
     return lines[0]
+
+
+def seen_by(static: Any, info: Any, points: np.ndarray) -> np.ndarray:
+    """(N, 3) points in velo_link as P takes them: in the frame of a CameraInfo, after R."""
+    up = {child: (parent, transform) for parent, child, transform in decode_static(static)}
+    frame, velo_t_camera = up[info.header.frame_id]
+    while frame != 'velo_link':
+        frame, transform = up[frame]
+        velo_t_camera = transform @ velo_t_camera
+    return velo_t_camera.inverse().apply(points) @ info.r.reshape(3, 3).T
 
 
 def boxes_2d_in(message: Any) -> list[tuple[str, str, tuple[float, float, float, float]]]:

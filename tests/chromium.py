@@ -21,7 +21,13 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+DESK, PHONE = 1280, 390
+"""Widths of windows to test with, pixels."""
+
 PATIENCE_S = 60
+AXE = """axe.run({preload: false}).then(
+    r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`)
+)"""
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 
 
@@ -34,7 +40,8 @@ class Chromium:
     """A browser with one page; a context manager that ends it.
 
     Attributes:
-        complaints: What the page wrote to the console, exceptions, and what it tried to load.
+        complaints: Of the page that is open: what it wrote to the console, exceptions, and what it
+            tried to load from elsewhere.
     """
 
     def __init__(self, program: str, profile: Path, *, webgl: bool = False) -> None:
@@ -129,6 +136,7 @@ class Chromium:
 
     def open(self, path: Path, width: int, height: int = 900, *, dark: bool = False) -> None:
         """Show a file in a window of a width, by a reader who likes it light or dark."""
+        self.complaints.clear()
         self.call(
             'Emulation.setDeviceMetricsOverride',
             width=width, height=height, deviceScaleFactor=1, mobile=width < 600,
@@ -148,6 +156,15 @@ class Chromium:
         )
         assert 'exceptionDetails' not in answer, answer['exceptionDetails']
         return answer['result'].get('value')
+
+    def page_width(self) -> int:
+        """The width of the page, pixels; more than that of the window if it must be scrolled."""
+        return self.evaluate('document.scrollingElement.scrollWidth')
+
+    def axe_faults(self, axe: str) -> list[str]:
+        """The faults in accessibility of the page that the script of axe-core finds."""
+        self.evaluate(f'{axe}; 0')
+        return self.evaluate(AXE)
 
     def press(self, key: str, code: int, text: str = '') -> None:
         """Press and let go of a key, one that types a text, too."""

@@ -1,15 +1,18 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures of all tests: the synthetic recording in every layout, and real KITTI where it is."""
+"""Fixtures of all tests: the synthetic recording in every layout, real KITTI, a browser."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
+from chromium import Chromium, find_chromium
 from hypothesis import settings
 
 from kitti_ros2.kitti.layouts import open_recording
@@ -75,3 +78,26 @@ def make_drive(real_kitti: Path, tmp_path_factory: pytest.TempPathFactory):
         return Path(done.stdout.strip())
 
     return make
+
+
+@pytest.fixture(scope='module')
+def browser():
+    """A browser without a window, for the pages of a module."""
+    program = find_chromium()
+    if program is None:
+        pytest.skip('no Chromium: install chromium, or name one in CHROMIUM')
+    with (
+        # A profile may still be written while its browser ends.
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+        Chromium(program, Path(profile)) as chromium,
+    ):
+        yield chromium
+
+
+@pytest.fixture(scope='session')
+def axe() -> str:
+    """The script of axe-core, which checks accessibility."""
+    path = os.environ.get('AXE_CORE', '')
+    if not path:
+        pytest.skip('no axe-core: name its axe.min.js (npm install axe-core) in AXE_CORE')
+    return Path(path).read_text(encoding='utf-8')

@@ -6,12 +6,10 @@ from __future__ import annotations
 
 import shutil
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording  # isort: skip
 
 BAGS = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}
 OBJECT_NUMBERS = (8, 10, 15, 16, 30)
@@ -48,7 +46,5 @@ def make_bag(source, folder, storage='mcap', selection=None, images=Images.COMPR
     """The bag of a recording, in a folder of its own."""
     folder.mkdir(exist_ok=True)
     path = folder / BAGS[storage]
-    options = MessageOptions(images=images)
-    chosen = selection or SelectionOptions()
-    convert(open_recording(source), path, options, chosen, BagOptions(storage))
+    convert_recording(source, path, MessageOptions(images=images), selection, storage=storage)
     return path

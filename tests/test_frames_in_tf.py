@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
 
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.report.overview import inspect_recording
+
+from builders import convert_recording  # isort: skip
 
 FILES = {
     Layout.RAW: ['calib_cam_to_cam.txt', 'calib_velo_to_cam.txt', 'calib_imu_to_velo.txt'],
@@ -44,9 +43,8 @@ def copied(recordings, layout, tmp_path):
 
 
 def write(source, out, layout, **options):
-    recording = open_recording(source, ReadOptions(layout=layout))
     messages = MessageOptions(markers=MarkerOptions(trails=True), **options)
-    return convert(recording, out, messages, SelectionOptions(), BagOptions())
+    return convert_recording(source, out, messages, read=ReadOptions(layout=layout))
 
 
 def named_in(message):

@@ -12,7 +12,6 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.cli.config_file import load_config
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of, vector_of
@@ -20,23 +19,15 @@ from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.losses import Loss
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, convert_recording  # isort: skip
 
 
 def run(path, out, *, strict=False, messages=None, **selection):
-    return convert(
-        open_recording(path),
-        out,
-        messages or MessageOptions(),
-        SelectionOptions(**selection),
-        BagOptions(),
-        strict=strict,
-    )
+    return convert_recording(path, out, messages, SelectionOptions(**selection), strict=strict)
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap_ros2.reader import read_ros2_messages
 
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
@@ -20,13 +19,14 @@ from kitti_ros2.messages.map_frame import map_from_world
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.recording import Start
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.pictures.recording_frames import RecordingFrames
+
+from builders import convert_recording  # isort: skip
 
 ODOMETRY = '/kitti/ground_truth/odometry'
 BASE_TO_IMU = np.array([-0.05, 0.32, 0.93])
@@ -35,9 +35,8 @@ MAPS = pytest.mark.parametrize('kind', list(MapFrame))
 
 
 def write(source, out, sequence=None, selection=None, **options):
-    recording = open_recording(source, ReadOptions(sequence=sequence))
-    chosen = MessageOptions(**options), selection or SelectionOptions(), BagOptions()
-    return convert(recording, out, *chosen)
+    read = ReadOptions(sequence=sequence)
+    return convert_recording(source, out, MessageOptions(**options), selection, read=read)
 
 
 def messages(bag, topic):

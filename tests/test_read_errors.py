@@ -12,20 +12,17 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.store import LocalStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program
 from kitti_ros2.synthetic import write_synthetic
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, convert_recording  # isort: skip
 
 TINY = replace(SMALL, frames=2, image_size=(62, 19), lidar_columns=20)
 TRAILS = MessageOptions(markers=MarkerOptions(trails=True))
@@ -68,8 +65,7 @@ def disk(monkeypatch):
 
 
 def run(path, out, messages=TRAILS, **selection):
-    recording = open_recording(path)
-    report = convert(recording, out, messages, SelectionOptions(**selection), BagOptions())
+    report = convert_recording(path, out, messages, SelectionOptions(**selection))
     content = out.read_bytes()
     out.unlink()
     return content, report.losses

@@ -11,16 +11,13 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.source import decode_sweep
-from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording, seen_by  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,9 +46,7 @@ def source(real_kitti: Path, layout: str) -> Path:
 
 
 def run(path: Path, out: Path, sequence: str | None = None, storage: str = 'mcap'):
-    recording = open_recording(path, ReadOptions(sequence=sequence))
-    bag = BagOptions(storage=storage)
-    return convert(recording, out, MessageOptions(), SelectionOptions(), bag)
+    return convert_recording(path, out, read=ReadOptions(sequence=sequence), storage=storage)
 
 
 def read(path: Path, *topics: str) -> dict[str, list]:
@@ -79,15 +74,8 @@ def test_message_counts_equal_file_counts(real_kitti, tmp_path, layout, storage)
 
 def project(static, info, points):
     """Pixels, homogeneous: by the decoded TF and CameraInfo."""
-    up = {child: (parent, transform) for parent, child, transform in decode_static(static)}
-    frame, chain = info.header.frame_id, None
-    while frame != 'velo_link':
-        parent, transform = up[frame]
-        chain = transform if chain is None else transform @ chain
-        frame = parent
-    r, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
-    seen = chain.inverse().apply(points[:, :3].astype(np.float64)) @ r.T
-    return np.column_stack([seen, np.ones(len(seen))]) @ p.T, seen[:, 2]
+    seen = seen_by(static, info, points[:, :3].astype(np.float64))
+    return np.column_stack([seen, np.ones(len(seen))]) @ info.p.reshape(3, 4).T, seen[:, 2]
 
 
 def reduced_crop(static, info, points):

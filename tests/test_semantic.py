@@ -13,7 +13,6 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.drawing.semantic import SEMANTIC_COLORS as COLORS
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
@@ -22,12 +21,10 @@ from kitti_ros2.messages.scan import decode_scan, packed_colors
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, convert_recording  # isort: skip
 
 LABELS = arrays.arrays(np.uint32, 7)
 
@@ -66,9 +63,8 @@ def sequence(recordings, tmp_path):
 
 
 def clouds(root, out, *, semantic):
-    recording = open_recording(root, ReadOptions(semantic=semantic))
     options = MessageOptions(semantic=semantic)
-    report = convert(recording, out, options, SelectionOptions(), BagOptions())
+    report = convert_recording(root, out, options, read=ReadOptions(semantic=semantic))
     with open_messages(out, ['/kitti/velo/points']) as messages:
         return report, [deserialize(item.data, item.msgtype) for item in messages]
 

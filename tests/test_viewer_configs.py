@@ -10,18 +10,16 @@ import pytest
 import yaml
 from rosbags.interfaces import Nodetype
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.msgtypes import DIAGNOSTICS
 from kitti_ros2.model.streams import CAMERA_NAMES
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program, reserved_by_node
+
+from builders import convert_recording  # isort: skip
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STATE = '/kitti_player/state'
@@ -158,9 +156,7 @@ def published(request, recordings, tmp_path):
     """By topic its type, as player.launch.py publishes a drive and what README makes of it."""
     source = recordings[Layout.RAW]
     if request.param != 'a folder':
-        recording = open_recording(source)
-        source = tmp_path / 'drive_0005'
-        convert(recording, source, MessageOptions(), SelectionOptions(), BagOptions())
+        source = convert_recording(source, tmp_path / 'drive_0005').path
     values = yaml.safe_load((CONFIG / 'player.yaml').read_text('utf-8'))
     values = values['kitti_player']['ros__parameters']
     given = {

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..importer.report import ImportReport
     from ..model.losses import Loss
     from .keywords import ToBagKeywords, ToKittiKeywords
+    from .paths import AnyPath
 
-    AnyPath = str | PathLike[str]
     Progress = Callable[[int, int], None]
 
 

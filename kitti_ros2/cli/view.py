@@ -9,7 +9,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..files.replacing import keep_all
-from ..files.staging import refuse_inside, staged_file
+from ..files.staging import refuse_inside, staged, staged_file
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss
 from ..model.spelling import did_you_mean, not_one_of
@@ -17,7 +17,7 @@ from ..model.streams import Stream
 from ..options.table import make_view_settings
 from ..pictures.modes import MODES
 from ..pictures.movie import NO_H264, Movie, has_h264
-from ..pictures.output import PICTURES, keep_all_but_pictures, staged_folder, write_picture
+from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
 from ..pictures.predictions import Predictions
 from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, select_frames
 from ..pictures.sources import open_frames
@@ -240,7 +240,7 @@ def _write(
             tally.check()
         size = format_bytes(out.stat().st_size)
         return f'{movie.codec}, {rate_hz:.4g} a second, {size}'
-    with staged_folder(out) as folder:
+    with staged(out, lambda _: 'it holds something; choose another name') as folder:
         for number, picture in pictures:
             write_picture(folder / f'{number:06d}.png', picture)
         tally.check()

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from ..model.boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
-from .looks import box_color, caption_2d, line_width, nearest_first, scale_of
-from .strokes import cut_segments, dashes, draw_segments, has_pixels, rectangle_segments, size_of
+from .looks import box_color, caption_2d, line_width, objects_to_draw, scale_of
+from .strokes import cut_segments, dashes, draw_segments, rectangle_segments, size_of
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -53,10 +53,8 @@ def draw_boxes_2d(
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
-    if not has_pixels(picture):
-        return
+    shown = objects_to_draw(picture, objects, predictions)
     size, scale = size_of(picture), scale_of(picture)
-    shown = nearest_first(objects, predictions)
     bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
     cut, _ = clip_bounds(bounds, size)
     tags = []

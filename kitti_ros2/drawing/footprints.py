@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.boxes import DONT_CARE
-from .looks import box_color, corners_of, name_of, nearest_first
-from .strokes import cut_segments, dashes, draw_segments, has_pixels, sides_of, size_of
+from .looks import box_color, corners_of, name_of, objects_to_draw
+from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -77,9 +77,7 @@ def draw_footprints(
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
-    if not has_pixels(picture):
-        return
-    shown = nearest_first(objects, predictions)
+    shown = objects_to_draw(picture, objects, predictions)
     corners = corners_of(shown)
     outlines = view.pixels(corners[:, :4, :2])
     size, tags = size_of(picture), []

@@ -19,6 +19,7 @@ import numpy as np
 from ..model.boxes import cuboid_corners
 from ..model.matching import Verdict
 from .palette import PREDICTION_COLOR, rgb_of
+from .strokes import has_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,10 +109,20 @@ def distance_of(each: LabelledObject) -> float:
     return distance if math.isfinite(distance) else math.inf
 
 
-def nearest_first(
-    objects: Sequence[LabelledObject], predictions: Sequence[LabelledObject] = ()
+def objects_to_draw(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject] = (),
 ) -> list[tuple[LabelledObject, bool]]:
-    """Return objects by ascending distance, each with whether it is a prediction."""
+    """Return objects by ascending distance, each with whether it is a prediction.
+
+    A picture without pixels has none.
+
+    Raises:
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
+    """
+    if not has_pixels(picture):
+        return []
     both = [(each, False) for each in objects] + [(each, True) for each in predictions]
     return sorted(both, key=lambda pair: distance_of(pair[0]))
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..model.boxes import EDGES, clip_bounds
 from .boxes_2d import TEXT_SCALE
-from .looks import box_color, caption_3d, corners_of, line_width, nearest_first, scale_of
-from .strokes import cut_segments, dashes, draw_segments, has_pixels, size_of, tint_polygon
+from .looks import box_color, caption_3d, corners_of, line_width, objects_to_draw, scale_of
+from .strokes import cut_segments, dashes, draw_segments, size_of, tint_polygon
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def draw_wireframes(
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
-    if not has_pixels(picture):
-        return
-    shown = nearest_first(objects, predictions)
+    shown = objects_to_draw(picture, objects, predictions)
     corners = corners_of(shown)
     size, scale = size_of(picture), scale_of(picture)
     pieces, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))

@@ -13,7 +13,7 @@ from .calib_file import format_odometry
 from .poses_file import format_poses
 from .stamps_file import format_times
 from .store import STORE
-from .writer import LayoutWriter
+from .writer import LayoutWriter, require_next
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,11 +57,7 @@ class OdometryWriter(LayoutWriter):
         Raises:
             UsageError: The number is not the next one.
         """
-        if number != len(self._poses):
-            raise UsageError(
-                f'{self._poses_path}: line n is frame n, so the pose of frame {len(self._poses)}'
-                f' must come before that of frame {number}; number the frames from 0 without a gap'
-            )
+        require_next(self._poses_path, 'pose', len(self._poses), number)
         self._stamps.setdefault(number, stamp_ns)
         self._poses.append(first_T_cam0)
 

@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from ..model.errors import UsageError
 from ..model.layouts import Layout
 from . import names
 from .calib_file import format_tracking
 from .label_file import format_tracking_labels
 from .oxts_file import format_packet
 from .store import STORE
-from .writer import LayoutWriter
+from .writer import LayoutWriter, require_next
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -62,12 +61,7 @@ class TrackingWriter(LayoutWriter):
         Raises:
             UsageError: The number is not the next one.
         """
-        if number != len(self._packets):
-            raise UsageError(
-                f'{self._table(names.OXTS)}: line n is frame n, so the packet of frame'
-                f' {len(self._packets)} must come before that of frame {number};'
-                f' number the frames from 0 without a gap'
-            )
+        require_next(self._table(names.OXTS), 'packet', len(self._packets), number)
         text = packet if isinstance(packet, str) else format_packet(packet)
         self._packets.append(text.rstrip('\r\n'))
 

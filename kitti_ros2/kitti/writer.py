@@ -114,3 +114,22 @@ class LayoutWriter:
             f'the {self.layout.value} layout has no place for {stream.value};'
             f' it holds {", ".join(sorted(kept.value for kept in self.accepts))}'
         )
+
+
+def require_next(path: Path, noun: str, expected: int, number: int) -> None:
+    """Require the next number, in a file whose line n is frame n.
+
+    Args:
+        path: The file.
+        noun: The content of a line.
+        expected: The number of lines so far.
+        number: The frame's.
+
+    Raises:
+        UsageError: The number is not the next one.
+    """
+    if number != expected:
+        raise UsageError(
+            f'{path}: line n is frame n, so the {noun} of frame {expected} must come before that of'
+            f' frame {number}; number the frames from 0 without a gap'
+        )

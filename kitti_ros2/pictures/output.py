@@ -1,18 +1,15 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes pictures: to a temporary place first, renamed when they are complete."""
+"""Writes pictures in the format of their file names, and limits what --overwrite replaces."""
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..files.replacing import keep_all_but_files
-from ..files.staging import Staging, reported
 from ..model.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
@@ -26,24 +23,6 @@ keep_all_but_pictures = keep_all_but_files(
 
 PICTURES = ('.png', '.jpg', '.jpeg', '.webp')
 _JPEG_QUALITY = 92
-
-
-@contextmanager
-def staged_folder(out: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which is renamed to out on success; out may exist and be empty.
-
-    Raises:
-        OutputExistsError: out is not empty.
-        OutputError: The folder cannot be written.
-    """
-    staging = Staging(out, _refuse_content)
-    try:
-        with reported(out):
-            staging.content.mkdir()
-            yield staging.content
-        staging.publish()
-    finally:
-        staging.discard()
 
 
 def write_picture(path: Path, picture: Pixels) -> None:
@@ -76,9 +55,3 @@ def encode_picture(picture: Pixels, suffix: str, jpeg_quality: int = _JPEG_QUALI
     if not done:
         raise UsageError(f'this OpenCV writes no {suffix}; choose .png')
     return data.tobytes()
-
-
-def _refuse_content(path: Path) -> str | None:
-    if path.is_dir() and not any(path.iterdir()):
-        return None
-    return 'it holds something; choose another name'

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ast
 import gc
 import multiprocessing
 import pickle
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import warnings
 import weakref
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -250,6 +252,17 @@ def test_importing_is_lazy():
     assert 'kitti_ros2' in modules
     assert not {'numpy', 'cv2', 'rosbags', 'yaml', 'typer'} & set(modules)
     assert [name for name in modules if name.startswith('kitti_ros2.')] == []
+
+
+def test_public_names_are_the_same_for_python_and_for_type_checkers():
+    tree = ast.parse(Path(kitti_ros2.__file__).read_text(encoding='utf-8'))
+    starred = [
+        node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level
+    ]
+    assert kitti_ros2.__all__ == list(kitti_ros2._MODULES)
+    assert starred == sorted(set(kitti_ros2._MODULES.values()))
+    for name, module in kitti_ros2._MODULES.items():
+        assert getattr(kitti_ros2, name).__module__ == f'kitti_ros2.{module}'
 
 
 def test_every_public_name_is_there_and_documented():

@@ -4,17 +4,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
-_KITTI = Path(__file__).resolve().parents[3] / 'shared' / 'kitti'
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.fixture(scope='session')
-def real_bags() -> Path:
+def real_bags(real_kitti: Path) -> Path:
     """The folder of bags that other projects recorded."""
-    folder = _KITTI / 'bags'
+    folder = real_kitti / 'bags'
     if not folder.is_dir():
         pytest.skip(f'the real bags are not there: {folder}')
     return folder

@@ -15,22 +15,20 @@ from kitti_ros2.bags import bag_files
 from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.importer import guess, survey
 from kitti_ros2.importer.labelled_images import LabelledImages
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.player.source import open_program
 
 import foreign  # isort: skip
+
+from builders import convert_recording  # isort: skip
 
 NAMES = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}
 TEXT = 'text of a message ' * 40
@@ -145,8 +143,7 @@ def test_a_command_reads_its_bag_once(
     if kind == 'of another recorder':
         foreign.write_foreign(path, foreign.make_truth()[:3])
     else:
-        recording = open_recording(recordings[Layout.OBJECT])
-        convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+        convert_recording(recordings[Layout.OBJECT], path)
     name, *words = COMMANDS[command]
     assert main([name, str(path), *words]) == 0
     assert opened == [path]
@@ -164,8 +161,7 @@ def test_labels_are_drawn_from_one_opening(tmp_path, opened, passes):
 @pytest.mark.parametrize('annotated', [False, True])
 def test_a_player_opens_its_bag_once(tmp_path, recordings, opened, annotated):
     path = tmp_path / 'bag.mcap'
-    recording = open_recording(recordings[Layout.OBJECT])
-    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(recordings[Layout.OBJECT], path)
     with closing(open_program(path, make_play_settings({'annotated': annotated}))) as program:
         wanted = range(len(program.channels))
         fetched = [program.fetch(index, wanted) for index in range(len(program.stamps_ns))]

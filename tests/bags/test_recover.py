@@ -13,13 +13,10 @@ from rosbags.rosbag1 import Reader
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import BadBagError, OutputExistsError, UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording  # isort: skip
 
 STORAGES = {'mcap': '.mcap', 'sqlite3': '', 'ros1': '.bag'}
 
@@ -36,9 +33,7 @@ def bags(recordings, tmp_path_factory):
     made = {}
     for storage, ending in STORAGES.items():
         made[storage] = folder / f'{storage}{ending}'
-        recording = open_recording(recordings[Layout.RAW])
-        options = MessageOptions(), SelectionOptions(), BagOptions(storage=storage)
-        convert(recording, made[storage], *options)
+        convert_recording(recordings[Layout.RAW], made[storage], storage=storage)
     return made
 
 

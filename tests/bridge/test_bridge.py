@@ -16,14 +16,10 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.diagnostics import WARN
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program
 
@@ -33,6 +29,8 @@ pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ro
 from kitti_ros2.bridge.server import ViewerServer
 
 from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
+
+from builders import convert_recording  # isort: skip
 
 STATE = '/kitti_player/state'
 SCAN = '/kitti/velo/points'
@@ -69,9 +67,7 @@ def raw(serve, recordings):
 
 
 def to_bag(path, out, storage='mcap'):
-    recording = open_recording(path)
-    messages = MessageOptions(images=Images.BOTH)
-    convert(recording, out, messages, SelectionOptions(), BagOptions(storage=storage))
+    convert_recording(path, out, MessageOptions(images=Images.BOTH), storage=storage)
     return out
 
 
@@ -156,8 +152,8 @@ def test_a_bag_is_played_as_it_is(serve, recordings, tmp_path, storage, name):
 
 def test_raw_images_are_made_of_a_bags_compressed_ones(serve, recordings, tmp_path):
     expected = bag_bytes(to_bag(recordings[Layout.TRACKING], tmp_path / 'both.mcap'))
-    recording, bag = open_recording(recordings[Layout.TRACKING]), tmp_path / 'o.mcap'
-    convert(recording, bag, MessageOptions(), SelectionOptions(), BagOptions())
+    bag = tmp_path / 'o.mcap'
+    convert_recording(recordings[Layout.TRACKING], bag)
     annotated = '/kitti/camera_color_left/annotated'
     with play_through(serve(bag, annotated=True)) as viewer:
         heard = heard_bytes(viewer)

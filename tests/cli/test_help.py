@@ -18,6 +18,8 @@ from kitti_ros2.cli.app import get_command
 from kitti_ros2.options import table
 from kitti_ros2.pictures.modes import MODES
 
+from terminals import read_to_the_end  # isort: skip
+
 COMMANDS = {
     'to-bag': 'SRC OUT',
     'to-kitti': 'BAG... OUT',
@@ -100,14 +102,8 @@ def test_a_terminal_shows_what_a_pipe_gets():
     master, slave = pty.openpty()
     with subprocess.Popen(words, stdout=slave, stdin=slave) as process:
         os.close(slave)
-        shown = b''
-        try:
-            while part := os.read(master, 1 << 16):
-                shown += part
-        except OSError:  # Linux: the other end is closed
-            pass
+        shown = read_to_the_end(master)
         assert process.wait() == 0
-    os.close(master)
     assert shown.replace(b'\r\n', b'\n') == piped
 
 

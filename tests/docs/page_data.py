@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING
 
 import foreign
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+
+from builders import convert_recording  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,8 +45,7 @@ def write_point_labels(sequence: Path) -> None:
 
 
 def _convert(source: str, path: Path, folder: Path) -> None:
-    recording = open_recording(folder / source)
-    convert(recording, path, MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(folder / source, path)
 
 
 def _cut(path: Path, folder: Path) -> None:

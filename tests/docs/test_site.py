@@ -4,19 +4,19 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-import tempfile
 from html.parser import HTMLParser
-from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from chromium import Chromium, find_chromium
+from chromium import DESK, PHONE
 from code_blocks import ROOT
 
-DESK, PHONE = 1280, 390
+if TYPE_CHECKING:
+    from pathlib import Path
+
 FIRST_RESULT = """new Promise(done => {
     const look = () => {
         const result = document.querySelector('.md-search-result__link')
@@ -24,9 +24,6 @@ FIRST_RESULT = """new Promise(done => {
     }
     look()
 })"""
-AXE = """axe.run({preload: false}).then(
-    r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`)
-)"""
 LOADING_TAGS = {'img': 'src', 'script': 'src', 'link': 'href', 'iframe': 'src', 'source': 'src'}
 
 
@@ -74,27 +71,6 @@ def pages(site):
     return found
 
 
-@pytest.fixture(scope='module')
-def browser():
-    program = find_chromium()
-    if program is None:
-        pytest.skip('no Chromium: install chromium, or name one in CHROMIUM')
-    with (
-        # A profile may still be written while its browser ends.
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
-        Chromium(program, Path(profile)) as chromium,
-    ):
-        yield chromium
-
-
-@pytest.fixture(scope='module')
-def axe() -> str:
-    path = os.environ.get('AXE_CORE', '')
-    if not path:
-        pytest.skip('no axe-core: name its axe.min.js (npm install axe-core) in AXE_CORE')
-    return Path(path).read_text(encoding='utf-8')
-
-
 def test_every_internal_link_leads_somewhere(pages):
     parsed = {page: Links(page) for page in pages}
     broken = []
@@ -118,9 +94,8 @@ def test_nothing_is_loaded_from_elsewhere(pages):
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_pages_fit_and_load_without_complaint(browser, pages, width):
     for page in pages:
-        browser.complaints.clear()
         browser.open(page, width)
-        assert browser.evaluate('document.scrollingElement.scrollWidth') <= width, page
+        assert browser.page_width() <= width, page
         assert browser.complaints == [], page
 
 
@@ -142,6 +117,5 @@ def test_axe_finds_no_fault(browser, axe, pages, width, dark):
     faults = set()
     for page in pages:
         browser.open(page, width, dark=dark)
-        browser.evaluate(f'{axe}; 0')
-        faults |= {f'{page.name}: {fault}' for fault in browser.evaluate(AXE)}
+        faults |= {f'{page.name}: {fault}' for fault in browser.axe_faults(axe)}
     assert faults == set()

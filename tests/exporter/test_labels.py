@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize, join, serialize
@@ -30,13 +29,12 @@ from kitti_ros2.model.labels import Trails, cuboids_of, identified, rect_from_ve
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import ELEVATIONS, MAX_RANGE, cast_scan
 
-from builders import SMALL, boxes_2d_in, parse_boxes  # isort: skip
+from builders import SMALL, boxes_2d_in, convert_recording, parse_boxes  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,7 +56,7 @@ def run(path: Path, out: Path, *topics: str, markers: MarkerOptions | None = Non
     """Convert the labels, the scans, and what tells where they are."""
     selection = SelectionOptions(topics=(*LABELS, POINTS, '/tf_static', *topics))
     messages = MessageOptions(markers=markers or MarkerOptions())
-    return convert(open_recording(path), out, messages, selection, BagOptions())
+    return convert_recording(path, out, messages, selection)
 
 
 def copy(path: Path, folder: Path) -> Path:

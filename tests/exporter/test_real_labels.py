@@ -11,18 +11,13 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.source import decode_text
-from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 
-from builders import boxes_2d_in  # isort: skip
+from builders import boxes_2d_in, convert_recording, seen_by  # isort: skip
 from test_labels import (  # isort: skip
     BOXES_2D,
     DETECTIONS,
@@ -55,7 +50,7 @@ STREET = {'0': ('Van', 1093), '1': ('Cyclist', 883), '2': ('Pedestrian', 309)}
 
 def run(path: Path, out: Path) -> Path:
     selection = SelectionOptions(topics=TOPICS)
-    return convert(open_recording(path), out, MessageOptions(), selection, BagOptions()).path
+    return convert_recording(path, out, selection=selection).path
 
 
 @pytest.fixture(scope='module')
@@ -98,17 +93,12 @@ def points_inside(message, cloud) -> dict[str, int]:
 
 def overlaps(detections, boxes_2d, static, info) -> dict[str, float]:
     """IoU of each projected box with its 2D box, by the decoded messages alone."""
-    up = {child: (parent, transform) for parent, child, transform in decode_static(static)}
-    frame, velo_t_camera = info.header.frame_id, None
-    while frame != 'velo_link':
-        frame, transform = up[frame]
-        velo_t_camera = transform if velo_t_camera is None else transform @ velo_t_camera
-    rotation, p = info.r.reshape(3, 3), info.p.reshape(3, 4)
+    p = info.p.reshape(3, 4)
     labels = {identity: np.array(bounds) for identity, _, bounds in boxes_2d_in(boxes_2d)}
     found = {}
     for cuboid in cuboids_in(detections):
         corners = cuboid.velo_T_box.apply(unit_corners() * cuboid.size_lwh)
-        seen = velo_t_camera.inverse().apply(corners) @ rotation.T
+        seen = seen_by(static, info, corners)
         bounds, _ = clip_bounds(project_corners(seen[None], p), (info.width, info.height))
         found[cuboid.identity] = iou(bounds[0], labels[cuboid.identity])
     return found
@@ -224,11 +214,9 @@ def test_a_drive_takes_real_tracklets(make_drive, real_kitti, tmp_path):
     drive = make_drive(8)
     source = real_kitti / 'devkit' / 'raw' / 'matlab' / 'test_labels.xml'
     shutil.copyfile(source, drive / 'tracklet_labels.xml')
-    recording = open_recording(drive)
-    report = convert(
-        recording, tmp_path / 'out.mcap', MessageOptions(), SelectionOptions(topics=TOPICS),
-        BagOptions(),
-    )  # fmt: skip
+    report = convert_recording(
+        drive, tmp_path / 'out.mcap', selection=SelectionOptions(topics=TOPICS)
+    )
     with open_messages(report.path, (DETECTIONS, POINTS)) as messages:
         found = [(item.topic, item.stamp_ns, bytes(item.data), item.msgtype) for item in messages]
     scans = [stamp for topic, stamp, *_ in found if topic == POINTS]

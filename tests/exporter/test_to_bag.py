@@ -11,7 +11,6 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.header import stamp_ns_of
@@ -20,11 +19,10 @@ from kitti_ros2.messages.source import decode_text
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.options.selection import Bound, SelectionOptions
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, convert_recording as run  # isort: skip
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,17 +31,6 @@ if TYPE_CHECKING:
 CONTAINERS = {'mcap': 'out.mcap', 'directory': 'out', 'sqlite3': 'out', 'ros1': 'out.bag'}
 STORAGES = {'mcap': 'mcap', 'directory': 'mcap', 'sqlite3': 'sqlite3', 'ros1': 'ros1'}
 POINTS = '/kitti/velo/points'
-
-
-def run(path: Path, out: Path, *, messages=None, selection=None, strict=False, **bag):
-    return convert(
-        open_recording(path),
-        out,
-        messages or MessageOptions(),
-        selection or SelectionOptions(),
-        BagOptions(**bag),
-        strict=strict,
-    )
 
 
 def read(out: Path) -> dict[str, list]:

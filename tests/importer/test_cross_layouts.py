@@ -9,18 +9,16 @@ import shutil
 import numpy as np
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.labels import cuboids_of, rect_from_velo
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording  # isort: skip
 
 LABELLED = {Layout.RAW, Layout.OBJECT, Layout.TRACKING}
 
@@ -32,8 +30,7 @@ def bags(recordings, tmp_path_factory):
     made = {}
     for layout, source in recordings.items():
         made[layout] = folder / f'{layout.value}.mcap'
-        options = MessageOptions(), SelectionOptions(), BagOptions()
-        convert(open_recording(source), made[layout], *options)
+        convert_recording(source, made[layout])
     return made
 
 
@@ -83,7 +80,7 @@ def test_each_frame_keeps_the_calibration_of_its_day(recordings, tmp_path):
         path = source / f'training/calib/{number:06d}.txt'
         path.write_text(path.read_text().replace('P2: ', f'P2: {number}'))
     bag = tmp_path / 'bag.mcap'
-    convert(open_recording(source), bag, MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(source, bag)
     survey = look([bag])
     for target in (Layout.OBJECT, Layout.TRACKING):
         options = ImportOptions(layout=target)

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.calib_archives import describe_source
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+
+from builders import convert_recording  # isort: skip
 
 WHERE = {
     Layout.RAW: '2011_09_26_calib.zip has it (unzip 2011_09_26_calib.zip -d {root})',
@@ -37,8 +35,7 @@ def test_a_recording_without_calibration(recordings, tmp_path, layout):
     recording = open_recording(copy)
     missing = recording.calibration(0).missing.values()
     assert any(each.endswith(WHERE[layout].format(root=root)) for each in missing)
-    options = MessageOptions(), SelectionOptions(), BagOptions()
-    report = convert(recording, tmp_path / 'o.mcap', *options)
+    report = convert_recording(copy, tmp_path / 'o.mcap')
     own = [loss.message for loss in report.losses if loss.stream == 'calibration']
     # One line for each file, not for each frame.
     assert len(own) == (3 if layout is Layout.RAW else 1)

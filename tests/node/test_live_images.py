@@ -6,12 +6,7 @@ import hashlib
 
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program
 
@@ -21,7 +16,7 @@ import live
 
 from kitti_ros2.cli import main
 
-from builders import one_line  # isort: skip
+from builders import convert_recording, one_line  # isort: skip
 
 IMAGE = 'sensor_msgs/msg/Image'
 CAMERA = '/kitti/camera_color_left'
@@ -33,7 +28,7 @@ TOPICS = {
 
 
 def to_bag(path, out):
-    convert(open_recording(path), out, MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(path, out)
     return out
 
 

@@ -12,18 +12,17 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 import live
+
+from builders import convert_recording  # isort: skip
 
 SCAN = '/kitti/velo/points'
 TF = 'tf2_msgs/msg/TFMessage'
@@ -80,9 +79,7 @@ def record():
 
 
 def to_bag(path, out, storage='mcap'):
-    recording = open_recording(path)
-    messages = MessageOptions(images=Images.BOTH)
-    convert(recording, out, messages, SelectionOptions(), BagOptions(storage=storage))
+    convert_recording(path, out, MessageOptions(images=Images.BOTH), storage=storage)
     return out
 
 

@@ -12,6 +12,8 @@ import pytest
 
 from kitti_ros2.model.layouts import Layout
 
+from terminals import read_to_the_end  # isort: skip
+
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 LOG = re.compile(r'\[(INFO|WARN|ERROR)\] \[\d+\.\d+\] \[kitti_player\]: .+')
@@ -29,13 +31,7 @@ def play_in_a_terminal(*words):
         [*shell, *command], stdin=slave, env=environment, start_new_session=True
     )
     os.close(slave)
-    written = b''
-    try:
-        while part := os.read(master, 1 << 16):
-            written += part
-    except OSError:  # Linux: the other end is closed
-        pass
-    os.close(master)
+    written = read_to_the_end(master)
     return process.wait(), written.decode().replace('\r\n', '\n')
 
 

@@ -4,12 +4,7 @@
 
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -21,7 +16,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.node.parameters import to_parameters
 from kitti_ros2.node.player import KittiPlayer
 
-from builders import one_line  # isort: skip
+from builders import convert_recording, one_line  # isort: skip
 from recorded import CLOCKS, STATE, write_recorded  # isort: skip
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
@@ -30,8 +25,7 @@ from waiting import PATIENCE_S, wait_until  # isort: skip
 def recorded(recordings, tmp_path_factory):
     """A drive's bag with what a recorder adds to it, and the recorded clock."""
     folder = tmp_path_factory.mktemp('recorded')
-    recording = open_recording(recordings[Layout.RAW])
-    convert(recording, folder / 'o.mcap', MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(recordings[Layout.RAW], folder / 'o.mcap')
     clock = write_recorded(folder / 'o.mcap', folder / 'recorded.mcap')
     return folder / 'recorded.mcap', clock
 

@@ -17,8 +17,6 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.channels import Channel
@@ -31,6 +29,8 @@ from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.own_bags.recorded_layout import FILES, RECORDING, find_blueprint
 from kitti_ros2.own_bags.restore import restore
 
+from builders import convert_recording  # isort: skip
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -42,13 +42,7 @@ def to_bag(source, folder, storage='mcap', messages=None, selection=None, read=N
     """A bag of a recording."""
     out = folder / f'bag{ENDINGS[storage]}'
     storage = 'mcap' if storage == 'directory' else storage
-    convert(
-        open_recording(source, read),
-        out,
-        messages or MessageOptions(),
-        selection or SelectionOptions(),
-        BagOptions(storage=storage, **bag),
-    )
+    convert_recording(source, out, messages, selection, read=read, storage=storage, **bag)
     return out
 
 

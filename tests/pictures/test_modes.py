@@ -202,14 +202,19 @@ def test_the_panel_shows_all_parts():
         assert len(np.unique(area.of(page).reshape(-1, 3), axis=0)) > 20
 
 
-def test_parts_of_the_panel_do_not_overlap():
-    areas = (BOXES_2D, LIDAR, BIRD, CLASSES, INTENSITY, DISTANCE)
+def covered_by(areas):
+    """The share of the panel that areas cover; none is beyond its edge or overlaps another."""
     page = np.zeros((SIZE[1], SIZE[0]), int)
     for area in areas:
         assert area.left + area.width <= SIZE[0]
         assert area.top + area.height <= SIZE[1]
         area.of(page)[:] += 1
     assert page.max() == 1
+    return page.mean()
+
+
+def test_parts_of_the_panel_do_not_overlap():
+    covered_by((BOXES_2D, LIDAR, BIRD, CLASSES, INTENSITY, DISTANCE))
 
 
 @pytest.mark.parametrize(
@@ -314,13 +319,7 @@ def test_a_panel_without_images_uses_the_room(changes):
     assert (parts.maps is None) == (frame.points is None)
     assert parts.bird.width * parts.bird.height > 2 * BIRD.width * BIRD.height
     areas = list(parts.titles())
-    page = np.zeros((SIZE[1], SIZE[0]), int)
-    for area in areas:
-        assert area.left + area.width <= SIZE[0]
-        assert area.top + area.height <= SIZE[1]
-        area.of(page)[:] += 1
-    assert page.max() == 1
-    assert page.mean() > 0.8
+    assert covered_by(areas) > 0.8
     drawn = MODES['panel'].draw(frame, ANY)
     for area in areas:
         assert len(np.unique(area.of(drawn).reshape(-1, 3), axis=0)) > 10

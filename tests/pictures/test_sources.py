@@ -11,27 +11,25 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.predictions import Predictions
 from kitti_ros2.pictures.sources import open_frames
+
+from builders import convert_recording  # isort: skip
 
 ANY = ReadOptions()
 
 
 def make_bag(source, path, storage='mcap', images=Images.COMPRESSED):
-    messages = MessageOptions(images=images)
-    convert(open_recording(source), path, messages, SelectionOptions(), BagOptions(storage))
+    convert_recording(source, path, MessageOptions(images=images), storage=storage)
     return path
 
 

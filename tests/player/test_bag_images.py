@@ -14,8 +14,6 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, CompressedImage
@@ -24,11 +22,11 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
 from kitti_ros2.player import bag_images
 from kitti_ros2.player.source import open_program
 
+from builders import convert_recording  # isort: skip
 from foreign import D, K, SIZE, lidar_t_camera, make_truth, write_foreign  # isort: skip
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -61,9 +59,7 @@ def images(program, order=None):
 
 
 def converted(source, out, kind=Images.COMPRESSED, storage='mcap'):
-    recording = open_recording(source)
-    options = BagOptions(storage=storage)
-    convert(recording, out, MessageOptions(images=kind), SelectionOptions(), options)
+    convert_recording(source, out, MessageOptions(images=kind), storage=storage)
     return out
 
 

@@ -23,7 +23,7 @@ from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 
-from builders import SMALL  # isort: skip
+from builders import SMALL, convert_recording  # isort: skip
 
 BOTH = MessageOptions(images=Images.BOTH)
 ALL = SelectionOptions()
@@ -228,9 +228,8 @@ def test_frames_never_fall_and_are_the_recordings(bag, layout, recordings):
 
 
 def test_without_scans_frames_go_by_a_camera(recordings, tmp_path):
-    recording = open_recording(recordings[Layout.RAW])
     selection = SelectionOptions(streams=('image', 'oxts', 'calibration'))
-    convert(recording, tmp_path / 'o.mcap', BOTH, selection, BagOptions())
+    convert_recording(recordings[Layout.RAW], tmp_path / 'o.mcap', BOTH, selection)
     program = BagProgram(tmp_path / 'o.mcap', ALL)
     assert sorted(set(program.frames.tolist())) == list(range(SMALL.frames))
 

@@ -6,17 +6,14 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.exporter.to_bag import convert
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.source import open_program, reserved_by_node, reserved_by_viewers
 
+from builders import convert_recording  # isort: skip
 from recorded import (  # isort: skip
     AHEAD_NS,
     CLOCK,
@@ -32,8 +29,7 @@ from recorded import (  # isort: skip
 def recorded(recordings, tmp_path_factory):
     """A drive's bag, and what a recorder adds to it."""
     folder = tmp_path_factory.mktemp('recorded')
-    recording = open_recording(recordings[Layout.RAW])
-    convert(recording, folder / 'o.mcap', MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(recordings[Layout.RAW], folder / 'o.mcap')
     write_recorded(folder / 'o.mcap', folder / 'recorded.mcap')
     return folder / 'recorded.mcap'
 

@@ -4,15 +4,11 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from pathlib import Path
-
 import cv2
 import foreign
 import numpy as np
 import pytest
-from chromium import Chromium, find_chromium
+from chromium import DESK, PHONE
 
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.read import ReadOptions
@@ -21,7 +17,6 @@ from kitti_ros2.report.page import make_page
 
 from builders import SHARED  # isort: skip
 
-DESK, PHONE = 1280, 390
 REAL_BAGS = ('nav2_turtlebot.mcap', 'tilt_laser.bag', 'example-lz4.bag', 'rosbag2_split_mcap')
 
 CUT_OFF = """[...document.querySelectorAll('svg')].flatMap(svg => {
@@ -47,19 +42,6 @@ OPEN = """(open => open.length === 1 && open[0].querySelector('img').width)(
 """Width of the picture that is open, false without exactly one."""
 
 TAB, ENTER, ESCAPE = 9, 13, 27
-
-
-@pytest.fixture(scope='module')
-def browser():
-    program = find_chromium()
-    if program is None:
-        pytest.skip('no Chromium: install chromium, or name one in CHROMIUM')
-    with (
-        # A profile may still be written while its browser ends.
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
-        Chromium(program, Path(profile)) as chromium,
-    ):
-        yield chromium
 
 
 @pytest.fixture(scope='module')
@@ -91,27 +73,11 @@ def others(tmp_path_factory):
     return made
 
 
-@pytest.fixture(scope='module')
-def axe() -> str:
-    path = os.environ.get('AXE_CORE', '')
-    if not path:
-        pytest.skip('no axe-core: name its axe.min.js (npm install axe-core) in AXE_CORE')
-    return Path(path).read_text(encoding='utf-8')
-
-
-def axe_faults(browser, axe) -> list[str]:
-    browser.evaluate(f'{axe}; 0')
-    return browser.evaluate(
-        'axe.run().then(r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`))'
-    )
-
-
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_it_fits_and_all_of_it_is_shown(browser, page, width, dark):
-    browser.complaints.clear()
     browser.open(page, width, dark=dark)
-    assert browser.evaluate('document.scrollingElement.scrollWidth') <= width
+    assert browser.page_width() <= width
     browser.evaluate("document.querySelectorAll('img').forEach(i => i.loading = 'eager')")
     shown = browser.evaluate(
         'Promise.all([...document.images].map(i => i.decode().then(() => i.naturalWidth)))'
@@ -155,7 +121,6 @@ def test_it_is_read_by_keyboard(browser, page):
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_pictures_open_in_full_size_and_close(browser, page, width):
     """By click and by key; what is behind stays where it is."""
-    browser.complaints.clear()
     browser.open(page, width)
     small, whole, height = browser.evaluate(
         '(each => [each.width, each.naturalWidth, document.scrollingElement.scrollHeight])'
@@ -178,14 +143,14 @@ def test_axe_finds_no_fault_in_an_open_picture(browser, axe, page):
     browser.open(page, DESK)
     browser.click('figure img')
     assert browser.evaluate(OPEN)
-    assert axe_faults(browser, axe) == []
+    assert browser.axe_faults(axe) == []
 
 
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_axe_finds_no_fault(browser, axe, page, width, dark):
     browser.open(page, width, dark=dark)
-    assert axe_faults(browser, axe) == []
+    assert browser.axe_faults(axe) == []
 
 
 @pytest.mark.parametrize('width', [DESK, PHONE])
@@ -198,7 +163,7 @@ def test_nothing_of_a_plot_is_cut_off(browser, page, width):
 def test_pages_of_other_bags_fit_and_their_plots_are_whole(browser, others, width):
     for each in others:
         browser.open(each, width)
-        assert browser.evaluate('document.scrollingElement.scrollWidth') <= width, each
+        assert browser.page_width() <= width, each
         assert browser.evaluate(CUT_OFF) == [], each
 
 

@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli.info import overlook
 from kitti_ros2.drawing.palette import rgb_of
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.header import make_header, make_vector3
@@ -29,9 +28,7 @@ from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Clock
 from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.report.contents import Finding, Report, Severity
 from kitti_ros2.report.gather import gather
@@ -41,7 +38,7 @@ from kitti_ros2.report.rig_plot import mounts_of
 from kitti_ros2.report.route_plot import route_plot
 from kitti_ros2.report.svg import round_length, ticks
 
-from builders import SMALL, png_bytes  # isort: skip
+from builders import SMALL, convert_recording, png_bytes  # isort: skip
 
 ANY = ReadOptions()
 TWIST = 'geometry_msgs/msg/TwistStamped'
@@ -74,7 +71,7 @@ def test_every_layout_becomes_a_sound_page(recording_path):
 def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
     folder = recordings[Layout.RAW]
     path = tmp_path / {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}[storage]
-    convert(open_recording(folder), path, MessageOptions(), SelectionOptions(), BagOptions(storage))
+    convert_recording(folder, path, storage=storage)
     there, here = gather(path, ANY), gather(folder, ANY)
     assert Page(make_page(there)).faults == []
     assert there.sound
@@ -89,8 +86,7 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
 
 def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch):
     path = tmp_path / 'bag.mcap'
-    source = open_recording(recordings[Layout.RAW])
-    convert(source, path, MessageOptions(), SelectionOptions(), BagOptions())
+    convert_recording(recordings[Layout.RAW], path)
     parse, read = recorded_layout.parse_description, []
     monkeypatch.setattr(
         recorded_layout,

@@ -15,18 +15,18 @@ import foreign
 from read_rrd import show_in
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.rerun_view.blueprint import chosen_cameras
 from kitti_ros2.rerun_view.program_survey import make_survey
+
+from builders import convert_recording  # isort: skip
 
 ALL = SelectionOptions()
 POINTS = '/kitti/velo/points'
@@ -39,7 +39,7 @@ def program_of(path, selection=ALL):
 @pytest.fixture
 def bag(recording_path, tmp_path):
     path = tmp_path / 'o.mcap'
-    convert(open_recording(recording_path), path, MessageOptions(), ALL, BagOptions())
+    convert_recording(recording_path, path)
     return path
 
 
@@ -106,8 +106,7 @@ def test_a_bag_shows_what_its_folder_shows(recording_path, bag, tmp_path):
 
 def test_a_selection_begins_with_what_is_latched(recordings, tmp_path):
     path = tmp_path / 'o.mcap'
-    recording = open_recording(recordings[Layout.RAW])
-    convert(recording, path, MessageOptions(), ALL, BagOptions())
+    convert_recording(recordings[Layout.RAW], path)
     begin = BagProgram(path, SelectionOptions()).stamps_ns
     program = BagProgram(path, SelectionOptions(start=Bound.parse('2')))
     first_ns = int(program.stamps_ns[0])
@@ -121,7 +120,7 @@ def test_a_selection_begins_with_what_is_latched(recordings, tmp_path):
 
 def test_a_damaged_bag_is_shown_as_far_as_it_goes(recordings, tmp_path):
     bag = tmp_path / 'o.mcap'
-    convert(open_recording(recordings[Layout.RAW]), bag, MessageOptions(), ALL, BagOptions())
+    convert_recording(recordings[Layout.RAW], bag)
     bag.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
     rrd, report = show_in(tmp_path / 'o.rrd', BagProgram(bag, ALL))
     assert report.missing
