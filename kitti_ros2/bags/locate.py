@@ -9,11 +9,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, NotABagError
-from ..model.yaml_text import load_yaml
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
@@ -142,6 +139,10 @@ def _storage(path: Path) -> str:
 
 
 def _rosbag2(path: Path) -> BagFiles:
+    import yaml  # noqa: PLC0415 - 15 ms that other sources do not need
+
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - as above
+
     source = path / METADATA
     try:
         information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']

@@ -13,15 +13,12 @@ import numpy as np
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag, bag_stamps
-from ..importer.survey import look
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.samples import Pose
 from ..model.streams import Stream
-from ..pictures.bag_frames import BagFrames, ego_track
 from ..pictures.recording_frames import RecordingFrames
-from ..pictures.sources import open_bag_frames, open_own_recording
 from .contents import Finding, Report, Severity
 from .overview import inspect_bag, inspect_recording
 from .rig_plot import is_finite
@@ -107,6 +104,11 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 
 
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
+    # The importer takes 20 ms to import, and a folder needs none of it.
+    from ..importer.survey import look  # noqa: PLC0415
+    from ..pictures.bag_frames import BagFrames, ego_track  # noqa: PLC0415
+    from ..pictures.sources import open_bag_frames, open_own_recording  # noqa: PLC0415
+
     overview, blueprint = inspect_bag(bag)
     findings: list[Finding] = []
     if not any(series.count for series in overview.series):
@@ -206,7 +208,7 @@ def _look_through(
                 altitude_m = _altitude(source, frame.pose, number)
         steps.step()
     scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
-    projections = draw_projections(source, pictured, missing.add)
+    projections = draw_projections(source, pictured, scenes, missing.add)
     steps.step()
     findings += missing.findings()
     classes = tally.statistics()

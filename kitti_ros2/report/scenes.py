@@ -64,15 +64,33 @@ def draw_scenes(
 
 
 def draw_projections(
-    source: FrameSource, pictured: Sequence[int], seen: Callable[[FrameData], None]
+    source: FrameSource,
+    pictured: Sequence[int],
+    scenes: Sequence[Scene],
+    seen: Callable[[FrameData], None],
 ) -> tuple[ReportPicture, ...]:
-    """Draw the points of the middle frame over the image of each camera."""
+    """Draw the points of the middle frame over the image of each camera.
+
+    Args:
+        source: The frames.
+        pictured: Numbers of the frames with images or scans.
+        scenes: The pictures of some frames, used again if the middle frame is among them.
+        seen: Called with the frame.
+    """
     if not pictured:
         return ()
-    images = [Stream(f'image_{index}').value for index in sorted(source.cameras)][:_MOST_CAMERAS]
-    frame = source.frame(pictured[len(pictured) // 2], frozenset({Stream.SCAN.value, *images}))
+    middle = pictured[len(pictured) // 2]
+    points = next((scene.points for scene in scenes if scene.number == middle), None)
+    drawn = {} if points is None else {chosen_camera(source.cameras, PictureOptions()): points}
+    cameras = sorted(source.cameras)[:_MOST_CAMERAS]
+    images = [Stream(f'image_{index}').value for index in cameras if index not in drawn]
+    frame = source.frame(middle, frozenset({Stream.SCAN.value, *images}))
     seen(frame)
-    found = (_projection(frame, index, source.cameras[index]) for index in sorted(frame.images))
+    found = (
+        drawn.get(index) or _projection(frame, index, source.cameras[index])
+        for index in cameras
+        if index in drawn or index in frame.images
+    )
     return tuple(picture for picture in found if picture is not None)
 
 

@@ -30,12 +30,14 @@ from kitti_ros2.model.streams import Clock
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags import recorded_layout
+from kitti_ros2.pictures.recording_frames import RecordingFrames
 from kitti_ros2.report.contents import Finding, Report, Severity
 from kitti_ros2.report.gather import gather
 from kitti_ros2.report.overview import Overview
 from kitti_ros2.report.page import make_page
 from kitti_ros2.report.rig_plot import mounts_of
 from kitti_ros2.report.route_plot import route_plot
+from kitti_ros2.report.scenes import draw_projections
 from kitti_ros2.report.svg import round_length, ticks
 
 from builders import SMALL, convert_recording, png_bytes  # isort: skip
@@ -186,6 +188,15 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
     assert all(scene.above for scene in report.scenes)
     assert report.projections == ()
     assert Page(make_page(report)).faults == []
+
+
+def test_points_in_the_image_of_the_middle_frame_are_drawn_once(recordings):
+    report = gather(recordings[Layout.RAW], ANY)
+    middle = report.scenes[len(report.scenes) // 2]
+    assert [each for each in report.projections if each is middle.points]
+    source = RecordingFrames(open_recording(recordings[Layout.RAW]))
+    alone = draw_projections(source, source.numbers.tolist(), (), lambda _frame: None)
+    assert alone == report.projections
 
 
 def test_distances_are_drawn_in_the_colour_of_the_class(recordings):
