@@ -132,9 +132,11 @@ __all__ = [
 
 def _load(name: str) -> object:
     """Import a public name when it is used first: the command line needs none of them."""
-    from importlib import import_module, metadata  # noqa: PLC0415
+    from importlib import import_module  # noqa: PLC0415
 
     if name == '__version__':
+        from importlib import metadata  # noqa: PLC0415
+
         try:
             return metadata.version(__name__)
         except metadata.PackageNotFoundError:

@@ -98,9 +98,6 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     """Inspect a bag: its index, description, and the first camera_info and static transforms.
 
     Returns:
-        The overview, and the layout of the recording in a bag written by to-bag.
-
-    Returns:
         The overview, and the layout of the recording where to-bag wrote the bag.
 
     Raises:
