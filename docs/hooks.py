@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of mkdocs: tables from declarations, and what the theme lacks for pages from disk."""
+"""Hooks of mkdocs: tables from declarations, and additions for pages that are opened from disk."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         if listed != there or early or late:
             lost = sum((Counter(listed) - there).values())
             place = f'{self._file.name}: the chunk at byte {piece.position}'
-            self._findings.lose(f'{place} holds other messages than its index tells', lost)
+            self._findings.lose(f'{place} has other messages than its index lists', lost)
 
     def close(self) -> None:
         """Close the file."""

@@ -163,7 +163,7 @@ def _rosbag2(path: Path) -> BagFiles:
     files = tuple(path / name for name in names)
     missing = [file.name for file in files if not file.is_file()]
     if missing and len(missing) == len(files):
-        raise BadBagError(path, f'lacks {missing[0]}, which its {METADATA} names')
+        raise BadBagError(path, f'{missing[0]} is missing, which its {METADATA} lists')
     return BagFiles(
         path,
         storage,
@@ -172,7 +172,7 @@ def _rosbag2(path: Path) -> BagFiles:
         compression_mode=mode,
         message_count=count,
         topics=topics,
-        losses=tuple(f'{path}: lacks {name}, which its {METADATA} names' for name in missing),
+        losses=tuple(f'{path}: {name} is missing, which its {METADATA} lists' for name in missing),
     )
 
 

@@ -88,7 +88,7 @@ def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
         definition = described[b'message_definition'].decode(errors='replace')
         md5sum = described[b'md5sum'].decode('ascii')
     except KeyError as error:
-        raise ValueError(f'it lacks {error}') from error
+        raise ValueError(f'it has no {error}') from error
     caller = described.get(b'callerid')
     latched = described.get(b'latching') == b'1'
     return int.from_bytes(fields[b'conn'], 'little'), Ros1Channel(

@@ -73,7 +73,7 @@ class Projection:
         if not calibration.rectified:
             return _unrectified(found, camera, calibration.cam0_T_velo)
         if calibration.r0_rect is None:
-            raise ValueError('the calibration lacks the rectifying rotation (R0_rect)')
+            raise ValueError('the calibration has no rectifying rotation (R0_rect)')
         return cls(_finite(found.p_rect @ rect_from_velo(calibration).matrix(), camera))
 
     def resized(self, scale_x: float, scale_y: float) -> Projection:
@@ -194,9 +194,13 @@ def _fold(d: Float64Array) -> float:
 def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) -> Projection:
     """Return the projection of a camera with unrectified images."""
     if camera.k is None or camera.d is None or len(camera.d) != _PLUMB_BOB:
-        raise ValueError(f'the calibration lacks K and D of camera {index}, which is not rectified')
+        raise ValueError(
+            f'the calibration has no K and D of camera {index}, which is not rectified'
+        )
     if camera.cam_T_cam0 is None and index != 0:
-        raise ValueError(f'the calibration lacks R and T of camera {index}, which is not rectified')
+        raise ValueError(
+            f'the calibration has no R and T of camera {index}, which is not rectified'
+        )
     cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
     matrix = (cam_t_cam0 @ cam0_t_velo).matrix()[:3]
     return Projection(_finite(matrix, index), _finite(camera.k, index), _finite(camera.d, index))

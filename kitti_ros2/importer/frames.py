@@ -106,7 +106,7 @@ def choose_frames(
         dropped = [note for note in notes if note.startswith(_DROPPED)]
         raise UsageError(
             f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
-            f' the plan, set incomplete: keep, or take the stream that lacks out of the plan'
+            f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
         kept &= _span(reference, kept, selection)

@@ -41,7 +41,7 @@ def moment_of(frame: FrameData) -> str | None:
 
 def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]:
     """Return names and values of the facts of a frame."""
-    facts = [] if frame.timed else [('time', 'not told by the layout')]
+    facts = [] if frame.timed else [('time', 'none in this layout')]
     camera = chosen_camera(frame.images, options)
     if camera is not None and camera in frame.images:
         height, width = frame.images[camera].shape[:2]

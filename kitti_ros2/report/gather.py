@@ -142,17 +142,13 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     return _finished(report, findings)
 
 
-def _losses(overview: Overview) -> list[Finding]:
-    return [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
-
-
 def _of_transforms(
     overview: Overview, survey: Survey, own: BagRecording | None
 ) -> Iterator[Finding]:
     """Yield warnings about changing or invalid static transforms; object sets span several days."""
     if own is None or not own.layout.traits.calibration_per_frame:
         for parent, child in survey.changing:
-            text = f'the static transform {parent} -> {child} is told anew and differently'
+            text = f'the static transform {parent} -> {child} changes within the bag'
             yield Finding(Severity.WARNING, '/tf_static', text)
     for link in overview.links:
         if not is_finite(link):

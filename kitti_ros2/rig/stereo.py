@@ -171,7 +171,7 @@ def _doubtful(
     baseline = float(np.linalg.norm(model.offset))
     said = f'camera {index}: P has a baseline of {baseline:.3f} m'
     if not joined:
-        return own, f'{said}, taken from {model.frame}: no other camera tells what from'
+        return own, f'{said}, taken as from {model.frame}: there is no other camera to compare with'
     left, place = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
     said += (
         f' but {model.frame} is {np.linalg.norm(place):.3f} m from {left.frame} by the static'

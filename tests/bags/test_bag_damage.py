@@ -298,7 +298,7 @@ def test_a_message_under_an_id_of_nobody_is_told(mine, whole):
     found, complete, warnings = read(path)
     assert found == whole('ros1')[1:]
     assert not complete
-    assert 'holds other messages than its index tells' in warnings[0]
+    assert 'has other messages than its index lists' in warnings[0]
 
 
 def test_a_topic_that_the_metadata_names_and_no_file_has_is_told(mine):

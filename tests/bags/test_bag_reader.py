@@ -266,7 +266,7 @@ BAD = {
     'directory': 'metadata.yaml',
     'bad yaml': 'no metadata',
     'other yaml': 'no metadata',
-    'missing file': 'lacks',
+    'missing file': 'is missing, which its',
     'other database': 'sqlite3',
 }
 

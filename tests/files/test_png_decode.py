@@ -91,5 +91,5 @@ def test_data_that_inflate_to_more_than_the_image_are_refused(size):
     header = b'IHDR' + struct.pack('>IIBBBBB', *size, 8, 2, 0, 0, 0)
     data = b'IDAT' + zlib.compress(bytes(10_000_000), 9)
     png = b'\x89PNG\r\n\x1a\n' + chunk(header) + chunk(data) + chunk(b'IEND')
-    with pytest.raises(ValueError, match='more image data than its size tells'):
+    with pytest.raises(ValueError, match='more image data than its header states'):
         inflated(png)

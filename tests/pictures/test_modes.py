@@ -371,7 +371,7 @@ def test_facts():
     assert facts['speed'] == f'{speed:.1f} m/s, {3.6 * speed:.0f} km/h'
     assert facts['yaw'] == f'{np.degrees(packet.yaw):.1f} deg from east'
     assert 'time' not in facts, 'it is in the head'
-    assert dict(facts_of(make_frame(timed=False), ANY))['time'] == 'not told by the layout'
+    assert dict(facts_of(make_frame(timed=False), ANY))['time'] == 'none in this layout'
 
 
 def test_the_same_from_several_threads():

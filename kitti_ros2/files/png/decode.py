@@ -69,7 +69,7 @@ def inflated(png: bytes) -> bytes:
     if not inflater.eof:
         if len(raw) < most:
             return png
-        raise ValueError('a PNG with more image data than its size tells')
+        raise ValueError('a PNG with more image data than its header states')
     data = b''.join(
         [b'IDAT', _STORED_HEAD, *_blocks(raw), struct.pack('>I', isal_zlib.adler32(raw))]
     )
