@@ -313,9 +313,8 @@ def test_the_frames_resolve_for_a_late_subscriber(player, listen, recordings):
         assert chain[-4:] == ['velo_link', 'imu_link', 'base_link', 'map'], camera
 
 
-def test_the_player_describes_a_type_without_its_package(player, listen, recordings):
-    _, listener = paused(player, listen, recordings)
-    successful, fields, known = listener.tell('describe', TF, TYPESTORE.hash_rihs01(TF))
+def test_the_player_describes_a_type_without_its_package(looping):
+    successful, fields, known = looping.tell('describe', TF, TYPESTORE.hash_rihs01(TF))
     assert successful
     assert fields == [['transforms', 'geometry_msgs/msg/TransformStamped']]
     assert known == [
