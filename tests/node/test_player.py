@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -224,19 +223,6 @@ def test_rate(player, listen, recordings, rate):
     np.testing.assert_allclose(np.diff(due), np.diff(stamps) / rate, rtol=0, atol=2_000_000)
 
 
-@pytest.fixture(scope='module')
-def looping(recordings):
-    """What listens to a player that plays without end."""
-    words = '--start-paused', '--at-end', 'pause', '--loop'
-    with ExitStack() as started:
-        process = live.play(recordings[Layout.RAW], *words)
-        started.callback(live.stop, process)
-        listener = live.Listening(IMU)
-        started.callback(live.stop, listener.process)
-        listener.wait_for_publishers(process)
-        yield listener
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'reason'),
     [
@@ -252,15 +238,14 @@ def looping(recordings):
         ('clock', 10.0, 'read-only'),
     ],
 )
-def test_what_cannot_be_is_refused(looping, name, value, reason):
-    looping.tell('call', 'pause')
-    successful, said = looping.tell('set', name, value)
+def test_what_cannot_be_is_refused(player, listen, recordings, name, value, reason):
+    _, listener = paused(player, listen, recordings, '--loop')
+    successful, said = listener.tell('set', name, value)
     assert not successful
     assert reason in said
     assert '\n' not in said
-    count = looping.tell('count', OXTS)
-    looping.tell('call', 'resume')
-    assert looping.tell('wait', OXTS, count + 3, 60) >= count + 3
+    listener.tell('call', 'resume')
+    assert listener.tell('wait', OXTS, 3, 60) >= 3
 
 
 def test_another_source(player, listen, recordings):
@@ -313,8 +298,9 @@ def test_the_frames_resolve_for_a_late_subscriber(player, listen, recordings):
         assert chain[-4:] == ['velo_link', 'imu_link', 'base_link', 'map'], camera
 
 
-def test_the_player_describes_a_type_without_its_package(looping):
-    successful, fields, known = looping.tell('describe', TF, TYPESTORE.hash_rihs01(TF))
+def test_the_player_describes_a_type_without_its_package(player, listen, recordings):
+    _, listener = paused(player, listen, recordings)
+    successful, fields, known = listener.tell('describe', TF, TYPESTORE.hash_rihs01(TF))
     assert successful
     assert fields == [['transforms', 'geometry_msgs/msg/TransformStamped']]
     assert known == [
