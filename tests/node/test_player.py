@@ -224,20 +224,21 @@ def test_rate(player, listen, recordings, rate):
     np.testing.assert_allclose(np.diff(due), np.diff(stamps) / rate, rtol=0, atol=2_000_000)
 
 
+@pytest.fixture(scope='class')
+def looping(recordings):
+    """What listens to a player that plays without end."""
+    words = '--start-paused', '--at-end', 'pause', '--loop'
+    with ExitStack() as started:
+        process = live.play(recordings[Layout.RAW], *words)
+        started.callback(live.stop, process)
+        listener = live.Listening(IMU)
+        started.callback(live.stop, listener.process)
+        listener.wait_for_publishers(process)
+        yield listener
+
+
 class TestWhileItLoops:
     """One player for all, which ends with them: other tests must not hear it."""
-
-    @pytest.fixture(scope='class')
-    def looping(self, recordings):
-        """What listens to a player that plays without end."""
-        words = '--start-paused', '--at-end', 'pause', '--loop'
-        with ExitStack() as started:
-            process = live.play(recordings[Layout.RAW], *words)
-            started.callback(live.stop, process)
-            listener = live.Listening(IMU)
-            started.callback(live.stop, listener.process)
-            listener.wait_for_publishers(process)
-            yield listener
 
     @pytest.mark.parametrize(
         ('name', 'value', 'reason'),
