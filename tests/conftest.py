@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from chromium import Chromium, find_chromium
@@ -17,9 +18,12 @@ from hypothesis import settings
 
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.synthetic import write_synthetic
 
-from builders import SHARED, SMALL  # isort: skip
+from builders import SHARED  # isort: skip
+from shared_files import SyntheticRecordings  # isort: skip
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 # A busy machine makes any test slow now and then.
 settings.register_profile('patient', deadline=None)
@@ -27,14 +31,13 @@ settings.load_profile('patient')
 
 
 @pytest.fixture(scope='session')
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[Layout, Path]:
-    """The folder to convert, by layout; small, and not to be changed."""
-    root = tmp_path_factory.mktemp('synthetic')
-    return {layout: write_synthetic(root / layout.value, layout, SMALL) for layout in Layout}
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Mapping[Layout, Path]:
+    """The folder to convert, by layout; small, and not to be changed: all processes share it."""
+    return SyntheticRecordings(tmp_path_factory)
 
 
 @pytest.fixture(params=list(Layout), ids=[layout.value for layout in Layout])
-def recording_path(request: pytest.FixtureRequest, recordings: dict[Layout, Path]) -> Path:
+def recording_path(request: pytest.FixtureRequest, recordings: Mapping[Layout, Path]) -> Path:
     """The same, one layout after the other."""
     return recordings[request.param]
 
@@ -46,7 +49,7 @@ def recording(recording_path: Path):
 
 
 @pytest.fixture
-def drive(recordings: dict[Layout, Path], tmp_path: Path) -> Path:
+def drive(recordings: Mapping[Layout, Path], tmp_path: Path) -> Path:
     """A raw drive of one's own, to break."""
     date = tmp_path / recordings[Layout.RAW].parent.name
     shutil.copytree(recordings[Layout.RAW].parent, date)

@@ -4,6 +4,7 @@
 
 import os
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -32,9 +33,13 @@ app = typer.Typer(
 
 def get_command(words: list[str]) -> Any:  # noqa: ANN401 - a command of typer's own copy of click
     """Return the command line, with the options of the requested sub-command."""
-    called = _COMMANDS.get(words[0]) if words else None
-    if called is not None:
-        add_options(called)
+    return _command_for(words[0] if words and words[0] in _COMMANDS else None)
+
+
+@cache
+def _command_for(name: str | None) -> Any:  # noqa: ANN401 - as above
+    if name is not None:
+        add_options(_COMMANDS[name])
     return typer.main.get_command(app)
 
 

@@ -3,7 +3,7 @@
 """Reads and writes bags with ROS 1's own rosbag; for the Python that has it, without kitti_ros2.
 
 ros1_itself.py read BAG               print as JSON all that rosbag reads
-ros1_itself.py read BAG COPY          the same of a copy, whose index is made anew
+ros1_itself.py read BAG COPY          the same, and the same of a copy whose index is made anew
 ros1_itself.py write BAG COMPRESSION  write a bag, and print the same of what was written
 
 Debian and Ubuntu: apt-get install python3-rosbag python3-sensor-msgs (their python3 has it then).
@@ -98,7 +98,7 @@ def main():
     elif rest:
         shutil.copyfile(path, rest[0])
         reindex(rest[0])
-        found = read(rest[0])
+        found = [read(path), read(rest[0])]
     else:
         found = read(path)
     json.dump(found, sys.stdout)

@@ -24,8 +24,8 @@ DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
 OPTIONS = SyntheticOptions(frames=12, image_size=(310, 94), lidar_columns=200)
 
 
-def write_sets(folder: Path) -> None:
-    """The data sets: one of each layout, as KITTI's archives unpack."""
+def write_sets(folder: Path) -> Path:
+    """The data sets: one of each layout, as KITTI's archives unpack; returns the folder."""
     write_synthetic(folder / 'raw', Layout.RAW, OPTIONS)
     (folder / 'raw' / '2011_09_26').rename(folder / '2011_09_26')
     (folder / 'raw').rmdir()
@@ -34,6 +34,7 @@ def write_sets(folder: Path) -> None:
         write_synthetic(folder / layout.value, layout, OPTIONS)
     write_point_labels(folder / 'odometry' / 'sequences' / '00')
     shutil.copytree(folder / 'object' / 'training' / 'label_2', folder / 'results' / 'data')
+    return folder
 
 
 def write_point_labels(sequence: Path) -> None:

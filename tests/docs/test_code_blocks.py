@@ -21,6 +21,7 @@ import ros_domain  # noqa: F401 - for the players that the pages start
 import yaml
 from code_blocks import PAGES, ROOT, Block, blocks_in, page_name
 from page_data import BAGS, bags_needed, write_sets
+from shared_files import made_once
 
 from kitti_ros2.importer.plan import parse_plan
 from kitti_ros2.options.table import make_settings
@@ -54,9 +55,7 @@ def blocks_of(page: Path) -> list[Block]:
 
 @pytest.fixture(scope='session')
 def data_sets(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('page_data')
-    write_sets(folder)
-    return folder
+    return made_once(tmp_path_factory, 'page_data', write_sets)
 
 
 @pytest.fixture

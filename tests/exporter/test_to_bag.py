@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
@@ -43,10 +44,22 @@ def read(out: Path) -> dict[str, list]:
     return found
 
 
+@pytest.fixture(scope='module')
+def written(tmp_path_factory):
+    """A function that gives the report of a recording's bag, written once in each container."""
+
+    @cache
+    def write(path: Path, container: str):
+        out = tmp_path_factory.mktemp('bags') / CONTAINERS[container]
+        return run(path, out, storage=STORAGES[container])
+
+    return write
+
+
 @pytest.mark.parametrize('container', CONTAINERS)
-def test_counts_equal_file_counts(recording_path, tmp_path, container):
+def test_counts_equal_file_counts(recording_path, written, container):
     recording = open_recording(recording_path)
-    report = run(recording_path, tmp_path / CONTAINERS[container], storage=STORAGES[container])
+    report = written(recording_path, container)
     assert not report.losses
     found = read(report.path)
     assert {topic: len(items) for topic, items in found.items()} == {
@@ -64,10 +77,9 @@ def test_counts_equal_file_counts(recording_path, tmp_path, container):
 
 
 @pytest.mark.parametrize('container', CONTAINERS)
-def test_payloads_are_the_files_own_bytes(recording_path, tmp_path, container):
+def test_payloads_are_the_files_own_bytes(recording_path, written, container):
     recording = open_recording(recording_path)
-    out = run(recording_path, tmp_path / CONTAINERS[container], storage=STORAGES[container]).path
-    found = read(out)
+    found = read(written(recording_path, container).path)
     scans = recording.streams[Stream.SCAN]
     for number, stamp, (log_ns, message) in zip(
         scans.numbers.tolist(), scans.stamps_ns.tolist(), found[POINTS], strict=True
@@ -86,9 +98,9 @@ def test_payloads_are_the_files_own_bytes(recording_path, tmp_path, container):
             assert (info.width, info.height) == SMALL.image_size
 
 
-def test_text_files_travel_verbatim(recording_path, tmp_path):
+def test_text_files_travel_verbatim(recording_path, written):
     recording = open_recording(recording_path)
-    found = read(run(recording_path, tmp_path / 'out.mcap').path)
+    found = read(written(recording_path, 'mcap').path)
     carried = {}
     for topic in ('/kitti/source/files', '/kitti/source/calibration'):
         for _, message in found.get(topic, []):
@@ -109,9 +121,8 @@ def test_text_files_travel_verbatim(recording_path, tmp_path):
     assert carried == texts
 
 
-def test_messages_are_in_order_of_time(recording_path, tmp_path):
-    out = run(recording_path, tmp_path / 'out.mcap').path
-    with open_messages(out) as messages:
+def test_messages_are_in_order_of_time(recording_path, written):
+    with open_messages(written(recording_path, 'mcap').path) as messages:
         stamps = [item.stamp_ns for item in messages]
     assert stamps == sorted(stamps)
 

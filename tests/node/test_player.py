@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -220,29 +221,46 @@ def test_rate(player, listen, recordings, rate):
     np.testing.assert_allclose(np.diff(due), np.diff(stamps) / rate, rtol=0, atol=2_000_000)
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
-        ('rate', 200.0, 'rate'),
-        ('rate', -1.0, 'rate'),
-        ('rate', '"fast"', 'parameter type'),
-        ('step', -1, 'step'),
-        ('loop', -1, 'loop'),
-        ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
-        ('position', '"soon"', 'invalid start or end'),
-        ('source', '"/nowhere"', '/nowhere: no such file or folder'),
-        ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
-        ('clock', 10.0, 'read-only'),
-    ],
-)
-def test_what_cannot_be_is_refused(player, listen, recordings, name, value, reason):
-    _, listener = paused(player, listen, recordings, '--loop')
-    successful, said = listener.tell('set', name, value)
-    assert not successful
-    assert reason in said
-    assert '\n' not in said
-    listener.tell('call', 'resume')
-    assert listener.tell('wait', OXTS, 3, 60) >= 3
+@pytest.fixture(scope='class')
+def looping(recordings):
+    """What listens to a player that plays without end."""
+    words = '--start-paused', '--at-end', 'pause', '--loop'
+    with ExitStack() as started:
+        process = live.play(recordings[Layout.RAW], *words)
+        started.callback(live.stop, process)
+        listener = live.Listening(IMU)
+        started.callback(live.stop, listener.process)
+        listener.wait_for_publishers(process)
+        yield listener
+
+
+class TestWhileItLoops:
+    """One player for all, which ends with them: other tests must not hear it."""
+
+    @pytest.mark.parametrize(
+        ('name', 'value', 'reason'),
+        [
+            ('rate', 200.0, 'rate'),
+            ('rate', -1.0, 'rate'),
+            ('rate', '"fast"', 'parameter type'),
+            ('step', -1, 'step'),
+            ('loop', -1, 'loop'),
+            ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
+            ('position', '"soon"', 'invalid start or end'),
+            ('source', '"/nowhere"', '/nowhere: no such file or folder'),
+            ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
+            ('clock', 10.0, 'read-only'),
+        ],
+    )
+    def test_what_cannot_be_is_refused(self, looping, name, value, reason):
+        looping.tell('call', 'pause')
+        successful, said = looping.tell('set', name, value)
+        assert not successful
+        assert reason in said
+        assert '\n' not in said
+        count = looping.tell('count', OXTS)
+        looping.tell('call', 'resume')
+        assert looping.tell('wait', OXTS, count + 3, 60) >= count + 3
 
 
 def test_another_source(player, listen, recordings):

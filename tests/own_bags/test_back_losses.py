@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import foreign
@@ -77,13 +78,26 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
+@pytest.fixture(scope='module')
+def converted(recordings, tmp_path_factory):
+    """A function that gives the bag of a layout, written once."""
+
+    @cache
+    def convert(layout: Layout, *words: str) -> Path:
+        bag = tmp_path_factory.mktemp('bags') / 'bag.mcap'
+        assert main(['to-bag', str(recordings[layout]), str(bag), '-q', *words]) == 0
+        return bag
+
+    return convert
+
+
 @pytest.fixture
-def made(recordings, tmp_path):
-    """A function that makes a bag of a layout: (bag, the files it was made of)."""
+def made(recordings, converted, tmp_path):
+    """A function that gives a bag of a layout, of one's own: (bag, the files it was made of)."""
 
     def make(layout: Layout, *words: str) -> tuple[Path, dict[str, bytes]]:
         source, bag = recordings[layout], tmp_path / 'bag.mcap'
-        assert main(['to-bag', str(source), str(bag), '-q', *words]) == 0
+        shutil.copy(converted(layout, *words), bag)
         return bag, files_of(source.parent.parent if layout is Layout.RAW else source)
 
     return make

@@ -59,6 +59,10 @@ def make_frame(**changes) -> FrameData:
 FRAME = make_frame()
 
 
+def count_colors(pixels: np.ndarray) -> int:
+    return len(np.unique(pixels @ (1 << 16, 1 << 8, 1)))
+
+
 @pytest.mark.parametrize('camera', range(4))
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'lidar'])
 def test_images_are_drawn_on_copies(mode, camera):
@@ -199,7 +203,7 @@ def test_the_panel_shows_all_parts():
     page = MODES['panel'].draw(FRAME, ANY)
     assert page.shape == (SIZE[1], SIZE[0], 3)
     for area in (BOXES_2D, LIDAR, BIRD, INTENSITY, DISTANCE):
-        assert len(np.unique(area.of(page).reshape(-1, 3), axis=0)) > 20
+        assert count_colors(area.of(page)) > 20
 
 
 def covered_by(areas):
@@ -322,7 +326,7 @@ def test_a_panel_without_images_uses_the_room(changes):
     assert covered_by(areas) > 0.8
     drawn = MODES['panel'].draw(frame, ANY)
     for area in areas:
-        assert len(np.unique(area.of(drawn).reshape(-1, 3), axis=0)) > 10
+        assert count_colors(area.of(drawn)) > 10
 
 
 def test_a_frame_that_lost_its_image_keeps_the_places():
