@@ -66,21 +66,20 @@ class RecordingIndex:
         self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
     ) -> None:
         """Add a stream with the stamps of a file, line n for file number n."""
-        have = set(listing.numbers.tolist())
-        absent = [number for number in range(len(stamps)) if number not in have]
+        numbers, lines = listing.numbers.tolist(), len(stamps)
+        have = set(numbers)
+        absent = [number for number in range(lines) if number not in have]
         self._lose(
             stream,
             absent,
             f'{listing.folder}: no file for frames {{}}, which {stamps_path.name} lists',
         )
-        beyond = [number for number in sorted(have) if number >= len(stamps)]
-        self._lose(
-            stream, beyond, f'{stamps_path}: {len(stamps)} lines, so no stamp for frames {{}}'
-        )
+        beyond = [number for number in numbers if number >= lines]
+        self._lose(stream, beyond, f'{stamps_path}: {lines} lines, so no stamp for frames {{}}')
         for line, error in stamps.errors.items():
             if line in have:
                 self._lose(stream, [line], str(error))
-        good = [n for n in sorted(have) if n < len(stamps) and stamps.values[n] is not None]
+        good = [n for n in numbers if n < lines and stamps.values[n] is not None]
         values = np.array([stamps.values[number] for number in good], dtype=np.int64)
         backward = np.flatnonzero(np.diff(values) < 0)
         if len(backward):

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import os
-import re
 import stat
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
 
 _PIECE_BYTES = 1 << 20
-_NUMBERED = re.compile(r'(\d+)(\.[a-z]+)', re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +81,9 @@ class LocalStore:
         by_suffix: dict[str, list[int]] = {suffix: [] for suffix in suffixes}
         strays: list[str] = []
         for name in self.names(folder):
-            match = _NUMBERED.fullmatch(name)
-            if match and len(match[1]) == digits and match[2] in by_suffix:
-                by_suffix[match[2]].append(int(match[1]))
+            number, suffix = name[:digits], name[digits:]
+            if suffix in by_suffix and number.isdecimal() and number.isascii():
+                by_suffix[suffix].append(int(number))
             elif not name.startswith('.'):
                 strays.append(name)
         suffix = next((suffix for suffix in suffixes if by_suffix[suffix]), suffixes[0])
