@@ -98,17 +98,22 @@ def _is_drive(path: Path) -> bool:
 
 def _has_frames(path: Path) -> bool:
     """Whether the sub-folders contain images or scans named by six digits."""
-    folders = [(names.SCANS, names.BIN), *((name, names.PNG) for name in names.OBJECT_IMAGES)]
-    return any(
-        len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
-        for folder, suffix in folders
+    return _has_numbered(path, names.BIN, names.SCANS) or _has_numbered(
+        path, names.PNG, *names.OBJECT_IMAGES
     )
 
 
 def _has_object_text(path: Path) -> bool:
+    return _has_numbered(path, names.TXT, names.CALIB, names.OBJECT_LABELS)
+
+
+def _has_numbered(path: Path, suffix: str, *folders: str) -> bool:
+    """Whether one of the sub-folders has a file named by six digits."""
+    present = STORE.names(path)
     return any(
-        len(STORE.list_numbered(path / folder, (names.TXT,), names.FRAME_DIGITS).numbers)
-        for folder in (names.CALIB, names.OBJECT_LABELS)
+        len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
+        for folder in folders
+        if folder in present
     )
 
 

@@ -155,8 +155,9 @@ class KittiRecording(RecordingIndex):
         """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
             return self._image(stream, number)
+        if stream is Stream.SCAN:
+            return self._scan(number)
         readers: dict[Stream, Callable[[int], Sample]] = {
-            Stream.SCAN: self._scan,
             Stream.OXTS: self._packet_cached,
             Stream.POSE: self._pose,
             Stream.LABELS: self._labels,
