@@ -135,7 +135,8 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
     """
     found = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
     every = np.concatenate([*(found if common else found[:1]), np.empty(0, np.int64)])
-    frames: Int64Array = np.unique(every).astype(np.int64)
+    # Without return_index numpy imports numpy.ma, which takes longer than a short drive.
+    frames, _ = np.unique(every, return_index=True)
     return frames
 
 

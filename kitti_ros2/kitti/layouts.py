@@ -23,7 +23,6 @@ from ..options.read import ReadOptions
 from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
-from .nearby import explain
 
 if TYPE_CHECKING:
     from ..model.layouts import Layout
@@ -44,7 +43,7 @@ def guess_layout(path: Path) -> Layout:
 def _guess(path: Path) -> tuple[Layout, list[Candidate]]:
     fits = _find_all(path)
     if not fits:
-        raise explain(path)
+        raise _explain(path)
     if len(fits) > 1:
         raise AmbiguousLayoutError(path, [layout.value for layout in fits]).with_remedies(
             *(Remedy(path, path, ('--layout', layout.value)) for layout in fits)
@@ -99,11 +98,17 @@ def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
     return {layout: candidates for layout, candidates in found.items() if candidates}
 
 
+def _explain(path: Path) -> NotKittiError:
+    from .nearby import explain  # noqa: PLC0415 - for errors only
+
+    return explain(path)
+
+
 def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     """Return the error for a path without a recording of the requested layout."""
     fits = _find_all(path)
     if not fits:
-        return explain(path)
+        return _explain(path)
     other = next(iter(fits)).value
     advice = f'it is layout {other}, which is detected without --layout'
     return NotKittiError(path, f'no {layout.value} recording', [], advice)
