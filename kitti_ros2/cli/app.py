@@ -10,6 +10,7 @@ import typer
 
 from ..model.errors import UsageError
 from .commands.command import Command
+from .commands.crop import crop
 from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.info import info
@@ -106,6 +107,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'info': info,
     'view': view,
     'report': report,
+    'crop': crop,
     'demo': demo,
     'play': play,
 }

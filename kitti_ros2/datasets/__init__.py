@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from .cropping import crop
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {'crop': 'datasets.cropping'}
 
-__all__: list[str] = []
+__all__ = ['crop']
 
 
 def __getattr__(name: str) -> object:
