@@ -48,9 +48,9 @@ class FilePlacer:
             OSError: The target cannot be written.
         """
         try:
-            if source.is_symlink():
-                source = source.resolve()  # a hard link to it would be a symbolic link
-            mode = source.stat().st_mode
+            # A hard link to a symbolic link would be one itself.
+            real = source.resolve() if source.is_symlink() else source
+            mode = real.stat().st_mode
         except OSError as error:
             raise UnreadableFileError(source, error) from None
         if not stat.S_ISREG(mode):
@@ -58,7 +58,7 @@ class FilePlacer:
         target.parent.mkdir(parents=True, exist_ok=True)
         if not self.copy:
             try:
-                os.link(source, target)
+                os.link(real, target)
             except OSError as error:
                 if error.errno not in _NO_LINKS:
                     raise

@@ -116,9 +116,7 @@ def test_points_without_coordinates_hide_no_laser():
 
 @pytest.mark.parametrize('lasers', [63, 65, 128])
 def test_a_scan_of_another_scanner_is_refused(lasers):
-    with pytest.raises(
-        ValueError, match=f"{lasers} lasers are found instead"
-    ):
+    with pytest.raises(ValueError, match=f'{lasers} lasers are found instead'):
         kept(whole_scan(lasers), lasers=32)
 
 
