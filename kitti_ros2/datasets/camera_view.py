@@ -80,7 +80,6 @@ class CameraViews:
 
     def __init__(self, recording: KittiRecording, options: CropOptions) -> None:
         self._recording = recording
-        self._place = recording.root / recording.name
         self._rule = options.view
         self._camera = DEFAULT_CAMERA if options.camera is None else options.camera
         self._size = options.image_size
@@ -106,7 +105,9 @@ class CameraViews:
         except ValueError as error:
             parts = (f'P{self._camera}', 'R0_rect', 'Tr_velo_to_cam', 'file')
             known = [calibration.missing[part] for part in parts if part in calibration.missing]
-            raise MissingDataError(known[0] if known else f'{self._place}: {error}') from None
+            raise MissingDataError(
+                known[0] if known else f'{self._recording.root}: {error}'
+            ) from None
         return CameraView(self._rule or View.REDUCED, projection, self._size_at(number))
 
     def _size_at(self, number: int) -> tuple[int, int]:
@@ -127,8 +128,8 @@ class CameraViews:
             except MissingDataError:
                 continue
         raise MissingDataError(
-            f'{self._place}: no image of camera {self._camera}, so its size is unknown; give'
-            f' --image-size'
+            f'{recording.root}: {recording.name} has no image of camera {self._camera}, so its size'
+            f' is unknown; give --image-size'
         )
 
 

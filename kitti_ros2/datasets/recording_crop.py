@@ -73,18 +73,12 @@ class RecordingCrop:
 
     @property
     def losses(self) -> list[Loss]:
-        """What could not be used so far; scans that are missing in the recording first."""
-        missing = [loss for loss in self._recording.losses if loss.stream == Stream.SCAN.value]
-        return missing + [
-            Loss(
-                stream.value,
-                max(1, len(numbers)),
-                reason.replace('{', '(').replace('}', ')')
-                + (' (frames {})' if len(numbers) > 1 else ''),
-                tuple(numbers),
-            )
-            for (stream, reason), numbers in self._failures.items()
+        """What could not be used so far, and the scans that are missing in the recording."""
+        failed = [
+            _loss(stream, reason, numbers) for (stream, reason), numbers in self._failures.items()
         ]
+        missing = [loss for loss in self._recording.losses if loss.stream == Stream.SCAN.value]
+        return failed + missing
 
     @property
     def notes(self) -> list[str]:
@@ -160,3 +154,10 @@ class RecordingCrop:
 
     def _fail_folder(self, error: OSError) -> None:
         self._failures[Stream.RECORDING, f'{describe_error(error)}; it is left out'] = []
+
+
+def _loss(stream: Stream, reason: str, numbers: list[int]) -> Loss:
+    """Return the loss of frames for one reason; of one frame the reason has the file."""
+    text = reason.replace('{', '(').replace('}', ')')
+    frames = ' (frames {})' if len(numbers) > 1 else ''
+    return Loss(stream.value, max(1, len(numbers)), text + frames, tuple(numbers))
