@@ -12,6 +12,7 @@ from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import Loss, format_numbers
 from ..model.streams import Stream
+from ..options.crop import EmptyLabels
 from .crop_paths import CropPaths
 from .empty_labels import without_tracks
 from .scan_crop import ScanCropper
@@ -73,12 +74,15 @@ class RecordingCrop:
 
     @property
     def losses(self) -> list[Loss]:
-        """What could not be used so far, and the scans that are missing in the recording."""
+        """What could not be used so far, and what is missing in the recording."""
         failed = [
             _loss(stream, reason, numbers) for (stream, reason), numbers in self._failures.items()
         ]
-        missing = [loss for loss in self._recording.losses if loss.stream == Stream.SCAN.value]
-        return failed + missing
+        needed = {Stream.SCAN.value}
+        drop = self._options.empty_labels is EmptyLabels.DROP
+        if drop and Stream.LABELS not in self._recording.streams:  # a file that is unreadable
+            needed.add(Stream.LABELS.value)
+        return failed + [loss for loss in self._recording.losses if loss.stream in needed]
 
     @property
     def notes(self) -> list[str]:

@@ -97,9 +97,9 @@ class ScanCropper:
             scan = _ScanFile.read(path)
             keep = kept_points(scan.points, self._options, self._views.at(number))
         except (KittiRos2Error, OSError) as error:
-            result.failures.append((Stream.SCAN, f'{describe_error(error)}; the scan is left out'))
+            self._leave_out(result, describe_error(error))
         except ValueError as error:
-            result.failures.append((Stream.SCAN, f'{path}: {error}; the scan is left out'))
+            self._leave_out(result, f'{path}: {error}')
         else:
             result.before, result.after = len(keep), int(np.count_nonzero(keep))
             if not result.before:
@@ -109,6 +109,12 @@ class ScanCropper:
             self._find_empty_labels(result, scan.points[keep])
         self._put_labels(result)
         return result
+
+    def _leave_out(self, result: CutScan, reason: str) -> None:
+        """Report a scan that cannot be cut; neither can the labels of its points."""
+        labelled = any(path.exists() for path, _ in self._paths.point_labels(result.number))
+        what = 'the scan and the labels of its points are' if labelled else 'the scan is'
+        result.failures.append((Stream.SCAN, f'{reason}; {what} left out'))
 
     def _cut_point_labels(self, result: CutScan, keep: Mask) -> None:
         for paths in self._paths.point_labels(result.number):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 import shutil
 
@@ -11,8 +12,9 @@ import pytest
 from folder_and_bag import make_bag
 from scans import files
 
+from kitti_ros2 import datasets
 from kitti_ros2.cli import main
-from kitti_ros2.datasets import crop
+from kitti_ros2.datasets import crop, cropping
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.table import make_crop_options
 
@@ -52,6 +54,28 @@ def test_the_summary_as_json_is_the_report(source, tmp_path, capsys):
     assert recording['points_after'] == report.recordings[0].points_after > 0
     assert recording['labels_dropped'] == report.recordings[0].labels_dropped > 0
     assert found['losses'] == []
+
+
+def test_the_example_runs(recordings, tmp_path, monkeypatch):
+    date = tmp_path / '2011_09_26'
+    shutil.copytree(recordings[Layout.RAW].parent, date)
+    (date / recordings[Layout.RAW].name).rename(date / '2011_09_26_drive_0005_sync')
+    monkeypatch.chdir(tmp_path)
+    flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    failed, tried = doctest.testmod(cropping, optionflags=flags)
+    assert (failed, tried) == (0, 2)
+    assert datasets.crop is cropping.crop
+    assert 'crop' in dir(datasets)
+
+
+def test_an_interrupt_leaves_nothing(source, tmp_path, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('kitti_ros2.datasets.scan_crop.kept_points', interrupted)
+    assert main(['crop', str(source), str(tmp_path / 'out'), '--voxel', '1']) == 130
+    assert 'interrupted' in one_line(capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
 
 
 def test_quiet_prints_nothing(source, tmp_path, capsys):

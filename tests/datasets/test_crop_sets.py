@@ -346,6 +346,15 @@ def test_labels_of_another_length_are_left_out_and_named(sequence, tmp_path):
     assert (tmp_path / 'out/sequences/00/velodyne/000002.bin').exists()
 
 
+def test_labels_of_a_scan_that_is_left_out_are_named(sequence, tmp_path):
+    path = sequence / 'sequences/00/velodyne/000003.bin'
+    path.write_bytes(path.read_bytes()[:-1])
+    report = cut(sequence, tmp_path / 'out', box=AHEAD)
+    (loss,) = report.losses
+    assert loss.text().endswith('the scan and the labels of its points are left out')
+    assert not list((tmp_path / 'out').rglob('000003.label'))
+
+
 def test_labels_of_points_stay_with_the_unchanged_scans(sequence, tmp_path):
     report = cut(sequence, tmp_path / 'out', box=AHEAD, folder='velodyne_ahead')
     source, made = files(sequence), files(tmp_path / 'out')
@@ -445,6 +454,17 @@ def test_rows_of_tracks_are_dropped(recordings, tmp_path):
     assert report.recordings[0].labels_dropped == before - len(kept) >= 2
     cut(root, tmp_path / 'all', range=':100')
     assert (tmp_path / 'all/training/label_02/0000.txt').samefile(path)
+
+
+def test_label_files_that_are_no_text_are_kept_and_named(recordings, tmp_path):
+    root = tmp_path / 'tracking'
+    shutil.copytree(recordings[Layout.TRACKING], root)
+    path = root / 'training/label_02/0000.txt'
+    path.write_bytes(b'\xff' * 9)
+    report = cut(root, tmp_path / 'out', range=':30', empty_labels='drop')
+    assert [loss.stream for loss in report.losses] == ['labels']
+    assert str(path) in report.losses[0].text()
+    assert (tmp_path / 'out/training/label_02/0000.txt').samefile(path)
 
 
 def test_tracklets_are_kept_and_dropping_them_is_refused(recordings, tmp_path):
