@@ -86,6 +86,8 @@ class CropPaths:
         """
         made = self._made()
         for top, _ in self._tree.parts:
+            if self._replaced in top.parents:
+                continue
             for path in walk_files(top, lambda each: each == self._replaced, failed):
                 if path not in made:
                     yield self._placed(path)

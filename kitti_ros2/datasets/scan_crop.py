@@ -113,8 +113,8 @@ class ScanCropper:
     def _leave_out(self, result: CutScan, reason: str) -> None:
         """Report a scan that cannot be cut; neither can the labels of its points."""
         labelled = any(path.exists() for path, _ in self._paths.point_labels(result.number))
-        what = 'the scan and the labels of its points are' if labelled else 'the scan is'
-        result.failures.append((Stream.SCAN, f'{reason}; {what} left out'))
+        too = '; the labels of its points are left out, too' if labelled else ''
+        result.failures.append((Stream.SCAN, f'{reason}{too}'))
 
     def _cut_point_labels(self, result: CutScan, keep: Mask) -> None:
         for paths in self._paths.point_labels(result.number):

@@ -129,9 +129,8 @@ def test_cutting_twice_is_cutting_once(recordings, tmp_path, span):
     shutil.rmtree(tmp_path / 'out', ignore_errors=True)
     options = {'height': span, 'range': (1, 40), 'voxel': 0.5, 'view': 'reduced'}
     cut(recordings[Layout.OBJECT], tmp_path / 'out/a', **options)
-    if any(files(tmp_path / 'out/a/training/velodyne').values()):
-        cut(tmp_path / 'out/a', tmp_path / 'out/b', **options)
-        assert files(tmp_path / 'out/b') == files(tmp_path / 'out/a')
+    cut(tmp_path / 'out/a', tmp_path / 'out/b', **options)
+    assert files(tmp_path / 'out/b') == files(tmp_path / 'out/a')
 
 
 def test_lasers_are_thinned_and_then_left_as_they_are(recordings, layout, tmp_path):
@@ -301,6 +300,18 @@ def test_an_older_folder_beside_is_replaced(recordings, tmp_path):
     assert [note for note in report.notes if 'velodyne_reduced: unchanged' in note]
 
 
+def test_an_older_folder_of_a_sequence_is_replaced(recordings, tmp_path):
+    root = tmp_path / 'tracking'
+    shutil.copytree(recordings[Layout.TRACKING], root)
+    older = root / 'training/velodyne_near'
+    shutil.copytree(root / 'training/velodyne', older)
+    cut(root, tmp_path / 'out', range=':20', folder='velodyne_near')
+    cut(root, tmp_path / 'other', range=':20')
+    assert files(tmp_path / 'out/training/velodyne_near') == files(
+        tmp_path / 'other/training/velodyne'
+    )
+
+
 # Labels of points.
 
 
@@ -351,7 +362,7 @@ def test_labels_of_a_scan_that_is_left_out_are_named(sequence, tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     report = cut(sequence, tmp_path / 'out', box=AHEAD)
     (loss,) = report.losses
-    assert loss.text().endswith('the scan and the labels of its points are left out')
+    assert loss.text().endswith('the labels of its points are left out, too')
     assert not list((tmp_path / 'out').rglob('000003.label'))
 
 
