@@ -91,10 +91,16 @@ class CropPaths:
             for path in walk_files(top, lambda each: each == self._replaced, failed):
                 if path not in made:
                     yield self._placed(path)
+        if not self.in_place:
+            yield from self._beside_scans()
+
+    def _beside_scans(self) -> Iterator[Placed]:
+        """Yield the files beside the folder of scans, such as time stamps, for the cut scans."""
         root = self._tree.scan_root
-        if not self.in_place and self._tree.scans.folder != root:
-            for path in walk_files(root, lambda each: each == self._tree.scans.folder, failed):
-                yield path, self._scan_root / path.relative_to(root).as_posix()
+        if root.parent in (top for top, _ in self._tree.parts) and root != self._tree.scans.folder:
+            for name in STORE.names(root):
+                if (root / name).is_file():
+                    yield root / name, self._scan_root / name
 
     def _made(self) -> set[Path]:
         """Return the files that are cut or rewritten."""

@@ -221,6 +221,21 @@ def test_a_sequence_of_tracking_has_its_files_alone(recordings, tmp_path):
     assert made.keys() == {name for name in files(root) if '0011' in name}
 
 
+def test_sequences_of_tracking_with_cut_scans_beside(recordings, tmp_path):
+    root = tmp_path / 'tracking'
+    shutil.copytree(recordings[Layout.TRACKING], root)
+    shutil.copytree(root / 'training/velodyne/0000', root / 'training/velodyne/0001')
+    cut(root, tmp_path / 'out', box=AHEAD, folder='velodyne_ahead')
+    cut(root, tmp_path / 'other', box=AHEAD)
+    made, other = files(tmp_path / 'out/training'), files(tmp_path / 'other/training/velodyne')
+    assert {f'velodyne_ahead/{name}': data for name, data in other.items()} == {
+        name: data for name, data in made.items() if name.startswith('velodyne_ahead')
+    }
+    assert {name for name in made if 'velodyne_ahead' not in name} == files(
+        root / 'training'
+    ).keys()
+
+
 def test_a_split_of_another_name_stays_readable(recordings, tmp_path):
     shutil.copytree(recordings[Layout.OBJECT] / 'training', tmp_path / 'mine')
     cut(tmp_path / 'mine', tmp_path / 'out', box=AHEAD)
