@@ -95,10 +95,7 @@ def crop(
 
 
 def crop_sets(
-    src: Path,
-    out: Path,
-    options: CropOptions,
-    progress: Progress | None = None,
+    src: Path, out: Path, options: CropOptions, progress: Progress | None = None
 ) -> CropReport:
     """Cut the scans of all recordings at a path, or of the chosen one.
 
@@ -106,24 +103,15 @@ def crop_sets(
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
     """
     recordings = open_folders(src, options.read)
-    refuse_inside(src, out)
-    if lies_inside(src, out):
-        raise UsageError(f'{out}: contains the source {src}; give a path outside of it')
+    _check_places(src, out)
     _refuse_tracklets(recordings, options)
     placer = FilePlacer(copy=options.copy)
     jobs = [RecordingCrop(recording, options, placer) for recording in recordings]
-    total = sum(map(len, jobs))
-    if not total:
+    if not any(map(len, jobs)):
         raise MissingDataError(f'{src}: no scans; crop cuts the .bin files of a KITTI folder')
     refusal = keep_all_but_data_sets(len(jobs)) if options.overwrite else None
-    done = 0
     with staged(out, refusal) as root:
-        taken: set[PurePosixPath] = set()
-        for job in jobs:
-            for _ in job.run(root, taken):
-                done += 1
-                if progress is not None:
-                    progress(done, total)
+        _run(jobs, root, progress)
         losses = tuple(loss for job in jobs for loss in job.losses)
         results = tuple(job.result for job in jobs)
         if not any(each.scans for each in results):
@@ -135,6 +123,23 @@ def crop_sets(
     if not options.cuts:
         notes.append('no filter is given, so all scans are unchanged')
     return CropReport(out, recordings[0].layout.value, results, losses, tuple(notes))
+
+
+def _run(jobs: list[RecordingCrop], root: Path, progress: Progress | None) -> None:
+    total, done = sum(map(len, jobs)), 0
+    taken: set[PurePosixPath] = set()
+    for job in jobs:
+        for _ in job.run(root, taken):
+            done += 1
+            if progress is not None:
+                progress(done, total)
+
+
+def _check_places(src: Path, out: Path) -> None:
+    """Refuse an output inside the source, or around it: --overwrite would remove the source."""
+    refuse_inside(src, out)
+    if lies_inside(src, out):
+        raise UsageError(f'{out}: contains the source {src}; give a path outside of it')
 
 
 def _refuse_tracklets(recordings: list[KittiRecording], options: CropOptions) -> None:

@@ -109,7 +109,6 @@ class RecordingCrop:
             if place not in taken:
                 self._place(source, root / place)
         taken |= self._paths.single_files
-        (root / self._paths.scan_folder).mkdir(parents=True, exist_ok=True)
         cropper = ScanCropper(self._recording, self._options, self._paths, self._placer, root)
         rows: dict[int, Sequence[int]] = {}
         for cut in ordered_map(cropper.crop, self._paths.numbers, worker_count()):

@@ -208,6 +208,16 @@ def test_both_splits_are_cut_and_lists_are_kept(recordings, tmp_path):
     assert files(tmp_path / 'one' / 'ImageSets') == files(root / 'ImageSets')
 
 
+def test_a_split_without_scans_is_linked_and_noted(recordings, tmp_path):
+    root = tmp_path / 'object'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    shutil.copytree(root / 'training/image_2', root / 'testing/image_2')
+    report = cut(root, tmp_path / 'out', box=AHEAD)
+    assert files(tmp_path / 'out').keys() == files(root).keys()
+    assert not (tmp_path / 'out/testing/velodyne').exists()
+    assert f'{root}/testing/velodyne: no scans; the other files are unchanged' in report.notes
+
+
 def test_a_sequence_of_tracking_has_its_files_alone(recordings, tmp_path):
     root = tmp_path / 'tracking'
     shutil.copytree(recordings[Layout.TRACKING], root)
@@ -585,9 +595,10 @@ def test_scans_that_lasers_cannot_be_counted_in_are_left_out(copied, layout, tmp
     assert report.recordings[0].scans == 4
 
 
+@pytest.mark.parametrize(
+    'layout', [each for each in Layout if not each.traits.calibration_per_frame], indirect=True
+)
 def test_what_every_scan_lacks_is_said_once(copied, layout, tmp_path):
-    if layout is Layout.OBJECT:
-        pytest.skip('each frame has its own calibration')
     root = root_of(copied, layout)
     for path in [*root.rglob('calib*.txt'), *root.rglob('calib/*.txt')]:
         path.unlink()
