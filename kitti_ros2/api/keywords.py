@@ -73,6 +73,25 @@ class ToKittiKeywords(TypedDict, total=False):
     end: int | str | None
 
 
+class CropKeywords(TypedDict, total=False):
+    """Options of crop."""
+
+    view: str | None
+    camera: int | None
+    image_size: str | Sequence[int] | None
+    box: str | Sequence[float] | Sequence[Sequence[float]]
+    range: str | Sequence[float | None] | None
+    height: str | Sequence[float | None] | None
+    lasers: int | None
+    voxel: float | None
+    folder: str | None
+    empty_labels: str
+    copy: bool
+    overwrite: bool
+    layout: str | None
+    sequence: str | None
+
+
 class DrawKeywords(TypedDict, total=False):
     """Options of view that concern a picture."""
 

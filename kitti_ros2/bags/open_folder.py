@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..kitti.layouts import open_recording
+from ..kitti.layouts import open_recording, open_recordings
 from ..model.errors import NotKittiError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
@@ -23,8 +25,25 @@ def open_folder(path: Path, options: ReadOptions) -> KittiRecording:
         KittiRos2Error: There is no such path, or it is a bag, or it cannot be read.
         OSError: The same.
     """
-    try:
+    with _explained(path, options):
         return open_recording(path, options)
+
+
+def open_folders(path: Path, options: ReadOptions) -> list[KittiRecording]:
+    """Open all recordings of a KITTI folder, or the one that the options choose.
+
+    Raises:
+        KittiRos2Error, OSError: As open_folder.
+    """
+    with _explained(path, options):
+        return open_recordings(path, options)
+
+
+@contextmanager
+def _explained(path: Path, options: ReadOptions) -> Iterator[None]:
+    """Replace the error for a path without a recording by one that says what the path is."""
+    try:
+        yield
     except NotKittiError as error:
         from .mistaken import explain_no_folder  # noqa: PLC0415 - 40 ms
 

@@ -11,6 +11,7 @@ import typer
 
 from ..model.errors import UsageError
 from .commands.command import Command
+from .commands.crop import crop
 from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.info import info
@@ -111,6 +112,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'info': info,
     'view': view,
     'report': report,
+    'crop': crop,
     'demo': demo,
     'play': play,
 }

@@ -62,31 +62,56 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             and the layout has none.
     """
     options = options or ReadOptions()
-    folder = absolute(path)
-    if options.layout is None:
-        layout, candidates = _guess(path)
-    else:
-        layout = options.layout
-        candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
+    layout, candidates = _find(path, options.layout)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    if not candidates:
-        raise _not_of_layout(path, layout)
     chosen = _choose(path, layout, candidates, options.sequence)
     recording = chosen.open(options)
     if not recording.streams:
-        reasons = [loss.message for loss in recording.losses]
-        found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])
-        raise NotKittiError(path, found, [layout.value])
+        raise _no_data(path, chosen.name, recording)
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
-            f'{folder}: {", ".join(others)} left out; --sequence {others[0]} takes it'
+            f'{absolute(path)}: {", ".join(others)} left out; --sequence {others[0]} takes it'
         )
     return recording
+
+
+def open_recordings(path: Path, options: ReadOptions | None = None) -> list[KittiRecording]:
+    """Open all recordings at a path, or the one that the options choose.
+
+    Raises:
+        NotKittiError, AmbiguousLayoutError, UsageError: As open_recording.
+    """
+    options = options or ReadOptions()
+    if options.sequence is not None:
+        return [open_recording(path, options)]
+    _, candidates = _find(path, options.layout)
+    opened = [candidate.open(options) for candidate in candidates]
+    if not any(recording.streams for recording in opened):
+        raise _no_data(path, candidates[0].name, opened[0])
+    return opened
+
+
+def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
+    """Return the recordings at a path, one at least, of the requested or the detected layout."""
+    if layout is None:
+        return _guess(path)
+    folder = absolute(path)
+    candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
+    if not candidates:
+        raise _not_of_layout(path, layout)
+    return layout, candidates
+
+
+def _no_data(path: Path, name: str, recording: KittiRecording) -> NotKittiError:
+    """Return the error for a recording without any stream."""
+    reasons = [loss.message for loss in recording.losses]
+    found = '; '.join([f'no data file of {name} can be used', *reasons[:1]])
+    return NotKittiError(path, found, [recording.layout.value])
 
 
 def _find_all(path: Path) -> dict[Layout, list[Candidate]]:

@@ -39,6 +39,7 @@ class TrackingRecording(KittiRecording):
 
     def __init__(self, split: Path, sequence: str, options: ReadOptions) -> None:
         super().__init__(split.parent, sequence, options)
+        self.split = split
         file = f'{sequence}{names.TXT}'
         self._calib_path = split / names.CALIB / file
         self._oxts_path = split / names.OXTS / file

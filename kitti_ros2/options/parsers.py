@@ -7,6 +7,7 @@ Each function takes the option's name and the value, and raises UsageError if it
 
 from __future__ import annotations
 
+import math
 import re
 from enum import Enum
 from pathlib import Path
@@ -23,6 +24,7 @@ E = TypeVar('E', bound=Enum)
 
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
+_IMAGE_SIZE = re.compile(r'(\d{1,5})[xX,](\d{1,5})', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
 
@@ -153,3 +155,48 @@ def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
             f" such as '-10,60,-25,25', not {value!r}"
         ) from None
     return back, front, right, left
+
+
+def parse_boxes(name: str, value: object) -> tuple[tuple[float, ...], ...]:
+    """Parse boxes, six numbers in metres each: xmin ymin zmin xmax ymax zmax, and the next box."""
+    try:
+        numbers = [float(str(word)) for word in _flat(value)]
+    except ValueError:
+        numbers = []
+    if len(numbers) % 6 or (value and not numbers):
+        given = ' '.join(map(str, _flat(value)))
+        raise UsageError(
+            f'{name} takes six numbers in metres for each box, xmin ymin zmin xmax ymax zmax,'
+            f' such as 0 -40 -3 70.4 40 1, not {given!r}'
+        )
+    return tuple(tuple(numbers[place : place + 6]) for place in range(0, len(numbers), 6))
+
+
+def _flat(value: object) -> list[object]:
+    """Return the items of nested lists; texts are split at blanks and commas."""
+    if isinstance(value, str):
+        return [*value.replace(',', ' ').split()]
+    if isinstance(value, (list, tuple)):
+        return [item for each in value for item in _flat(each)]
+    return [value]
+
+
+def parse_span(name: str, value: object) -> tuple[float, float]:
+    """Parse the lowest and the highest value, MIN:MAX; an end that is left out is infinite."""
+    try:
+        words = value if isinstance(value, (list, tuple)) else str(value).split(':')
+        low, high = (None if word in (None, '') else float(word) for word in words)
+    except (ValueError, TypeError):
+        low, high = None, None
+    if low is None and high is None:
+        raise UsageError(f'{name} takes MIN:MAX in metres, such as 0.5:80 or :80, not {value!r}')
+    return -math.inf if low is None else low, math.inf if high is None else high
+
+
+def parse_image_size(name: str, value: object) -> tuple[int, int]:
+    """Parse the width and the height of images in pixels, such as 1242x375."""
+    text = 'x'.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    match = _IMAGE_SIZE.fullmatch(text)
+    if match is None or not (int(match[1]) and int(match[2])):
+        raise UsageError(f'{name} takes WIDTHxHEIGHT in pixels, such as 1242x375, not {value!r}')
+    return int(match[1]), int(match[2])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
+from .crop import CropOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
@@ -180,6 +181,10 @@ PLAY = tuple(
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
+CROP = (
+    *options_of(CropOptions),
+    *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
+)
 VIEW = (
     *options_of(ViewSettings),
     *options_of(PictureOptions),
@@ -232,6 +237,17 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     parsed = parse_values(values, TO_KITTI)
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
+
+
+def make_crop_options(values: Mapping[str, object]) -> CropOptions:
+    """Make the options of crop from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, CROP)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return CropOptions(**values_for(CropOptions, parsed), read=read)
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

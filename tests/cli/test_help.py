@@ -27,6 +27,7 @@ COMMANDS = {
     'info': 'SRC',
     'view': 'SRC',
     'report': 'SRC',
+    'crop': 'SRC OUT',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -34,6 +35,7 @@ TABLES = {
     'to-bag': table.TO_BAG,
     'to-kitti': table.TO_KITTI,
     'view': table.VIEW,
+    'crop': table.CROP,
     'play': table.PLAY,
     'info': table.SOURCE,
     'report': table.SOURCE,

@@ -17,6 +17,7 @@ from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.table import (
+    CROP,
     PLAY,
     PLAY_OPTIONS,
     TO_BAG,
@@ -24,6 +25,7 @@ from kitti_ros2.options.table import (
     TO_KITTI,
     VIEW,
     Settings,
+    make_crop_options,
     make_import_options,
     make_play_settings,
     make_settings,
@@ -35,6 +37,7 @@ COMMANDS = {
     'to-bag': (make_settings, TO_BAG),
     'to-kitti': (make_import_options, TO_KITTI),
     'view': (make_view_settings, VIEW),
+    'crop': (make_crop_options, CROP),
     'play': (make_play_settings, PLAY),
 }
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]

@@ -15,10 +15,11 @@ from ...model.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+_NUMBER = re.compile(r'-\.?\d')
 _SPECIAL = re.compile(r'[^\w ,.:()/*-]')
 _EXAMPLES = '\n\nExamples:\n'
 _LISTS = (
-    'NAME... takes all words up to the next option or --. Give {arguments} before it, after --, or'
+    '{lists} takes all words up to the next option or --. Give {arguments} before it, after --, or'
     ' as its last words.'
 )
 OPEN_LIST = 'kitti_ros2.open_list'
@@ -76,10 +77,11 @@ class Command(TyperCommand):
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write the rule of options with several values, and the examples as they are."""
-        if self._lists(ctx):
+        lists = [each.metavar for each in self._lists(ctx).values()]
+        if lists:
             formatter.write_paragraph()
             names = ' and '.join(each.metavar for each in self._arguments)
-            formatter.write_text(_LISTS.format(arguments=names))
+            formatter.write_text(_LISTS.format(lists=lists[0], arguments=names))
         if self.examples:
             formatter.write_paragraph()
             formatter.write(f'Examples:\n{self.examples}\n')
@@ -143,7 +145,7 @@ class _GivenWords:
             if word == '--':
                 self._parts.append([word, *rest])
                 self._arguments += len(self._parts[-1]) - 1
-            elif word.startswith('-') and word != '-':
+            elif word.startswith('-') and word != '-' and not self._is_number(word):
                 self._parts.append([word])
                 if word in valued and word not in lists:
                     self._parts[-1] += islice(rest, 1)
@@ -152,6 +154,10 @@ class _GivenWords:
             else:
                 self._parts.append([word])
                 self._arguments += 1
+
+    def _is_number(self, word: str) -> bool:
+        """Whether a word is a negative number in a list."""
+        return self.open_list is not None and _NUMBER.match(word) is not None
 
     @property
     def open_list(self) -> Any:  # noqa: ANN401 - an option of typer's copy of click
