@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..kitti.layouts import open_recording
 from ..model.errors import NotKittiError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
@@ -23,8 +25,19 @@ def open_folder(path: Path, options: ReadOptions) -> KittiRecording:
         KittiRos2Error: There is no such path, or it is a bag, or it cannot be read.
         OSError: The same.
     """
-    try:
+    with explained(path, options):
         return open_recording(path, options)
+
+
+@contextmanager
+def explained(path: Path, options: ReadOptions) -> Iterator[None]:
+    """Explain what a path is that holds no KITTI recording, such as a bag.
+
+    Raises:
+        NotKittiError: It holds none.
+    """
+    try:
+        yield
     except NotKittiError as error:
         from .mistaken import explain_no_folder  # noqa: PLC0415 - 40 ms
 

@@ -10,11 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from .set_statistics import SetStatistics, statistics
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    'SetStatistics': 'datasets.set_statistics',
+    'statistics': 'datasets.set_statistics',
+}
 
-__all__: list[str] = []
+__all__: list[str] = ['SetStatistics', 'statistics']
 
 
 def __getattr__(name: str) -> object:

@@ -23,7 +23,7 @@ from ..options.read import ReadOptions
 from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
-from .nearby import explain
+from .nearby import DataSet, data_sets_below, explain
 
 if TYPE_CHECKING:
     from ..model.layouts import Layout
@@ -63,31 +63,67 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             and the layout has none.
     """
     options = options or ReadOptions()
-    folder = absolute(path)
-    if options.layout is None:
-        layout, candidates = _guess(path)
-    else:
-        layout = options.layout
-        candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
+    layout, candidates = _candidates(path, options)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
-    if not candidates:
-        raise _not_of_layout(path, layout)
     chosen = _choose(path, layout, candidates, options.sequence)
-    recording = chosen.open(options)
-    if not recording.streams:
-        reasons = [loss.message for loss in recording.losses]
-        found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])
-        raise NotKittiError(path, found, [layout.value])
+    recording = open_candidate(path, layout, chosen, options)
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
-            f'{folder}: {", ".join(others)} left out; --sequence {others[0]} takes it'
+            f'{absolute(path)}: {", ".join(others)} left out; --sequence {others[0]} takes it'
         )
     return recording
+
+
+def open_candidate(
+    path: Path, layout: Layout, candidate: Candidate, options: ReadOptions
+) -> KittiRecording:
+    """Open a recording that was found at a path.
+
+    Raises:
+        NotKittiError: Not one of its files can be used.
+    """
+    recording = candidate.open(options)
+    if not recording.streams:
+        reasons = [loss.message for loss in recording.losses]
+        found = '; '.join([f'no data file of {candidate.name} can be used', *reasons[:1]])
+        raise NotKittiError(path, found, [layout.value])
+    return recording
+
+
+def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
+    """Find the data sets at a path, else those in its sub-folders; options choose among them.
+
+    Raises:
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
+    """
+    if options.layout is None and options.sequence is None and not _find_all(path):
+        found, complete = data_sets_below(path) if path.is_dir() else ([], True)
+        if not complete:
+            raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
+        if found:
+            return found
+    layout, candidates = _candidates(path, options)
+    if options.sequence is not None:
+        candidates = [_choose(path, layout, candidates, options.sequence)]
+    return [DataSet(path, layout, candidates)]
+
+
+def _candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
+    """Return the recordings at a path, of the requested or the detected layout."""
+    if options.layout is None:
+        return _guess(path)
+    folder = absolute(path)
+    candidates = LAYOUTS[options.layout].find(folder) if folder.is_dir() else []
+    if not candidates:
+        raise _not_of_layout(path, options.layout)
+    return options.layout, candidates
 
 
 def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
