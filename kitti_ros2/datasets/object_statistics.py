@@ -34,6 +34,10 @@ TRUNCATIONS = ('none', *(f'to {cut:.2f}' for cut in _CUTS[1:]), f'over {_CUTS[-1
 """Truncation, by the limits of the levels of difficulty."""
 
 
+def _zeros(names: Iterable[str]) -> Counter[str]:
+    return Counter(dict.fromkeys(names, 0))
+
+
 @dataclass
 class ObjectStatistics:
     """The objects of one class; of DontCare regions only count, frames and most.
@@ -56,9 +60,9 @@ class ObjectStatistics:
     count: int = 0
     frames: int = 0
     most: int = 0
-    difficulty: Counter[str] = field(default_factory=Counter)
-    occlusion: Counter[str] = field(default_factory=Counter)
-    truncation: Counter[str] = field(default_factory=Counter)
+    difficulty: Counter[str] = field(default_factory=lambda: _zeros(DIFFICULTIES))
+    occlusion: Counter[str] = field(default_factory=lambda: _zeros(OCCLUSIONS))
+    truncation: Counter[str] = field(default_factory=lambda: _zeros(TRUNCATIONS))
     distance_m: Distribution = field(default_factory=partial(Distribution, DISTANCES_M))
     length_m: Distribution = field(default_factory=partial(Distribution, SIZES_M))
     width_m: Distribution = field(default_factory=partial(Distribution, SIZES_M))

@@ -37,6 +37,7 @@ class RecordingStatistics:
         kind: Layout, or bag.
         frames: Number of frames.
         labelled: Number of frames with labels, also of no object.
+        objects: Number of objects of all classes, without DontCare.
         samples: Number of samples by stream: scan, image_2, oxts, pose, ...
         classes: The objects by class, the most frequent first.
         objects_a_frame: Number of objects in a labelled frame, without DontCare.
@@ -51,6 +52,7 @@ class RecordingStatistics:
     kind: str
     frames: int = 0
     labelled: int = 0
+    objects: int = 0
     samples: Counter[str] = field(default_factory=Counter)
     classes: dict[str, ObjectStatistics] = field(default_factory=dict)
     objects_a_frame: Distribution = field(default_factory=partial(Distribution, OBJECTS))
@@ -59,11 +61,6 @@ class RecordingStatistics:
     route: RouteStatistics | None = None
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
-
-    @property
-    def objects(self) -> int:
-        """Number of objects of all classes, without DontCare."""
-        return sum(each.count for kind, each in self.classes.items() if kind != DONT_CARE)
 
 
 def merged(parts: Sequence[RecordingStatistics]) -> RecordingStatistics:
@@ -83,15 +80,16 @@ def merged(parts: Sequence[RecordingStatistics]) -> RecordingStatistics:
             whole.route.merge(part.route)
         whole.losses += part.losses
         whole.notes += part.notes
-    _sort(whole)
+    _finish(whole)
     return whole
 
 
-def _sort(statistics: RecordingStatistics) -> None:
-    """Put classes in order, the most frequent first."""
+def _finish(statistics: RecordingStatistics) -> None:
+    """Put classes in order, the most frequent first, and add them up."""
     classes, points = statistics.classes.items(), statistics.point_classes.items()
     statistics.classes = dict(sorted(classes, key=lambda each: (-each[1].count, each[0])))
     statistics.point_classes = Counter(dict(sorted(points, key=lambda each: (-each[1], each[0]))))
+    statistics.objects = sum(each.count for kind, each in classes if kind != DONT_CARE)
 
 
 def count_recording(
@@ -135,7 +133,7 @@ def count_recording(
     found.classes, found.objects_a_frame = tally.classes, tally.a_frame
     found.route = route.statistics()
     found.losses = (*source.losses, *losses.losses())
-    _sort(found)
+    _finish(found)
     return found
 
 

@@ -180,6 +180,7 @@ def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptio
     def open_folder() -> FrameSource:
         return RecordingFrames(open_candidate(data_set.folder, layout, candidate, options))
 
-    within = data_set.folder.relative_to(path).as_posix() if data_set.folder != path else ''
-    name = '/'.join(part for part in (within, candidate.name) if part)
-    return SetSource(name, layout.value, semantic, open_folder)
+    parts = data_set.folder.relative_to(path).parts
+    if parts[-1:] != (candidate.name,):
+        parts = (*parts, candidate.name)
+    return SetSource('/'.join(parts), layout.value, semantic, open_folder)
