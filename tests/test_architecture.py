@@ -52,6 +52,7 @@ GUESTS = {
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
     'jinja2': {'report'},
+    'matplotlib': {'datasets'},
     'rerun': {'rerun_view'},
     'typer': {'cli'},
     'rich': {'cli'},

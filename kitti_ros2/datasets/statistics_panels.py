@@ -145,15 +145,19 @@ def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Dr
             places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]]
             if not even:
                 places = [*range(len(found.edges) + 1)]
-                axes.set_xticks(places[:-1], [f'{edge:g}' for edge in found.edges])
+                axes.set_xticks(places[:-1], [_short(edge) for edge in found.edges])
             shares = [100 * count / found.count for count in found.counts]
             axes.stairs(shares, places, color=_color(name), lw=1.4, label=name)
             axes.set_xlim(places[0], places[-1])
         axes.set_ylim(bottom=0)
         axes.set_ylabel('% of the class')
-        axes.legend(loc='upper right', handlelength=1.0, labelspacing=0.25)
+        axes.legend(loc='best', handlelength=1.0, labelspacing=0.25)
 
     return draw
+
+
+def _short(edge: float) -> str:
+    return f'{edge:g}' if edge < 1000 else f'{edge / 1000:g}k'
 
 
 def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw:
@@ -176,6 +180,7 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
             color=INK,
         )
         axes.set_xlim(places[0], places[-1])
+        axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_ylabel(f'% of {noun}')
 
     return draw

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..model.text import format_count
 from .statistics_panels import INK, PANELS
 
 if TYPE_CHECKING:
@@ -96,9 +97,9 @@ def _columns(panels: int) -> int:
 
 
 def _heading(title: str, total: RecordingStatistics) -> str:
-    parts = [title, f'{total.frames:,} frames']
+    parts = [title, format_count(total.frames, 'frame')]
     if total.objects:
-        parts.append(f'{total.objects:,} objects')
+        parts.append(format_count(total.objects, 'object'))
     if total.route is not None:
         parts.append(f'{total.route.length_m:,.0f} m')
     return ', '.join(parts)
@@ -130,7 +131,7 @@ def _draw_panel(
         axes.set_axis_off()
         return
     panel.draw(axes, total, _order(totals))
-    axes.set_title(panel.title, loc='left', pad=18 if panel.by_class and axes.get_legend() else 6)
+    axes.set_title(panel.title, loc='left', pad=16)
     axes.set_xlabel(panel.label)
     if panel.by_class:
         axes.grid(visible=False, axis='y')
