@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ..datasets.set_statistics import count_set
-from ..datasets.statistics_rows import Row, plain_values, write_csv
+from ..datasets.statistics_rows import StatisticsRow, plain_values, write_csv
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, refuse_inside, staged_file
 from ..model.errors import UsageError
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _PICTURES = ('.png', '.pdf', '.svg')
 _KEEP_ALL_BUT_PICTURES = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
-_KEEP_ALL_BUT_TABLES = keep_all_but_files('table of statistics', (','.join(Row._fields).encode(),))
+_KEEP_ALL_BUT_TABLES = keep_all_but_files('table of statistics', (','.join(StatisticsRow._fields).encode(),))
 
 
 def run_stats(

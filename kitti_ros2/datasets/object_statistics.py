@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import TYPE_CHECKING
@@ -124,19 +124,19 @@ class ObjectTally:
     """
 
     def __init__(self) -> None:
-        self.classes: dict[str, ObjectStatistics] = {}
+        self.classes: dict[str, ObjectStatistics] = defaultdict(ObjectStatistics)
         self.a_frame = Distribution(OBJECTS)
         self._tracks: Counter[tuple[str, int]] = Counter()
 
     def add(self, labels: Iterable[Box | Cuboid]) -> None:
         """Add the labels of a frame, possibly none."""
-        by_kind: dict[str, list[Box | Cuboid]] = {}
+        by_kind: dict[str, list[Box | Cuboid]] = defaultdict(list)
         for label in labels:
-            by_kind.setdefault(label.kind, []).append(label)
+            by_kind[label.kind].append(label)
             if label.track_id is not None and label.track_id >= 0:
                 self._tracks[label.kind, label.track_id] += 1
         for kind, found in by_kind.items():
-            self.classes.setdefault(kind, ObjectStatistics()).add_frame(found)
+            self.classes[kind].add_frame(found)
         self.a_frame.add(sum(len(found) for kind, found in by_kind.items() if kind != DONT_CARE))
 
     def add_points(self, kind: str, count: int) -> None:

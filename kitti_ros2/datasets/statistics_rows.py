@@ -21,7 +21,7 @@ _NAMED = ('samples', 'classes', 'point_classes')
 """Fields of a recording that are tables by name; the others are single values."""
 
 
-class Row(NamedTuple):
+class StatisticsRow(NamedTuple):
     """One figure of a set; the fields are the columns of the CSV file.
 
     Attributes:
@@ -71,12 +71,12 @@ def _plain_distribution(found: Distribution) -> dict[str, Any] | None:
     return {name: getattr(found, name) for name in moments} | {'bins': bins}
 
 
-def rows_of(found: SetStatistics) -> Iterator[Row]:
+def rows_of(found: SetStatistics) -> Iterator[StatisticsRow]:
     """Yield the rows of a set: all recordings together, then each of several."""
     parts = [found.total, *(found.recordings if len(found.recordings) > 1 else ())]
     for part in parts:
         for group, name, quantity, value in _figures(part):
-            yield Row(str(found.path), part.name, group, name, quantity, value)
+            yield StatisticsRow(str(found.path), part.name, group, name, quantity, value)
 
 
 def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]]:
@@ -105,6 +105,6 @@ def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN
 def write_csv(file: TextIO, sets: Iterable[SetStatistics]) -> None:
     """Write the rows of sets with a heading."""
     writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(Row._fields)
+    writer.writerow(StatisticsRow._fields)
     for each in sets:
         writer.writerows(rows_of(each))

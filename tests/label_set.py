@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitti_ros2.kitti.label_file import format_object_labels
+from kitti_ros2.kitti.label_file import format_object_box
 from kitti_ros2.model.boxes import DONT_CARE, Box
 
 if TYPE_CHECKING:
@@ -40,19 +40,21 @@ _SIZES_HWL = {
     'Misc': (1.91, 1.51, 3.58),
 }
 _FOCAL_PX = 721.5
+_DIFFERENT = 64
 
 
 def write_labels(split: Path, counts: Mapping[str, int], frames: int) -> Path:
     """Write the labels into label_2, spread over the frames, and return the split."""
     rng = np.random.default_rng(0)
-    boxes: list[list[Box]] = [[] for _ in range(frames)]
+    lines: list[list[str]] = [[] for _ in range(frames)]
     for kind, count in counts.items():
-        for frame in rng.integers(0, frames, count).tolist():
-            boxes[frame].append(make_box(kind, rng))
+        made = [format_object_box(make_box(kind, rng)) for _ in range(_DIFFERENT)]
+        for place, frame in enumerate(rng.integers(0, frames, count).tolist()):
+            lines[frame].append(made[place % _DIFFERENT])
     folder = split / 'label_2'
     folder.mkdir(parents=True)
-    for number, found in enumerate(boxes):
-        (folder / f'{number:06d}.txt').write_text(format_object_labels(found))
+    for number, found in enumerate(lines):
+        (folder / f'{number:06d}.txt').write_text(''.join(f'{line}\n' for line in found))
     return split
 
 
