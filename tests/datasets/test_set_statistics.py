@@ -13,7 +13,6 @@ from itertools import count
 import numpy as np
 import pytest
 from folder_and_bag import make_bag, make_holes
-from label_set import FRAMES, TRAINING, write_labels
 
 from kitti_ros2 import KittiRos2Error, KittiRos2Warning, datasets
 from kitti_ros2.api.keywords import StatisticsKeywords, keyword_of
@@ -47,15 +46,6 @@ def object_set(split, *frames):
     for number, text in frames:
         (split / 'label_2' / f'{number:06d}.txt').write_text(text)
     return split
-
-
-def test_the_training_set_has_its_known_numbers(tmp_path):
-    split = write_labels(tmp_path / 'training', TRAINING, FRAMES)
-    total = datasets.statistics(split).total
-    assert [(name, each.count) for name, each in total.classes.items()] == [*TRAINING.items()]
-    assert (total.frames, total.labelled) == (FRAMES, FRAMES)
-    assert total.objects == sum(TRAINING.values()) - TRAINING[DONT_CARE]
-    assert total.objects_a_frame.mean == pytest.approx(total.objects / FRAMES)
 
 
 def test_distributions_of_a_few_labels(tmp_path):
