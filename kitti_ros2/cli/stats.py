@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 _PICTURES = ('.png', '.pdf', '.svg')
 _KEEP_ALL_BUT_PICTURES = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
-_KEEP_ALL_BUT_TABLES = keep_all_but_files('table of statistics', (','.join(StatisticsRow._fields).encode(),))
+_KEEP_ALL_BUT_TABLES = keep_all_but_files(
+    'table of statistics', (','.join(StatisticsRow._fields).encode(),)
+)
 
 
 def run_stats(

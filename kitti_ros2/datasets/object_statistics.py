@@ -128,8 +128,10 @@ class ObjectTally:
         self.a_frame = Distribution(OBJECTS)
         self._tracks: Counter[tuple[str, int]] = Counter()
 
-    def add(self, labels: Iterable[Box | Cuboid]) -> None:
-        """Add the labels of a frame, possibly none."""
+    def add(
+        self, labels: Iterable[Box | Cuboid], box_points: Iterable[tuple[str, int]] = ()
+    ) -> None:
+        """Add the labels of a frame, possibly none, and the points inside of each 3D box."""
         by_kind: dict[str, list[Box | Cuboid]] = defaultdict(list)
         for label in labels:
             by_kind[label.kind].append(label)
@@ -138,10 +140,8 @@ class ObjectTally:
         for kind, found in by_kind.items():
             self.classes[kind].add_frame(found)
         self.a_frame.add(sum(len(found) for kind, found in by_kind.items() if kind != DONT_CARE))
-
-    def add_points(self, kind: str, count: int) -> None:
-        """Add the number of points inside one of the boxes."""
-        self.classes[kind].points.add(count)
+        for kind, count in box_points:
+            self.classes[kind].points.add(count)
 
     def finish(self) -> None:
         """Add the tracks, after the last frame."""

@@ -120,9 +120,7 @@ def count_recording(
         losses.add(facts)
         if facts.labels is not None or facts.number in empty:
             found.labelled += 1
-            tally.add(facts.labels or ())
-        for box_kind, count in facts.box_points:
-            tally.add_points(box_kind, count)
+            tally.add(facts.labels or (), facts.box_points)
         if facts.scan_points is not None:
             found.points_a_scan.add(facts.scan_points)
         found.point_classes.update(facts.point_classes)

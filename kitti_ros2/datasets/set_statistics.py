@@ -16,7 +16,7 @@ from ..bags.locate import looks_like_bag
 from ..bags.open_folder import explained
 from ..kitti import names
 from ..kitti.layouts import find_data_sets, open_candidate
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import KittiRos2Error, NotKittiError, describe_error
 from ..model.losses import Loss
 from ..model.streams import Stream
 from ..options.table import STATS, make_statistics_options
@@ -84,8 +84,8 @@ def statistics(
         >>> found = datasets.statistics('2011_09_26/2011_09_26_drive_0005_sync')
         >>> found.total.frames, found.total.route.length_m
         (..., ...)
-        >>> {name: each.count for name, each in found.total.classes.items()}
-        {'Car': ...}
+        >>> [(name, each.count) for name, each in found.total.classes.items()]
+        [...]
     """
     read, chosen = make_statistics_options(by_name(options, STATS))
     found = count_set(Path(path), read, chosen, progress or (lambda _done, _total: None))
@@ -155,20 +155,31 @@ class SetSource(NamedTuple):
 
 
 def find_sources(path: Path, read: ReadOptions) -> list[SetSource]:
-    """Find the recordings at a path, or in the data sets below it.
+    """Find the recordings at a path: in the data sets in it or below it, or the bags in it.
 
     Raises:
         KittiRos2Error: There is none.
     """
     if read.layout is None and looks_like_bag(path):
-        return [SetSource(path.name, 'bag', semantic=False, open=partial(open_frames, path, read))]
-    with explained(path, read):
-        data_sets = find_data_sets(path, read)
+        return [_bag(path, read)]
+    try:
+        with explained(path, read):
+            data_sets = find_data_sets(path, read)
+    except NotKittiError:
+        inside = sorted(path.iterdir()) if path.is_dir() and read.layout is None else []
+        bags = [each for each in inside if each.is_dir() and looks_like_bag(each)]
+        if not bags:
+            raise
+        return [_bag(bag, read) for bag in bags]
     return [
         _source(path, data_set, candidate, read)
         for data_set in data_sets
         for candidate in data_set.recordings
     ]
+
+
+def _bag(path: Path, read: ReadOptions) -> SetSource:
+    return SetSource(path.name, 'bag', semantic=False, open=partial(open_frames, path, read))
 
 
 def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptions) -> SetSource:

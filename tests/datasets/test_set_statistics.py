@@ -224,6 +224,19 @@ def test_all_recordings_below_a_folder(recordings, tmp_path):
     assert found.total.route.length_m == pytest.approx(length)
 
 
+def test_all_bags_in_a_folder(recordings, tmp_path):
+    for name in ('first', 'second'):
+        bag = make_bag(recordings[Layout.OBJECT], tmp_path / 'made', 'sqlite3')
+        bag.rename(tmp_path / name)
+    (tmp_path / 'made').rmdir()
+    (tmp_path / 'notes.txt').write_text('')
+    found = datasets.statistics(tmp_path)
+    assert [(part.name, part.kind) for part in found.recordings] == [
+        ('first', 'bag'), ('second', 'bag')
+    ]  # fmt: skip
+    assert found.total.frames == 10
+
+
 def test_one_recording_of_many_is_chosen(recordings, tmp_path):
     for name in ('0001', '0002'):
         source = recordings[Layout.RAW]
