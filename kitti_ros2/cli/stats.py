@@ -69,8 +69,8 @@ def run_stats(
     with step_progress('counting', show=not quiet) as progress:
         sets = [count_set(path, read, options, progress) for path in paths]
     if table is not None:
-        with staged_file(table, write_table) as path, path.open('w', encoding='utf-8') as file:
-            write_csv(file, sets)
+        with staged_file(table, write_table) as path:
+            write_csv(path, sets)
     if out is not None:
         from ..datasets.statistics_plot import draw_statistics
 

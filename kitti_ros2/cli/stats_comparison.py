@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..datasets.object_statistics import DIFFICULTIES
+from ..datasets.recording_statistics import merged
 from ..model.boxes import DONT_CARE, OCCLUSIONS
 from .stats_tables import number, spread
 from .tables import cell, plain_table
@@ -82,11 +83,7 @@ def _sections(totals: Sequence[RecordingStatistics]) -> Iterator[Section]:
         'samples',
         [(name, [f'{each.samples[name] or ""}' for each in totals]) for name in streams],
     )
-    counts: dict[str, int] = {}
-    for each in totals:
-        for name, objects in each.classes.items():
-            counts[name] = counts.get(name, 0) + objects.count
-    names = sorted(counts, key=lambda name: (-counts[name], name))
+    names = [*merged(totals).classes]
     yield _class_section('objects', names, totals, lambda each: f'{each.count}')
     names = [name for name in names if name != DONT_CARE]
     for title, figure in _CLASS_FIGURES:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..datasets.object_statistics import DIFFICULTIES, TRUNCATIONS
 from ..model.boxes import DONT_CARE, OCCLUSIONS
+from ..model.text import one_line
 from .tables import cell, plain_table
 from .text import format_count
 
@@ -39,7 +40,7 @@ def describe(found: SetStatistics) -> str:
     if total.labelled:
         a_frame = f'{total.objects_a_frame.mean:.1f} a frame'
         parts.append(f'{format_count(total.objects, "object")} in {total.labelled:,} ({a_frame})')
-    return f'{found.path}  {", ".join(parts)}'
+    return one_line(f'{found.path}  {", ".join(parts)}')
 
 
 def describe_sensors(total: RecordingStatistics) -> str:

@@ -31,7 +31,8 @@ _PLAIN = '#5b7c99'
 _GREY = '#9a9a9a'
 _STRENGTHS = (1.0, 0.62, 0.34, 0.14, 0.06)
 _MOST_LINES = 5
-_MOST_POINT_CLASSES = 20
+_ROWS_POINTS = 130
+"""Height of the rows of a panel, in points of 1/72 inch."""
 _ABOVE: dict[str, Any] = {
     'loc': 'lower left',
     'bbox_to_anchor': (-0.02, 0.985),
@@ -53,7 +54,8 @@ class Panel:
         has: Whether a set has data for it.
         draw: Draws it.
         label: Label of the horizontal axis.
-        by_class: Whether its rows are the classes.
+        by_class: Whether its rows are classes.
+        common: Whether several sets have the same horizontal scale.
     """
 
     title: str
@@ -61,6 +63,7 @@ class Panel:
     draw: Draw
     label: str
     by_class: bool = False
+    common: bool = True
 
 
 def _color(kind: str, strength: float = 1.0) -> tuple[float, ...]:
@@ -68,13 +71,9 @@ def _color(kind: str, strength: float = 1.0) -> tuple[float, ...]:
     return tuple(1 - strength * (1 - value / 255) for value in rgb_of(kind))
 
 
-def _solid(total: RecordingStatistics, classes: Sequence[str]) -> dict[str, ObjectStatistics]:
-    """Return the classes of a set in the given order, without DontCare."""
-    return {name: total.classes[name] for name in classes if _is_solid(total, name)}
-
-
-def _is_solid(total: RecordingStatistics, name: str) -> bool:
-    return name in total.classes and name != DONT_CARE
+def _solid(total: RecordingStatistics, classes: Sequence[str]) -> list[str]:
+    """Return the classes that a set has, in the given order, without DontCare."""
+    return [name for name in classes if name in total.classes and name != DONT_CARE]
 
 
 def _route(total: RecordingStatistics) -> RouteStatistics:
@@ -87,7 +86,7 @@ def _any(get: Callable[[ObjectStatistics], int]) -> Callable[[RecordingStatistic
 
 def _rows(axes: Any, classes: Sequence[str]) -> None:  # noqa: ANN401 - axes of matplotlib
     """Name the rows of horizontal bars, the first at the top."""
-    axes.set_yticks(range(len(classes)), classes)
+    axes.set_yticks(range(len(classes)), classes, size=min(7.5, _ROWS_POINTS / (len(classes) + 1)))
     axes.set_ylim(len(classes) - 0.4, -0.6)
     axes.tick_params(axis='y', length=0)
 
@@ -122,7 +121,7 @@ def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Dr
         handles = [Patch(facecolor=INK, alpha=s) for _, s in zip(names, _STRENGTHS, strict=False)]
         axes.legend(
             handles,
-            [name.removesuffix(' occluded') for name in names],
+            [_short_name(name) for name in names],
             ncols=len(names),
             **_ABOVE,
         )
@@ -140,20 +139,28 @@ def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Dr
     """
 
     def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
-        shown = {name: get(each) for name, each in _solid(total, classes).items()}
-        for name, found in [item for item in shown.items() if item[1].count][:_MOST_LINES]:
+        known = [name for name in _solid(total, classes) if get(total.classes[name]).count]
+        for name in known[:_MOST_LINES]:
+            found = get(total.classes[name])
             places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]]
             if not even:
                 places = [*range(len(found.edges) + 1)]
-                axes.set_xticks(places[:-1], [_short(edge) for edge in found.edges])
+                axes.set_xticks(places[:-1], [_short(edge) for edge in found.edges], size=6.5)
             shares = [100 * count / found.count for count in found.counts]
             axes.stairs(shares, places, color=_color(name), lw=1.4, label=name)
             axes.set_xlim(places[0], places[-1])
         axes.set_ylim(bottom=0)
         axes.set_ylabel('% of the class')
-        axes.legend(loc='best', handlelength=1.0, labelspacing=0.25)
+        title = f'{_MOST_LINES} of {len(known)} classes' if len(known) > _MOST_LINES else None
+        axes.legend(
+            loc='best', handlelength=1.0, labelspacing=0.25, title=title, title_fontsize=6.5
+        )
 
     return draw
+
+
+def _short_name(name: str) -> str:
+    return name.removesuffix(' occluded').replace('to ', '≤').replace('over ', '>')
 
 
 def _short(edge: float) -> str:
@@ -170,12 +177,14 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
         shares = [100 * count / found.count for count in found.counts[:used]]
         axes.stairs(shares, places, fill=True, color=_PLAIN)
         axes.axvline(found.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
+        right = found.mean > (places[0] + places[-1]) / 2
         axes.annotate(
             f'mean {found.mean:.1f}',
             (found.mean, 1),
-            (3, -3),
+            (-3 if right else 3, -3),
             xycoords=('data', 'axes fraction'),
             textcoords='offset points',
+            ha='right' if right else 'left',
             va='top',
             color=INK,
         )
@@ -212,16 +221,22 @@ def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -
 
 
 def _draw_point_classes(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
-    found = [*total.point_classes.items()][:_MOST_POINT_CLASSES]
     every = sum(total.point_classes.values())
-    _rows(axes, [name for name, _ in found])
-    for row, (name, count) in enumerate(found):
+    _rows(axes, [*total.point_classes])
+    for row, (name, count) in enumerate(total.point_classes.items()):
         color = _SEMANTIC.get(name, OTHER_COLOR) or OTHER_COLOR
         axes.barh(row, 100 * count / every, 0.72, color=f'#{color:06x}')
 
 
 PANELS = (
-    Panel('Labels', lambda total: bool(total.classes), _draw_counts, 'labels', by_class=True),
+    Panel(
+        'Labels',
+        lambda total: bool(total.classes),
+        _draw_counts,
+        'labels',
+        by_class=True,
+        common=False,
+    ),
     Panel(
         'Difficulty',
         _any(lambda each: each.difficulty.total()),
@@ -244,7 +259,7 @@ PANELS = (
         by_class=True,
     ),
     Panel(
-        '3D boxes, mean ± standard deviation',
+        '3D boxes, mean ± deviation',
         _any(lambda each: each.length_m.count),
         _draw_sizes,
         'metres',

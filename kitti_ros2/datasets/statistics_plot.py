@@ -4,13 +4,16 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings, simplefilter
 
 from ..model.text import format_count
+from .recording_statistics import merged
 from .statistics_panels import INK, PANELS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from .recording_statistics import RecordingStatistics
@@ -21,6 +24,7 @@ _COLUMNS = (3, 4)
 """Of the panels of a single set: the number that leaves fewer places empty."""
 _PANEL_INCHES = (3.3, 2.5)
 _DPI = 200
+_TITLE: dict[str, Any] = {'size': 11, 'weight': 'bold'}
 _STYLE: dict[str, Any] = {
     'axes.axisbelow': True,
     'axes.edgecolor': INK,
@@ -38,6 +42,7 @@ _STYLE: dict[str, Any] = {
     'legend.fontsize': 7,
     'svg.hashsalt': 'kitti_ros2',
     'text.color': INK,
+    'text.parse_math': False,  # names of classes may hold any characters
     'xtick.color': INK,
     'ytick.color': INK,
 }
@@ -60,32 +65,19 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
 
     totals = [each.total for each in sets]
     panels = [panel for panel in PANELS if any(panel.has(total) for total in totals)]
-    several = len(sets) > 1
-    columns = len(sets) if several else _columns(len(panels))
-    rows = len(panels) if several else -(-len(panels) // columns)
+    columns = len(sets) if len(sets) > 1 else _columns(len(panels))
+    rows = max(len(panels) if len(sets) > 1 else -(-len(panels) // columns), 1)
     width, height = _PANEL_INCHES
-    with rc_context(_STYLE):
-        figure = Figure((width * columns, height * max(rows, 1) + 0.4), layout='constrained')
+    with rc_context(_STYLE), catch_warnings():
+        simplefilter('ignore')  # characters that the font does not have are drawn as boxes
+        figure = Figure((width * columns, height * rows + 0.4), layout='constrained')
         figure.get_layout_engine().set(w_pad=0.06, h_pad=0.08, hspace=0.02, wspace=0.02)
-        grid = figure.subplots(max(rows, 1), columns, squeeze=False)
-        if several:
-            for row, panel in enumerate(panels):
-                _draw_row(grid[row], panel, totals)
-            for axes, title in zip(grid[0], titles, strict=True):
-                axes.annotate(
-                    title,
-                    (0.5, 1.22),
-                    xycoords='axes fraction',
-                    ha='center',
-                    size=11,
-                    weight='bold',
-                )
+        grid = figure.subplots(rows, columns, squeeze=False)
+        if len(sets) > 1:
+            _draw_side_by_side(grid, panels, totals, titles)
         else:
-            figure.suptitle(_heading(titles[0], totals[0]), size=11, weight='bold')
-            for axes, panel in zip(grid.flat, panels, strict=False):
-                _draw_panel(axes, panel, totals[0], totals)
-            for axes in grid.flat[len(panels) :]:
-                axes.set_axis_off()
+            figure.suptitle(_heading(titles[0], totals[0]), **_TITLE)
+            _draw_panels(grid.flat, panels, totals * len(panels), totals)
         figure.savefig(path, dpi=_DPI, format=path.suffix[1:].lower())
 
 
@@ -105,42 +97,53 @@ def _heading(title: str, total: RecordingStatistics) -> str:
     return ', '.join(parts)
 
 
-def _draw_row(row: Sequence[Any], panel: Panel, totals: Sequence[RecordingStatistics]) -> None:
-    """Draw a panel of each set, with the same scales."""
-    for axes, total in zip(row, totals, strict=True):
-        _draw_panel(axes, panel, total, totals)
-    drawn = [axes for axes, total in zip(row, totals, strict=True) if panel.has(total)]
-    for limits in ('xlim', 'ylim'):
-        if limits == 'ylim' and panel.by_class:
-            continue
-        if limits == 'xlim' and panel.title == 'Labels':
-            continue
+def _draw_side_by_side(
+    grid: Any,  # noqa: ANN401 - rows of axes of matplotlib
+    panels: Sequence[Panel],
+    totals: Sequence[RecordingStatistics],
+    titles: Sequence[str],
+) -> None:
+    """Draw a row for each panel and a column for each set."""
+    for axes, title in zip(grid[0], titles, strict=True):
+        place = {'xycoords': 'axes fraction', 'textcoords': 'offset points', 'ha': 'center'}
+        axes.annotate(title, (0.5, 1), (0, 36), **place, **_TITLE)
+    for row, panel in itertools.zip_longest(grid, panels):
+        _draw_panels(row, [panel] * len(row) if panel else [], totals, totals)
+        if panel is not None:
+            drawn = [axes for axes, total in zip(row, totals, strict=True) if panel.has(total)]
+            _share_scales(drawn, panel)
+
+
+def _share_scales(drawn: Sequence[Any], panel: Panel) -> None:
+    """Give the panels of several sets the same scales."""
+    for limits in ['xlim'] * panel.common + ['ylim'] * (not panel.by_class):
         values = [getattr(axes, f'get_{limits}')() for axes in drawn]
         low, high = min(pair[0] for pair in values), max(pair[1] for pair in values)
         for axes in drawn:
             getattr(axes, f'set_{limits}')(low, high)
 
 
-def _draw_panel(
-    axes: Any,  # noqa: ANN401 - of matplotlib
-    panel: Panel,
-    total: RecordingStatistics,
+def _draw_panels(
+    places: Iterable[Any],
+    panels: Sequence[Panel],
+    shown: Sequence[RecordingStatistics],
     totals: Sequence[RecordingStatistics],
 ) -> None:
-    if not panel.has(total):
-        axes.set_axis_off()
-        return
-    panel.draw(axes, total, _order(totals))
-    axes.set_title(panel.title, loc='left', pad=16)
-    axes.set_xlabel(panel.label)
-    if panel.by_class:
-        axes.grid(visible=False, axis='y')
+    """Draw panels into axes, each of the statistics of a set, and hide axes without data.
 
-
-def _order(totals: Sequence[RecordingStatistics]) -> list[str]:
-    """Return all classes, the most frequent first."""
-    counts: dict[str, int] = {}
-    for total in totals:
-        for name, each in total.classes.items():
-            counts[name] = counts.get(name, 0) + each.count
-    return sorted(counts, key=lambda name: (-counts[name], name))
+    Args:
+        places: Axes; there may be more of them than panels.
+        panels: The panels.
+        shown: The statistics that each panel shows.
+        totals: Those of all sets, for the order of classes.
+    """
+    classes = [*merged(totals).classes]
+    for axes, panel, total in itertools.zip_longest(places, panels, shown):
+        if panel is None or not panel.has(total):
+            axes.set_axis_off()
+            continue
+        panel.draw(axes, total, classes)
+        axes.set_title(panel.title, loc='left', pad=16)
+        axes.set_xlabel(panel.label)
+        if panel.by_class:
+            axes.grid(visible=False, axis='y')

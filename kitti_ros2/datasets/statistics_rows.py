@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import csv
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..model.losses import Loss
 from .distribution import Distribution
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from pathlib import Path
 
     from .recording_statistics import RecordingStatistics
     from .set_statistics import SetStatistics
@@ -102,9 +103,14 @@ def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN
         yield ' '.join(names), value
 
 
-def write_csv(file: TextIO, sets: Iterable[SetStatistics]) -> None:
-    """Write the rows of sets with a heading."""
-    writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(StatisticsRow._fields)
-    for each in sets:
-        writer.writerows(rows_of(each))
+def write_csv(path: Path, sets: Iterable[SetStatistics]) -> None:
+    """Write the rows of sets with a heading; names that are no text are escaped.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with path.open('w', encoding='utf-8', errors='backslashreplace', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(StatisticsRow._fields)
+        for each in sets:
+            writer.writerows(rows_of(each))

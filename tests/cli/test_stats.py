@@ -220,7 +220,7 @@ def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monke
         'Difficulty',
         'Occlusion',
         'Truncation',
-        '3D boxes, mean ± standard deviation',
+        '3D boxes, mean ± deviation',
         'Distance',
         'Points in a 3D box',
         'Length of a track',
