@@ -7,7 +7,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from ..datasets.set_statistics import count_set
+from ..datasets.set_statistics import count_set, find_sources
 from ..datasets.statistics_rows import StatisticsRow, plain_values, write_csv
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, refuse_inside, staged_file
@@ -66,8 +66,12 @@ def run_stats(
     draw = _output(out, paths, _KEEP_ALL_BUT_PICTURES, overwrite=overwrite)
     if out is not None:
         _check_picture(out)
+    sources = [find_sources(path, read) for path in paths]
     with step_progress('counting', show=not quiet) as progress:
-        sets = [count_set(path, read, options, progress) for path in paths]
+        sets = [
+            count_set(path, found, options, progress)
+            for path, found in zip(paths, sources, strict=True)
+        ]
     if table is not None:
         with staged_file(table, write_table) as path:
             write_csv(path, sets)

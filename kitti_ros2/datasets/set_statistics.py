@@ -88,23 +88,23 @@ def statistics(
         [...]
     """
     read, chosen = make_statistics_options(by_name(options, STATS))
-    found = count_set(Path(path), read, chosen, progress or (lambda _done, _total: None))
+    show = progress or (lambda _done, _total: None)
+    found = count_set(Path(path), find_sources(Path(path), read), chosen, show)
     for loss in found.total.losses:
         warn(loss.text())
     return found
 
 
 def count_set(
-    path: Path, read: ReadOptions, options: StatisticsOptions, progress: Progress
+    path: Path, sources: Sequence[SetSource], options: StatisticsOptions, progress: Progress
 ) -> SetStatistics:
-    """Count what is in a data set, one recording after the other.
+    """Count what is in the recordings of a path, one after the other.
 
     A recording that cannot be opened is a loss, unless it is the only one.
 
     Raises:
-        KittiRos2Error: The path cannot be read.
+        KittiRos2Error: The only recording cannot be opened.
     """
-    sources = find_sources(path, read)
     frames = _FrameCount(progress)
     found = []
     for each in sources:

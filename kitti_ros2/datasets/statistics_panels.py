@@ -8,6 +8,7 @@ Axes are those of matplotlib.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from ..drawing.palette import rgb_of
@@ -228,6 +229,12 @@ def _draw_point_classes(axes: Any, total: RecordingStatistics, _: Sequence[str])
         axes.barh(row, 100 * count / every, 0.72, color=f'#{color:06x}')
 
 
+def _shares_panel(title: str, names: Sequence[str]) -> Panel:
+    get = attrgetter(title.lower())
+    known = _any(lambda each: get(each).total())
+    return Panel(title, known, _stacked(get, names), '% of the class', by_class=True)
+
+
 PANELS = (
     Panel(
         'Labels',
@@ -237,27 +244,9 @@ PANELS = (
         by_class=True,
         common=False,
     ),
-    Panel(
-        'Difficulty',
-        _any(lambda each: each.difficulty.total()),
-        _stacked(lambda each: each.difficulty, DIFFICULTIES),
-        '% of the class',
-        by_class=True,
-    ),
-    Panel(
-        'Occlusion',
-        _any(lambda each: each.occlusion.total()),
-        _stacked(lambda each: each.occlusion, OCCLUSIONS),
-        '% of the class',
-        by_class=True,
-    ),
-    Panel(
-        'Truncation',
-        _any(lambda each: each.truncation.total()),
-        _stacked(lambda each: each.truncation, TRUNCATIONS),
-        '% of the class',
-        by_class=True,
-    ),
+    _shares_panel('Difficulty', DIFFICULTIES),
+    _shares_panel('Occlusion', OCCLUSIONS),
+    _shares_panel('Truncation', TRUNCATIONS),
     Panel(
         '3D boxes, mean ± deviation',
         _any(lambda each: each.length_m.count),

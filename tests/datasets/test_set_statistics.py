@@ -10,11 +10,12 @@ import shutil
 import weakref
 from itertools import count
 
+import foreign
 import numpy as np
 import pytest
 from folder_and_bag import make_bag, make_holes
 
-from kitti_ros2 import KittiRos2Error, KittiRos2Warning, datasets
+from kitti_ros2 import KittiRos2Error, KittiRos2Warning, datasets, to_bag
 from kitti_ros2.api.keywords import StatisticsKeywords, keyword_of
 from kitti_ros2.datasets import recording_statistics
 from kitti_ros2.datasets.set_statistics import find_sources
@@ -135,6 +136,21 @@ def test_a_bag_is_its_folder(recordings, tmp_path, layout):
     assert packed.recordings[0].kind == 'bag'
 
 
+def test_a_bag_of_another_recorder(tmp_path):
+    """Every frame has the same car; the robot drives at 5 m/s and turns by 0.2 rad/s."""
+    truth = foreign.make_truth()
+    total = datasets.statistics(foreign.write_foreign(tmp_path / 'b.mcap', truth)).total
+    car = total.classes['Car']
+    places = [frame.cuboid.velo_T_box.translation for frame in truth]
+    assert (total.kind, total.frames, total.labelled) == ('bag', len(truth), len(truth))
+    assert (car.count, car.tracks.count, car.tracks.mean) == (len(truth), 1, len(truth))
+    assert car.distance_m.mean == pytest.approx(np.mean([np.hypot(x, y) for x, y, _ in places]))
+    assert car.length_m.mean == pytest.approx(4.1)
+    assert total.samples['scan'] == len(truth)
+    assert total.route.speed_m_s.mean == pytest.approx(5, abs=0.1)
+    assert total.route.turn_rate_deg_s.mean == pytest.approx(np.degrees(0.2), abs=0.1)
+
+
 def test_points_in_boxes_are_those_of_the_geometry(recordings):
     found = datasets.statistics(recordings[Layout.OBJECT], points=True)
     total = found.total
@@ -190,6 +206,9 @@ def test_point_classes_are_counted_where_labels_exist(recordings, tmp_path):
         labels.tofile(sequence / 'labels' / f'{scan.stem}.label')
     total = datasets.statistics(source).total
     assert total.point_classes == {'car': sum(sizes.values()) - 500, 'class 777': 500}
+    bag = tmp_path / 'bag.mcap'
+    to_bag(source, bag, semantic=True)
+    assert datasets.statistics(bag, points=True).total.point_classes == total.point_classes
     first, second, *_ = sorted((sequence / 'labels').iterdir())
     first.unlink()
     second.write_bytes(b'123')
