@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.objects import objects_of
 from ..drawing.semantic import SEMANTIC_NAMES
-from ..model.boxes import Box, count_points, has_cuboid, is_absurd
+from ..kitti.recording import no_calibration
+from ..model.boxes import count_points
 from ..model.errors import KittiRos2Error, describe_error
+from ..model.labels import cuboids_of
 from ..model.samples import FrameLabels, Pose, Scan
 from ..model.streams import Stream
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..model.boxes import Cuboid
+    from ..model.boxes import Box, Cuboid
     from ..model.samples import Sample
     from ..pictures.frame import FrameSource
 
@@ -85,17 +86,13 @@ def _count_in_boxes(
     source: FrameSource, labels: FrameLabels, scan: Scan, facts: FrameFacts
 ) -> None:
     """Count the points inside the 3D boxes of a frame."""
-    calibration = source.calibration(facts.number)
-    cuboids = [each.cuboid for each in objects_of(labels, calibration) if each.cuboid is not None]
+    calibration = source.calibration(facts.number) or no_calibration('')
+    try:
+        cuboids = cuboids_of(labels, calibration)
+    except ValueError as error:
+        reasons = source.frame(facts.number, frozenset()).missing.values()
+        reason = f'{next(iter(reasons), error)}; points in boxes are not counted'
+        facts.missing.append((Stream.CALIBRATION.value, reason))
+        return
     counts = count_points(cuboids, scan.points)
     facts.box_points = [(each.kind, count) for each, count in zip(cuboids, counts, strict=True)]
-    solid = [each for each in facts.labels or () if isinstance(each, Box) and _is_solid(each)]
-    if solid and not cuboids:
-        reasons = [] if calibration is None else [*calibration.missing.values()]
-        reason = reasons[0] if reasons else 'there is no calibration'
-        text = f'{reason}; points in boxes are not counted'
-        facts.missing.append((Stream.CALIBRATION.value, text))
-
-
-def _is_solid(box: Box) -> bool:
-    return has_cuboid(box) and not is_absurd(box)
