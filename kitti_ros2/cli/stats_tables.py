@@ -34,13 +34,14 @@ def describe(found: SetStatistics) -> str:
     """Describe a set in one line: layout, recordings, frames, objects."""
     total = found.total
     parts = [
-        f'{total.kind}: {format_count(len(found.recordings), "recording")}',
+        total.kind,
+        format_count(len(found.recordings), 'recording'),
         format_count(total.frames, 'frame'),
     ]
     if total.labelled:
         a_frame = f'{total.objects_a_frame.mean:.1f} a frame'
         parts.append(f'{format_count(total.objects, "object")} in {total.labelled:,} ({a_frame})')
-    return one_line(f'{found.path}  {", ".join(parts)}')
+    return one_line(f'{found.path}: {", ".join(parts)}')
 
 
 def describe_sensors(total: RecordingStatistics) -> str:

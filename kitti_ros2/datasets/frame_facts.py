@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What statistics take from one frame: its labels, its pose, and counts of points."""
+"""The facts of one frame that statistics use: labels, pose, and counts of points."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class FrameFacts:
         labels: Its labels; None without, or if unreadable.
         pose: Pose of the vehicle, if any.
         scan_points: Number of points of the scan, if it was read.
-        box_points: Class and number of points inside of each 3D box, if the scan was read.
+        box_points: Class and number of points inside each 3D box, if the scan was read.
         point_classes: Number of points by SemanticKITTI's name, of a scan with labels.
-        missing: Missing or unreadable data: stream to the reason, one line.
+        missing: Missing or unreadable data: stream and reason, one line.
     """
 
     number: int

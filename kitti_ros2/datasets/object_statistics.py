@@ -131,7 +131,7 @@ class ObjectTally:
     def add(
         self, labels: Iterable[Box | Cuboid], box_points: Iterable[tuple[str, int]] = ()
     ) -> None:
-        """Add the labels of a frame, possibly none, and the points inside of each 3D box."""
+        """Add the labels of a frame, possibly none, and the points inside each 3D box."""
         by_kind: dict[str, list[Box | Cuboid]] = defaultdict(list)
         for label in labels:
             by_kind[label.kind].append(label)

@@ -178,15 +178,13 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
         shares = [100 * count / found.count for count in found.counts[:used]]
         axes.stairs(shares, places, fill=True, color=_PLAIN)
         axes.axvline(found.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
-        right = found.mean > (places[0] + places[-1]) / 2
         axes.annotate(
             f'mean {found.mean:.1f}',
             (found.mean, 1),
-            (-3 if right else 3, -3),
+            (0, 2),
             xycoords=('data', 'axes fraction'),
             textcoords='offset points',
-            ha='right' if right else 'left',
-            va='top',
+            ha='center',
             color=INK,
         )
         axes.set_xlim(places[0], places[-1])

@@ -16,7 +16,7 @@ class StatisticsOptions:
     """Options of statistics.
 
     Attributes:
-        points: Whether scans are read, to count the points inside of 3D boxes.
+        points: Whether scans are read, to count the points inside 3D boxes.
     """
 
     group: ClassVar = 'Statistics'

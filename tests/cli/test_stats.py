@@ -47,7 +47,7 @@ def test_the_training_set_has_its_known_table(training, capsys):
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines()[1:])) <= 80
     assert text.startswith(
-        f'{training}  object: 1 recording, 7,481 frames, 40,570 objects in 7,481 (5.4 a frame)\n'
+        f'{training}: object, 1 recording, 7,481 frames, 40,570 objects in 7,481 (5.4 a frame)\n'
     )
     classes = table_in(text, 'class')
     assert [(name, int(cells[0])) for name, cells in classes.items()] == [*TRAINING.items()]
@@ -69,7 +69,7 @@ def test_a_folder_of_many_has_a_row_for_each_and_for_all(recordings, capsys):
     frames = [int(cells[0]) for cells in rows.values()]
     assert sum(frames[:-1]) == frames[-1] == 20
     assert [*rows][-1] == 'all'
-    assert 'object, odometry, raw, tracking: 4 recordings' in text.replace('\n', ' ')
+    assert f'{root}: object, odometry, raw, tracking, 4 recordings, 20 frames' in text
 
 
 def test_several_sets_are_columns(recordings, capsys):
@@ -205,13 +205,14 @@ def test_without_matplotlib_the_extra_is_named(recordings, tmp_path, capsys, mon
 @needs_matplotlib
 def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monkeypatch):
     titles = []
-    original = statistics_plot._draw_panel
+    original = statistics_plot._draw_panels
 
-    def draw(axes, panel, *rest):
-        original(axes, panel, *rest)
-        titles.append(axes.get_title('left'))
+    def draw(places, *rest):
+        drawn = [*places]
+        original(drawn, *rest)
+        titles.extend(axes.get_title('left') for axes in drawn if axes.axison)
 
-    monkeypatch.setattr(statistics_plot, '_draw_panel', draw)
+    monkeypatch.setattr(statistics_plot, '_draw_panels', draw)
     out = tmp_path / 'stats.png'
     words = ['stats', str(recordings[Layout.TRACKING]), '--points', '-o', str(out), '-q']
     assert main(words) == 0

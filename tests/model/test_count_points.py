@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points inside of 3D boxes."""
+"""Points inside 3D boxes."""
 
 from __future__ import annotations
 
