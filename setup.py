@@ -64,6 +64,8 @@ EXTRAS = {
     ],
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],
+    # The pictures of `stats -o`.
+    'plot': ['matplotlib>=3.8,<4'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
@@ -78,6 +80,7 @@ EXTRAS['test'] = [
     *EXTRAS['video'],
     *EXTRAS['foxglove'],
     'hypothesis>=6.100,<7',
+    *EXTRAS['plot'],
     'mcap-ros2-support>=0.5.5,<0.7',
     'mypy>=1.15,<3',
     'packaging>=23,<27',

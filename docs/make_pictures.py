@@ -5,8 +5,8 @@
 
     python docs/make_pictures.py docs
 
-The page of a frame, the street in motion, the report in a browser, and Rerun in a browser. What is
-not installed (Chromium, the extra rerun) is passed over with a word.
+The page of a frame, the street in motion, statistics, the report in a browser, and Rerun in a
+browser. What is not installed (Chromium, the extras plot and rerun) is passed over with a word.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -29,6 +30,7 @@ from chromium import Chromium, find_chromium
 
 FRAMES = 60
 FRAME = 12
+STATISTICS_FRAMES = 20
 WIDTH = 1280
 QUALITY = 85
 COMMAND = 'import sys; from kitti_ros2.cli import main; sys.exit(main())'
@@ -83,6 +85,18 @@ def street(drive: Path, folder: Path, path: Path) -> None:
     print(f'{path}: {path.stat().st_size // 1000} kB')
 
 
+def statistics(folder: Path) -> np.ndarray | None:
+    """The statistics of a tracking sequence; None where the extra is not installed."""
+    if find_spec('matplotlib') is None:
+        return None
+    options = SyntheticOptions(frames=STATISTICS_FRAMES)
+    sequence = write_synthetic(folder / 'tracking', Layout.TRACKING, options)
+    out = folder / 'stats.png'
+    if kitti_ros2(['stats', str(sequence), '--points', '-o', str(out), '-q']):
+        raise SystemExit('stats failed')
+    return cv2.imread(str(out))
+
+
 def report(drive: Path, folder: Path, program: str) -> np.ndarray:
     """The top of the report, in a browser."""
     out = folder / 'report.html'
@@ -125,6 +139,11 @@ def main() -> None:
         drive = write_synthetic(folder / 'kitti', Layout.RAW, SyntheticOptions(frames=FRAMES))
         save(panel(drive, folder), target / 'panel.jpg')
         street(drive, folder, target / 'street.webp')
+        figures = statistics(folder)
+        if figures is None:
+            print('the extra plot is not installed: stats.jpg is left as it is')
+        else:
+            save(figures, target / 'stats.jpg')
         program = find_chromium()
         if program is None:
             raise SystemExit('no Chromium: report.jpg and rerun.jpg are left as they are')

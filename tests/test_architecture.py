@@ -38,7 +38,7 @@ _IMPORTS = {
     'rerun_view': 'model drawing messages rig player',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',
-    'datasets': 'model files options drawing kitti messages bags api',
+    'datasets': 'model files options drawing kitti messages bags pictures api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
@@ -52,6 +52,7 @@ GUESTS = {
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
     'jinja2': {'report'},
+    'matplotlib': {'datasets'},
     'rerun': {'rerun_view'},
     'typer': {'cli'},
     'rich': {'cli'},
@@ -156,6 +157,7 @@ def test_rooms_are_a_strict_order() -> None:
     assert [room for room, allowed in ROOMS.items() if 'pictures' in allowed] == [
         'report',
         'api',
+        'datasets',
         'cli',
     ]
     assert 'messages' not in ROOMS['kitti']

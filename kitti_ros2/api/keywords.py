@@ -104,6 +104,14 @@ class DrawKeywords(TypedDict, total=False):
     classes: OneOrMore
 
 
+class StatisticsKeywords(TypedDict, total=False):
+    """Options of stats."""
+
+    points: bool
+    layout: str | None
+    sequence: str | None
+
+
 def keyword_of(option: Option) -> str:
     """Return the keyword of an option: its long flag with underscores."""
     long = [flag for flag in option.flags if flag.startswith('--')]

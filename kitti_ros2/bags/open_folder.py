@@ -25,7 +25,7 @@ def open_folder(path: Path, options: ReadOptions) -> KittiRecording:
         KittiRos2Error: There is no such path, or it is a bag, or it cannot be read.
         OSError: The same.
     """
-    with _explained(path, options):
+    with explained(path, options):
         return open_recording(path, options)
 
 
@@ -35,13 +35,17 @@ def open_folders(path: Path, options: ReadOptions) -> list[KittiRecording]:
     Raises:
         KittiRos2Error, OSError: As open_folder.
     """
-    with _explained(path, options):
+    with explained(path, options):
         return open_recordings(path, options)
 
 
 @contextmanager
-def _explained(path: Path, options: ReadOptions) -> Iterator[None]:
-    """Replace the error for a path without a recording by one that says what the path is."""
+def explained(path: Path, options: ReadOptions) -> Iterator[None]:
+    """Explain what a path is that holds no KITTI recording, such as a bag.
+
+    Raises:
+        NotKittiError: It holds none.
+    """
     try:
         yield
     except NotKittiError as error:

@@ -18,6 +18,7 @@ from .commands.info import info
 from .commands.play import play
 from .commands.recover import recover
 from .commands.report import report
+from .commands.stats import stats
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
 from .commands.view import view
@@ -113,6 +114,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'view': view,
     'report': report,
     'crop': crop,
+    'stats': stats,
     'demo': demo,
     'play': play,
 }

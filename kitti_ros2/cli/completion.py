@@ -89,7 +89,7 @@ def _topics(given: Mapping[str, Any]) -> Iterable[str]:
     """List the topics of SRC: those of a bag, or those that to-bag makes of a folder."""
     from ..bags.locate import locate_bag, looks_like_bag
 
-    path = Path(given['src']).expanduser()
+    path = _source(given)
     if not looks_like_bag(path):
         return _topics_of_folder(path, given)
     located = locate_bag(path)
@@ -101,6 +101,11 @@ def _topics(given: Mapping[str, Any]) -> Iterable[str]:
     with ExitStack() as stack:
         files = open_files(located, Findings(), stack)
         return [channel.topic for _, file in files for channel in file.channels.values()]
+
+
+def _source(given: Mapping[str, Any]) -> Path:
+    """Return SRC, or the first PATH of a command that takes several."""
+    return Path(given['src'] if 'src' in given else given['paths'][0]).expanduser()
 
 
 def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
@@ -123,7 +128,7 @@ def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
     from ..kitti.layout_files import LAYOUTS
     from ..kitti.layouts import guess_layout
 
-    path = Path(given['src']).expanduser()
+    path = _source(given)
     layout = _reading(given).layout or guess_layout(path)
     return [candidate.name for candidate in LAYOUTS[layout].find(path)]
 

@@ -17,6 +17,7 @@ from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .memory import keep_imports
+from .tables import cell, plain_table
 from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
@@ -84,15 +85,13 @@ def print_overview(overview: Overview) -> None:
     console.print(one_line(head), style='bold', markup=False)
     console.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
-    table = _table(kind)
     timed = overview.clock is not Clock.NOMINAL
-    for heading in ('count', 'Hz', 'gap') if timed else ('count',):
-        table.add_column(heading, justify='right', no_wrap=True)
+    table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series:
-        kind_of = _cell(_short(series.msgtype))
+        kind_of = cell(_short(series.msgtype))
         rates = _rates(series) if timed else ()
-        table.add_row(_cell(series.name), f'{series.count}', *rates, kind_of)
+        table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)
@@ -124,41 +123,22 @@ def _rates(series: TopicSummary) -> tuple[str, str]:
     return rate, gap
 
 
-def _cell(text: str) -> str:
-    """Return a name with its markup escaped, for a table."""
-    from rich.markup import escape
-
-    return escape(one_line(text))
-
-
 def _short(msgtype: str) -> str:
     return msgtype.rsplit('/', 1)[-1]
 
 
-def _table(first: str) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style='bold')
-    table.add_column(first, overflow='fold')
-    return table
-
-
 def _camera_table(overview: Overview) -> Table:
-    table = _table('camera')
-    for heading in ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'):
-        table.add_column(heading, justify='right', no_wrap=True)
+    table = plain_table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
     for camera in overview.cameras:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         name, *numbers = camera.cells()
-        table.add_row(_cell(name), size, *numbers)
+        table.add_row(cell(name), size, *numbers)
     return table
 
 
 def _link_table(overview: Overview) -> Table:
     """Return a table of the static tree, each frame indented below its parent."""
-    table = _table('frame')
-    for heading in ('x y z m', 'roll pitch yaw deg'):
-        table.add_column(heading, justify='right', no_wrap=True)
+    table = plain_table('frame', ('x y z m', 'roll pitch yaw deg'))
     children: dict[str, list[LinkGlance]] = {}
     for link in overview.links:
         children.setdefault(link.parent, []).append(link)
@@ -171,7 +151,7 @@ def _link_table(overview: Overview) -> Table:
             return
         xyz = '' if link is None else ' '.join(f'{value + 0.0:.2f}' for value in link.xyz_m)
         rpy = '' if link is None else ' '.join(f'{value + 0.0:.1f}' for value in link.rpy_deg)
-        table.add_row('  ' * depth + _cell(frame), xyz, rpy)
+        table.add_row('  ' * depth + cell(frame), xyz, rpy)
         for child in children.pop(frame, []):
             add(child.child, depth + 1, child)
 

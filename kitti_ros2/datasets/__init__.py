@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .cropping import crop
+    from .set_statistics import SetStatistics, statistics
 
-_MODULES: dict[str, str] = {'crop': 'datasets.cropping'}
+_MODULES: dict[str, str] = {
+    'SetStatistics': 'datasets.set_statistics',
+    'crop': 'datasets.cropping',
+    'statistics': 'datasets.set_statistics',
+}
 
-__all__ = ['crop']
+__all__ = ['SetStatistics', 'crop', 'statistics']
 
 
 def __getattr__(name: str) -> object:

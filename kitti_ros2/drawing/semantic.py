@@ -51,6 +51,9 @@ _CLASSES = {
     259: ('moving-other-vehicle', 0x0000FF),
 }
 
+SEMANTIC_NAMES = {number: name for number, (name, _) in _CLASSES.items()}
+"""Class to name."""
+
 SEMANTIC_COLORS = {number: color for number, (_, color) in _CLASSES.items()}
 """Class to 0xRRGGBB."""
 

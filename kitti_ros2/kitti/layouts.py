@@ -27,6 +27,7 @@ from .layout_files import LAYOUTS
 if TYPE_CHECKING:
     from ..model.layouts import Layout
     from .find import Candidate
+    from .nearby import DataSet
     from .recording import KittiRecording
 
 
@@ -62,16 +63,14 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             and the layout has none.
     """
     options = options or ReadOptions()
-    layout, candidates = _find(path, options.layout)
+    layout, candidates = _candidates(path, options)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
             f' this is layout {layout.value}'
         )
     chosen = _choose(path, layout, candidates, options.sequence)
-    recording = chosen.open(options)
-    if not recording.streams:
-        raise _no_data(path, chosen.name, recording)
+    recording = open_candidate(path, layout, chosen, options)
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
@@ -89,29 +88,65 @@ def open_recordings(path: Path, options: ReadOptions | None = None) -> list[Kitt
     options = options or ReadOptions()
     if options.sequence is not None:
         return [open_recording(path, options)]
-    _, candidates = _find(path, options.layout)
+    layout, candidates = _candidates(path, options)
     opened = [candidate.open(options) for candidate in candidates]
     if not any(recording.streams for recording in opened):
-        raise _no_data(path, candidates[0].name, opened[0])
+        raise _no_data(path, layout, opened[0])
     return opened
 
 
-def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
-    """Return the recordings at a path, one at least, of the requested or the detected layout."""
-    if layout is None:
+def open_candidate(
+    path: Path, layout: Layout, candidate: Candidate, options: ReadOptions
+) -> KittiRecording:
+    """Open a recording that was found at a path.
+
+    Raises:
+        NotKittiError: Not one of its files can be used.
+    """
+    recording = candidate.open(options)
+    if not recording.streams:
+        raise _no_data(path, layout, recording)
+    return recording
+
+
+def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
+    """Find the data sets at a path, else those in its sub-folders; options choose among them.
+
+    Raises:
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
+    """
+    from .nearby import DataSet, data_sets_below  # noqa: PLC0415 - for whole sets only
+
+    if options.layout is None and options.sequence is None and not _find_all(path):
+        found, complete = data_sets_below(path) if path.is_dir() else ([], True)
+        if not complete:
+            raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
+        if found:
+            return found
+    layout, candidates = _candidates(path, options)
+    if options.sequence is not None:
+        candidates = [_choose(path, layout, candidates, options.sequence)]
+    return [DataSet(path, layout, candidates)]
+
+
+def _candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
+    """Return the recordings at a path, of the requested or the detected layout."""
+    if options.layout is None:
         return _guess(path)
     folder = absolute(path)
-    candidates = LAYOUTS[layout].find(folder) if folder.is_dir() else []
+    candidates = LAYOUTS[options.layout].find(folder) if folder.is_dir() else []
     if not candidates:
-        raise _not_of_layout(path, layout)
-    return layout, candidates
+        raise _not_of_layout(path, options.layout)
+    return options.layout, candidates
 
 
-def _no_data(path: Path, name: str, recording: KittiRecording) -> NotKittiError:
+def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiError:
     """Return the error for a recording without any stream."""
     reasons = [loss.message for loss in recording.losses]
-    found = '; '.join([f'no data file of {name} can be used', *reasons[:1]])
-    return NotKittiError(path, found, [recording.layout.value])
+    found = '; '.join([f'no data file of {recording.name} can be used', *reasons[:1]])
+    return NotKittiError(path, found, [layout.value])
 
 
 def _find_all(path: Path) -> dict[Layout, list[Candidate]]:

@@ -71,11 +71,15 @@ def pose_from_packet(packet: OxtsPacket, world: MercatorWorld) -> Pose:
 def pose_from_odometry(first_cam0_t_cam0: Float64Array, calibration: Calibration) -> Pose:
     """Return the pose of imu_link from a (3, 4) pose of the rectified camera 0 in its first frame.
 
-    The world is imu_link at the first frame, which is not level: odometry has no gravity. The
-    camera's mounting is that of the calibration, or nominal without one.
+    The world is imu_link at the first frame, which is not level: odometry has no gravity.
     """
-    rect_r_cam0 = np.eye(3) if calibration.r0_rect is None else calibration.r0_rect
-    cam0_t_velo = calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO
-    rect0_t_imu = Transform(rect_r_cam0, np.zeros(3)) @ cam0_t_velo @ calibration.velo_T_imu
+    rect0_t_imu = rect_from_imu(calibration)
     pose = Transform.from_matrix(first_cam0_t_cam0)
     return Pose(rect0_t_imu.inverse() @ pose @ rect0_t_imu)
+
+
+def rect_from_imu(calibration: Calibration) -> Transform:
+    """Return rect_T_imu, imu_link to the rectified camera 0; nominal without a calibration."""
+    rect_r_cam0 = np.eye(3) if calibration.r0_rect is None else calibration.r0_rect
+    cam0_t_velo = calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO
+    return Transform(rect_r_cam0, np.zeros(3)) @ cam0_t_velo @ calibration.velo_T_imu

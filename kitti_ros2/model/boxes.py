@@ -25,6 +25,9 @@ from .geometry import Float64Array, Transform
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
+"""Indexed by the number in a label file (readme.txt of the object devkit)."""
+
 DONT_CARE = 'DontCare'
 """The class of image regions without labels, which have a 2D box only."""
 
@@ -195,6 +198,25 @@ def clip_bounds(bounds: Float64Array, size: tuple[int, int]) -> tuple[Float64Arr
     unseen = ~(left_over > 0)
     truncation[unseen] = 1.0
     return np.where(unseen[:, None], np.nan, cut), truncation
+
+
+@np.errstate(invalid='ignore')  # scans may hold any numbers
+def count_points(cuboids: Sequence[Cuboid], points: npt.NDArray[np.float32]) -> list[int]:
+    """Count the points of a scan inside each box, faces included.
+
+    Args:
+        cuboids: In velo_link.
+        points: (N, 3) or (N, 4) x y z in velo_link, metres.
+    """
+    x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
+    counts = []
+    for cuboid in cuboids:
+        middle, half = cuboid.velo_T_box.translation, np.array(cuboid.size_lwh) / 2
+        reach = np.linalg.norm(half)
+        near = np.flatnonzero((np.abs(x - middle[0]) <= reach) & (np.abs(y - middle[1]) <= reach))
+        offsets = cuboid.velo_T_box.inverse().apply(points[near, :3])
+        counts.append(int(np.count_nonzero((np.abs(offsets) <= half).all(axis=1))))
+    return counts
 
 
 def is_absurd(box: Box) -> bool:

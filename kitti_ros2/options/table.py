@@ -22,6 +22,7 @@ from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
+from .statistics import StatisticsOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -162,6 +163,7 @@ _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
 """Options of every command that reads a KITTI folder."""
+STATS = (*options_of(StatisticsOptions), *SOURCE)
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
@@ -248,6 +250,19 @@ def make_crop_options(values: Mapping[str, object]) -> CropOptions:
     parsed = parse_values(values, CROP)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     return CropOptions(**values_for(CropOptions, parsed), read=read)
+
+
+def make_statistics_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, StatisticsOptions]:
+    """Make the options of stats from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, STATS)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

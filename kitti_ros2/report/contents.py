@@ -13,9 +13,9 @@ from ..model.text import format_count
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..model.route import Route
     from ..model.streams import Clock
     from .overview import Overview
-    from .route import Route
     from .statistics import ClassStatistics
     from .timing import Timing
 

@@ -16,13 +16,13 @@ from ..bags.reader import OpenBag, bag_stamps
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
+from ..model.route import route_of
 from ..model.samples import Pose
 from ..model.streams import Stream
 from ..pictures.recording_frames import RecordingFrames
 from .contents import Finding, Report, Severity
 from .overview import inspect_bag, inspect_recording
 from .rig_plot import is_finite
-from .route import route_of
 from .scenes import draw_projections, draw_scenes
 from .statistics import ClassTally
 from .streams import bag_streams, recording_streams
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
     from ..importer.survey import Survey
     from ..kitti.recording import KittiRecording
+    from ..model.route import Route
     from ..model.samples import Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from ..pictures.frame import FrameData, FrameSource
     from .overview import Overview
-    from .route import Route
 
 SCENES = 5
 """Number of frames shown, spread over the recording."""

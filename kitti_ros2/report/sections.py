@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model.boxes import OCCLUSIONS
 from ..model.streams import Clock
 from .contents import NUMBER, TEXT, Table
 from .plots import class_colour, course_plot, histogram_plot, shares_bar
 from .rig_plot import MOST_FRAMES, mounts_of, rig_plot
 from .route_plot import route_plot
-from .statistics import OCCLUSIONS, histogram
+from .statistics import histogram
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from ..model.route import Route
     from .contents import Report
     from .glances import CameraGlance
     from .rig_plot import Mount
-    from .route import Route
     from .statistics import ClassFacts, ClassStatistics
 
 _EDGES_M = tuple(range(0, 100, 10))

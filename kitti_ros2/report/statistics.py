@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.boxes import DONT_CARE
+from ..model.boxes import DONT_CARE, OCCLUSIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from ..drawing.objects import LabelledObject
     from ..model.geometry import Float64Array
-
-OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
-"""Indexed by the number in a label file (readme.txt of the object devkit)."""
 
 
 @dataclass(frozen=True, eq=False)

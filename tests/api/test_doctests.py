@@ -12,10 +12,17 @@ from pathlib import Path
 import pytest
 
 import kitti_ros2
-from kitti_ros2 import api
+from kitti_ros2 import api, datasets
 from kitti_ros2.model.layouts import Layout
 
-NAMES = ('kitti_ros2', *(f'kitti_ros2.api.{path.stem}' for path in Path(api.__path__[0]).glob('*')))
+NAMES = (
+    'kitti_ros2',
+    *(
+        f'{room.__name__}.{path.stem}'
+        for room in (api, datasets)
+        for path in Path(room.__path__[0]).glob('*.py')
+    ),
+)
 MODULES = [importlib.import_module(name) for name in sorted(NAMES) if '__' not in name]
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 DRIVE = Path('2011_09_26/2011_09_26_drive_0005_sync')

@@ -28,6 +28,7 @@ COMMANDS = {
     'view': 'SRC',
     'report': 'SRC',
     'crop': 'SRC OUT',
+    'stats': 'PATH...',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -39,6 +40,7 @@ TABLES = {
     'play': table.PLAY,
     'info': table.SOURCE,
     'report': table.SOURCE,
+    'stats': table.STATS,
 }
 
 

@@ -75,6 +75,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'view': declared.VIEW,
         'info': declared.SOURCE,
         'report': declared.SOURCE,
+        'stats': declared.STATS,
     }.get(name, ())
     for parameter in get_command([name]).commands[name].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]

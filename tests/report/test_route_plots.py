@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.route import route_of
 from kitti_ros2.model.samples import Pose
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.report.gather import gather
 from kitti_ros2.report.plots import course_plot
-from kitti_ros2.report.route import route_of
 from kitti_ros2.report.sections import route_section
 
 ANY = ReadOptions()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The route of the vehicle: positions, length, speed and yaw."""
+"""The route of the vehicle: positions, length, speed, yaw and turn rate."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..model.geometry import Float64Array
-    from ..model.samples import Int64Array, Pose
+    from .geometry import Float64Array
+    from .samples import Int64Array, Pose
 
 _STEP_LIMIT_M_S = 100.0
 
@@ -26,18 +26,25 @@ class Route:
         stamps_ns: (N,) int64, ascending.
         positions: (N, 3) x y z in metres, in map.
         speeds_m_s: (N,) measured, else from positions; NaN where unknown.
+        measured: Whether speeds are measured; those from positions need the true stamps.
         yaws_rad: (N,) from the x axis of map, counter-clockwise, continuous; NaN where unknown.
+        turn_rates_rad_s: (N,) about the z axis of map, counter-clockwise, measured, else from yaws;
+            NaN where unknown.
         jumps: Number of steps faster than 100 m/s; not part of the length.
         length_m: Length without jumps.
+        ground_m: The same without heights.
         altitude_m: Altitude of z = 0 above sea level; None if unknown.
     """
 
     stamps_ns: Int64Array
     positions: Float64Array
     speeds_m_s: Float64Array
+    measured: bool
     yaws_rad: Float64Array
+    turn_rates_rad_s: Float64Array
     jumps: int
     length_m: float
+    ground_m: float
     altitude_m: float | None = None
 
     @property
@@ -64,35 +71,43 @@ def route_of(
         return None
     stamps, places = stamps[order], places[order]
     turned = np.array([transforms[place].rotation for place in order])
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    offsets = np.diff(places, axis=0)
+    steps = np.linalg.norm(offsets, axis=1)
     jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
-    speeds = _measured([poses[place] for place in order])
-    if np.isnan(speeds).all():
+    chosen = [poses[place] for place in order]
+    speeds = np.linalg.norm([_known(pose.velocity) for pose in chosen], axis=1)
+    measured = not np.isnan(speeds).all()
+    if not measured:
         speeds = _derived(stamps, np.where(jumps, np.nan, steps))
+    yaws = _continuous(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+    rates = [_known(pose.angular_velocity) for pose in chosen]
+    turn_rates = np.einsum('ij,ij->i', turned[:, 2], np.array(rates))  # z of world_R_imu @ rate
+    if np.isnan(turn_rates).all():
+        turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))
     return Route(
         stamps,
         places,
         speeds,
-        _continuous(np.arctan2(turned[:, 1, 0], turned[:, 0, 0])),
+        measured,
+        yaws,
+        turn_rates,
         int(np.count_nonzero(jumps)),
         float(steps[~jumps].sum()),
+        float(np.linalg.norm(offsets[~jumps, :2], axis=1).sum()),
         altitude_m,
     )
 
 
-def _measured(poses: Sequence[Pose]) -> Float64Array:
-    """Return the (N,) speeds of poses with a velocity."""
-    unknown = np.full(3, np.nan)
-    velocities = [unknown if pose.velocity is None else pose.velocity for pose in poses]
-    speeds: Float64Array = np.linalg.norm(velocities, axis=1)
-    return speeds
+def _known(rate: Float64Array | None) -> Float64Array:
+    """Return the (3,) velocity or angular velocity of a pose, NaN without one."""
+    return np.full(3, np.nan) if rate is None else rate
 
 
-def _derived(stamps_ns: Int64Array, steps_m: Float64Array) -> Float64Array:
-    """Return the (N,) speeds of steps between N stamps; the first is that of the second."""
+def _derived(stamps_ns: Int64Array, steps: Float64Array) -> Float64Array:
+    """Return the (N,) rates a second of steps between N stamps; the first is that of the second."""
     seconds = np.diff(stamps_ns) / 1e9
-    speeds = np.divide(steps_m, seconds, out=np.full(len(steps_m), np.nan), where=seconds > 0)
-    return np.concatenate([speeds[:1], speeds])
+    rates = np.divide(steps, seconds, out=np.full(len(steps), np.nan), where=seconds > 0)
+    return np.concatenate([rates[:1], rates])
 
 
 def _continuous(angles_rad: Float64Array) -> Float64Array:

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command stats."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .declared import JsonOption, QuietOption, argument, chosen, takes
+
+
+@takes('STATS')
+def stats(
+    paths: Annotated[list[Path], argument('PATH...', 'KITTI folders or bags, a column for each')],
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', metavar='OUT', help='Picture to draw (.png, .pdf, .svg)'),
+    ] = None,
+    csv: Annotated[
+        Optional[Path], typer.Option('--csv', metavar='FILE', help='Table to write, all figures')
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace existing files at OUT and FILE')
+    ] = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Count what is in data sets: objects, sensors, routes.
+
+    Classes with difficulty, occlusion, truncation, distance, size, points and tracks; length, speed
+    and turn rate of routes; points by SemanticKITTI's class. A folder may hold any number of drives
+    and sequences; several folders or bags are compared.
+
+    Examples:
+      kitti-ros2 stats object/training --points -o stats.png
+      kitti-ros2 stats 2011_09_26 tracking --csv stats.csv
+    """
+    from ..stats import run_stats
+
+    return run_stats(
+        paths, chosen(given), out=out, table=csv, overwrite=overwrite, json=json, quiet=quiet
+    )

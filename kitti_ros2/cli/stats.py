@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 stats."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from ..datasets.set_statistics import count_set, find_sources
+from ..datasets.statistics_rows import StatisticsRow, plain_values, write_csv
+from ..files.replacing import keep_all, keep_all_but_files
+from ..files.staging import Staging, refuse_inside, staged_file
+from ..model.errors import UsageError
+from ..model.text import either
+from ..options.table import make_statistics_options
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
+from .memory import keep_freed_memory, keep_imports
+from .progress import step_progress
+from .stats_comparison import comparisons, titles_of
+from .stats_tables import describe, describe_route, describe_sensors, tables_of
+from .text import format_path, say, show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from ..datasets.set_statistics import SetStatistics
+
+_PICTURES = ('.png', '.pdf', '.svg')
+_KEEP_ALL_BUT_PICTURES = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
+_KEEP_ALL_BUT_TABLES = keep_all_but_files(
+    'table of statistics', (','.join(StatisticsRow._fields).encode(),)
+)
+
+
+def run_stats(
+    paths: Sequence[Path],
+    given: Mapping[str, object],
+    *,
+    out: Path | None,
+    table: Path | None,
+    overwrite: bool,
+    json: bool,
+    quiet: bool,
+) -> int:
+    """Print the statistics of data sets.
+
+    Args:
+        paths: Folders or bags.
+        given: The options points, layout and sequence.
+        out: The picture to draw, None for none.
+        table: The CSV file to write, None for none.
+        overwrite: Whether existing files may be replaced.
+        json: Whether to print JSON instead of tables.
+        quiet: Print only losses.
+
+    Returns:
+        The exit code: 1 where something is missing or damaged.
+    """
+    keep_imports()
+    keep_freed_memory()
+    read, options = make_statistics_options(given)
+    write_table = _output(table, paths, _KEEP_ALL_BUT_TABLES, overwrite=overwrite)
+    draw = _output(out, paths, _KEEP_ALL_BUT_PICTURES, overwrite=overwrite)
+    if out is not None:
+        _check_picture(out)
+    sources = [find_sources(path, read) for path in paths]
+    with step_progress('counting', show=not quiet) as progress:
+        sets = [
+            count_set(path, found, options, progress)
+            for path, found in zip(paths, sources, strict=True)
+        ]
+    if table is not None:
+        with staged_file(table, write_table) as path:
+            write_csv(path, sets)
+    if out is not None:
+        from ..datasets.statistics_plot import draw_statistics
+
+        with staged_file(out, draw) as path:
+            draw_statistics(sets, titles_of(paths), path)
+    if json:
+        print_json({'sets': [plain_values(each) for each in sets]})
+    elif not quiet:
+        _print(sets, points=options.points)
+        for written in (table, out):
+            if written is not None:
+                say(format_path(written))
+    losses = tuple(loss for each in sets for loss in each.total.losses)
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _output(
+    out: Path | None,
+    paths: Sequence[Path],
+    replaceable: Callable[[Path], str | None],
+    *,
+    overwrite: bool,
+) -> Callable[[Path], str | None]:
+    """Raise now for an output that could not be written later; return its refusal."""
+    refusal = replaceable if overwrite else keep_all
+    if out is not None:
+        for path in paths:
+            refuse_inside(path, out)
+        Staging(out, refusal).discard()
+    return refusal
+
+
+def _check_picture(out: Path) -> None:
+    if out.suffix.lower() not in _PICTURES:
+        raise UsageError(f'{out}: a picture of statistics ends in {either(_PICTURES)}')
+    if find_spec('matplotlib') is None:
+        raise UsageError(
+            "-o needs matplotlib, which is not installed; run pip install 'kitti_ros2[plot]'"
+        )
+
+
+def _print(sets: Sequence[SetStatistics], *, points: bool) -> None:
+    """Print tables for a terminal of 80 columns."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    if len(sets) == 1:
+        (found,) = sets
+        console.print(describe(found), style='bold', markup=False)
+        for line in (describe_sensors(found.total), describe_route(found.total)):
+            if line:
+                console.print(line, markup=False, soft_wrap=False)
+        shown = tables_of(found)
+    else:
+        shown = comparisons(sets)
+    for place, each in enumerate(shown):
+        if place or len(sets) == 1:
+            console.print()
+        console.print(each, soft_wrap=False)
+    for found in sets:
+        if points and not found.total.points_a_scan.count:
+            say(f'note: {found.path}: no scans, so no points are counted')
