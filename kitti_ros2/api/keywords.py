@@ -27,6 +27,9 @@ class ReadKeywords(TypedDict, total=False):
     semantic: bool
     period: float
     scan_stamp: str
+    real_time: bool
+    mapping: str | os.PathLike[str] | None
+    raw: str | os.PathLike[str] | None
 
 
 class ToBagKeywords(ReadKeywords, total=False):

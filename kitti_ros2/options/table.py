@@ -159,7 +159,8 @@ class ViewSettings:
 _MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
-SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
+_SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
+SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
 TO_BAG = (
     *options_of(ReadOptions),

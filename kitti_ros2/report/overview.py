@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from ..bags.reader import bag_stamps, summarize_bag
@@ -17,12 +17,13 @@ from ..own_bags.recorded_layout import read_blueprint
 from .glances import bag_calibration, calibration_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from ..bags.reader import OpenBag
     from ..kitti.recording import KittiRecording
     from ..model.losses import Loss
+    from ..model.recording import FrameOrigin
     from ..own_bags.recorded_layout import Blueprint
     from .glances import CameraGlance, LinkGlance
 
@@ -46,6 +47,7 @@ class Overview:
         losses: Missing or unusable data.
         notes: Remarks.
         complete: False for a truncated or damaged bag.
+        origins: By number the raw drive's frame of an object set in real time.
     """
 
     path: Path
@@ -64,6 +66,7 @@ class Overview:
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
     complete: bool = True
+    origins: Mapping[int, FrameOrigin] = field(default_factory=dict)
 
 
 def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
@@ -91,6 +94,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         links=links,
         losses=(*recording.losses, *recording.late_losses),
         notes=tuple(recording.notes) + notes,
+        origins=recording.origins,
     )
 
 
@@ -135,6 +139,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         losses=losses,
         notes=(*cut, *summary.findings, *notes),
         complete=summary.complete,
+        origins={} if blueprint is None or blueprint.times is None else blueprint.times.origins,
     )
     return overview, blueprint
 

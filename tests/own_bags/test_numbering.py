@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from itertools import groupby
 
 import foreign
 import numpy as np
@@ -17,7 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.exporter.schedule import UNKNOWN, frames_of, make_schedule, never_falling
+from kitti_ros2.exporter.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
@@ -248,15 +249,15 @@ def test_an_extract_goes_by_its_scans(recordings, tmp_path):
 
 
 @given(st.lists(st.integers(-1, 50)))
-def test_frames_never_fall_and_begin_with_the_first_known(numbers):
-    frames = never_falling(np.array(numbers, np.int64))
+def test_each_frame_is_one_run_that_begins_with_its_first_sample(numbers):
+    frames = frame_runs(np.array(numbers, np.int64))
     known = [number for number in numbers if number != UNKNOWN]
     assert len(frames) == len(numbers)
-    assert frames.tolist() == sorted(frames.tolist())
-    assert {*frames.tolist()} <= {*known, 0}
-    for place, frame in enumerate(frames.tolist()):
-        before = [number for number in numbers[: place + 1] if number != UNKNOWN]
-        assert frame == (max(before) if before else (known or [0])[0])
+    runs = [number for number, _ in groupby(frames.tolist())]
+    assert runs == [*dict.fromkeys(known)] or (not known and {*runs} <= {0})
+    for place, number in enumerate(numbers):
+        if number != UNKNOWN and number not in numbers[:place]:
+            assert frames[place] == number
 
 
 @given(st.dictionaries(st.sampled_from(FRAME_STREAMS), st.lists(st.integers(0, 30), min_size=1)))
