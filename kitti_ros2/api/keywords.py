@@ -76,6 +76,21 @@ class ToKittiKeywords(TypedDict, total=False):
     end: int | str | None
 
 
+class SplitKeywords(TypedDict, total=False):
+    """Options of split."""
+
+    ratio: str | Sequence[float | str]
+    names: OneOrMore
+    seed: int
+    by_drive: bool
+    lists: OneOrMore
+    check: bool
+    mapping: str | os.PathLike[str] | None
+    out: str | os.PathLike[str] | None
+    overwrite: bool
+    layout: str | None
+
+
 class DrawKeywords(TypedDict, total=False):
     """Options of view that concern a picture."""
 

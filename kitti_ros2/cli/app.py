@@ -16,6 +16,7 @@ from .commands.info import info
 from .commands.play import play
 from .commands.recover import recover
 from .commands.report import report
+from .commands.split import split
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
 from .commands.view import view
@@ -106,6 +107,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'info': info,
     'view': view,
     'report': report,
+    'split': split,
     'demo': demo,
     'play': play,
 }

@@ -10,11 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from .splitting import SplitReport, split
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    'SplitReport': 'datasets.splitting',
+    'split': 'datasets.splitting',
+}
 
-__all__: list[str] = []
+__all__ = ['SplitReport', 'split']
 
 
 def __getattr__(name: str) -> object:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from enum import Enum
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -51,6 +52,20 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
     return tuple(
         word for item in items for word in parse_text(name, item).replace(',', ' ').split()
     )
+
+
+def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
+    """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
+    items = value if isinstance(value, (list, tuple)) else [value]
+    words = [word for item in items for word in str(item).replace(',', ' ').split()]
+    try:
+        shares = tuple(Fraction(word) for word in words)
+    except (ValueError, ZeroDivisionError):
+        shares = ()
+    if not shares or not all(0 < share <= 1 for share in shares):
+        given = ' '.join(words)
+        raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {given!r}')
+    return shares
 
 
 def parse_flag(name: str, value: object) -> bool:

@@ -21,10 +21,13 @@ from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
+from .split import SplitOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
+
+    from ..model.layouts import Layout
 
 FPS = (0.1, 240.0)
 
@@ -181,6 +184,10 @@ PLAY = tuple(
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
+SPLIT = (
+    *options_of(SplitOptions),
+    *(each for each in SOURCE if each.name == 'layout'),
+)
 VIEW = (
     *options_of(ViewSettings),
     *options_of(PictureOptions),
@@ -233,6 +240,16 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     parsed = parse_values(values, TO_KITTI)
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
+
+
+def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layout | None]:
+    """Make the options of split from values by name, and the layout; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, SPLIT)
+    return SplitOptions(**values_for(SplitOptions, parsed)), parsed.get('layout')
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

@@ -17,6 +17,7 @@ from kitti_ros2.api.draw import DRAW
 from kitti_ros2.api.keywords import (
     DrawKeywords,
     ReadKeywords,
+    SplitKeywords,
     ToBagKeywords,
     ToKittiKeywords,
     keyword_of,
@@ -26,7 +27,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.table import TO_BAG, TO_KITTI
+from kitti_ros2.options.table import SPLIT, TO_BAG, TO_KITTI
 
 
 def files(root):
@@ -177,6 +178,7 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
         (ReadKeywords, options_of(ReadOptions)),
         (ToBagKeywords, TO_BAG),
         (ToKittiKeywords, TO_KITTI),
+        (SplitKeywords, SPLIT),
         (DrawKeywords, DRAW),
     ],
 )

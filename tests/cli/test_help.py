@@ -25,6 +25,7 @@ COMMANDS = {
     'info': 'SRC',
     'view': 'SRC',
     'report': 'SRC',
+    'split': 'SRC',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -35,6 +36,7 @@ TABLES = {
     'play': table.PLAY,
     'info': table.SOURCE,
     'report': table.SOURCE,
+    'split': table.SPLIT,
 }
 
 

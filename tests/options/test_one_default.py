@@ -18,6 +18,7 @@ from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.table import (
     PLAY,
     PLAY_OPTIONS,
+    SPLIT,
     TO_BAG,
     TO_BAG_OPTIONS,
     TO_KITTI,
@@ -26,6 +27,7 @@ from kitti_ros2.options.table import (
     make_import_options,
     make_play_settings,
     make_settings,
+    make_split_options,
     make_view_settings,
 )
 
@@ -34,6 +36,7 @@ COMMANDS = {
     'to-bag': (make_settings, TO_BAG),
     'to-kitti': (make_import_options, TO_KITTI),
     'view': (make_view_settings, VIEW),
+    'split': (lambda values: make_split_options(values)[0], SPLIT),
     'play': (make_play_settings, PLAY),
 }
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]
