@@ -56,6 +56,8 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
 
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
+    if value == ():
+        return ()
     items = value if isinstance(value, (list, tuple)) else [value]
     words = [word for item in items for word in str(item).replace(',', ' ').split()]
     try:
