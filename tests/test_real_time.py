@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 from builders import one_line
 from folder_and_bag import BAGS
+from hypothesis import given
+from hypothesis import strategies as st
 from mapped_set import IN_TIME, A, B, C, make_mapped_set, true_stamp
 
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.object_mapping import DriveFrame
+from kitti_ros2.kitti.real_time import RealTimes, describe_times, parse_times_of
 from kitti_ros2.messages.header import peek_header
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Clock, Stream
@@ -26,6 +30,7 @@ from kitti_ros2.player.program import RecordingProgram
 
 REAL = ReadOptions(real_time=True)
 ALL = SelectionOptions()
+stamps = st.integers(0, 2**31 * 10**9 - 1)
 pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
 IMAGE = 'image_02/timestamps.txt'
 
@@ -91,10 +96,12 @@ def test_messages_are_in_order_of_time_with_the_stamps_in_their_headers(bag):
     assert scans == [(true_stamp(number), true_stamp(number)) for number in IN_TIME]
 
 
-def test_a_selection_goes_by_number(shared_set, tmp_path):
+def test_a_selection_goes_by_number(shared_set, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
     kitti_ros2.to_bag(shared_set.object, out, real_time=True, start=10, end=16)
     assert [frame.number for frame in kitti_ros2.open(out)] == [10, 15, 16]
+    assert main(['info', str(out), '--json']) == 0
+    assert [*json.loads(capsys.readouterr().out)['origins']] == ['10', '15', '16']
 
 
 def test_the_library_names_drive_and_stamp(shared_set, bag):
@@ -254,3 +261,43 @@ def test_real_frames_have_the_stamps_of_their_drives(real_kitti, tmp_path):
     assert {frame.number: frame.stamp_ns for frame in frames} == stamps
     kitti_ros2.to_kitti(tmp_path / 'bag.mcap', tmp_path / 'back')
     assert texts(tmp_path / 'back') == texts(tmp_path / 'object')
+
+
+@given(
+    st.dictionaries(
+        st.integers(0, 9999),
+        st.tuples(st.sampled_from((A, B, C)), st.integers(0, 9999), *[st.none() | stamps] * 3),
+    )
+)
+def test_times_are_read_back(rows):
+    columns = ('scan', 'start', 'image_2')
+    times = RealTimes(
+        {number: DriveFrame(*row[:2]) for number, row in rows.items()},
+        {
+            name: {number: row[place] for number, row in rows.items() if row[place] is not None}
+            for place, name in enumerate(columns, 2)
+        },
+    )
+    assert parse_times_of(json.loads(json.dumps(describe_times(times)))) == times
+
+
+@pytest.mark.parametrize(
+    'drives',
+    [
+        {'../2011_09_26_drive_0001_sync': [[1, 2, 3]]},
+        {A: [[1, 2]]},
+        {A: [[1, 2, 3, 4]]},
+        {A: [[-1, 2, 3]]},
+        {A: [[1, 2, -3]]},
+        {A: [[1, 2, 10**30]]},
+        {A: [[1, 2.5, 3]]},
+        {A: [['1', 2, 3]]},
+        {A: [1, 2, 3]},
+        {A: None},
+        [A],
+        None,
+    ],
+)
+def test_invalid_times_in_a_bag_are_refused(drives):
+    with pytest.raises((ValueError, TypeError, KeyError, AttributeError)):
+        parse_times_of({'columns': ['scan'], 'drives': drives})

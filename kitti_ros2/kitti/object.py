@@ -99,7 +99,8 @@ class ObjectRecording(KittiRecording):
             reason = self.losses[-1].message.partition(';')[0]
             raise UsageError(f'{self.split}: no frame has a true stamp: {reason}; see --raw')
         self.clock = Clock.UTC
-        self.origins = times.origins
+        left = {n for index in self.streams.values() for n in index.numbers.tolist()}
+        self.origins = {n: origin for n, origin in times.origins.items() if n in left}
         return times
 
     def _find_journal(self) -> AppendJournal | None:

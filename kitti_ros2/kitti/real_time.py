@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..model.errors import BadFileError, describe_error
 from ..model.recording import FrameOrigin
+from ..model.stamps import LAST_NS
 from ..model.streams import Stream
 from ..model.text import format_count, some_of
 from . import names
@@ -38,6 +39,9 @@ _FILES = {
     ENDS: (names.RAW_SCANS, names.TIMESTAMPS_END),
 } | {f'image_{index}': (folder, names.TIMESTAMPS) for index, folder in enumerate(names.RAW_IMAGES)}
 """By name of a column of stamps: folder and file of a raw drive."""
+
+_MOST = 10**names.RAW_DIGITS - 1
+"""The highest file number."""
 
 _OF_FRAME = (Stream.SCAN.value, Stream.IMAGE_2.value)
 """The columns that have the stamp of a frame, the first that has one."""
@@ -93,22 +97,28 @@ def describe_times(times: RealTimes) -> dict[str, Any]:
 
 
 def parse_times_of(values: Mapping[str, Any]) -> RealTimes:
-    """Parse the values of describe_times.
+    """Parse the values of describe_times, which are not trusted.
 
     Raises:
         ValueError, TypeError, KeyError, AttributeError: They are invalid.
     """
-    names_of = [str(name) for name in values['columns']]
     frames: dict[int, DriveFrame] = {}
-    columns: dict[str, dict[int, int]] = {name: {} for name in names_of}
+    columns: dict[str, dict[int, int]] = {str(name): {} for name in values['columns']}
     for drive, rows in values['drives'].items():
-        for first, second, *stamps in rows:
-            number = int(first)
-            frames[number] = DriveFrame(str(drive), int(second))
-            for name, stamp in zip(names_of, stamps, strict=True):
+        if not names.RAW_DRIVE.fullmatch(drive):
+            raise ValueError(f'a drive {drive!r}')
+        for number, own, *stamps in rows:
+            frames[_within(number, _MOST)] = DriveFrame(drive, _within(own, _MOST))
+            for column, stamp in zip(columns.values(), stamps, strict=True):
                 if stamp is not None:
-                    columns[name][number] = int(stamp)
+                    column[number] = _within(stamp, LAST_NS)
     return RealTimes(frames, columns)
+
+
+def _within(value: object, highest: int) -> int:
+    if not isinstance(value, int) or not 0 <= value <= highest:
+        raise ValueError(f'a number {value!r}')
+    return value
 
 
 class DriveStamps:

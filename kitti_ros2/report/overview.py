@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..kitti.recording import KittiRecording
     from ..model.losses import Loss
     from ..model.recording import FrameOrigin
+    from ..own_bags.numbering import NumberedBag
     from ..own_bags.recorded_layout import Blueprint
     from .glances import CameraGlance, LinkGlance
 
@@ -139,9 +140,16 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         losses=losses,
         notes=(*cut, *summary.findings, *notes),
         complete=summary.complete,
-        origins={} if blueprint is None or blueprint.times is None else blueprint.times.origins,
+        origins={} if numbered is None else _origins(numbered),
     )
     return overview, blueprint
+
+
+def _origins(bag: NumberedBag) -> Mapping[int, FrameOrigin]:
+    """Return the raw drives' frames of the frames in a bag."""
+    times = bag.blueprint.times
+    origins = {} if times is None else times.origins
+    return {n: origins[n] for n in bag.frames.tolist() if n in origins}
 
 
 def _times(
