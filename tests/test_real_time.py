@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from builders import one_line
-from folder_and_bag import BAGS
+from folder_and_bag import BAGS, rerecord
 from hypothesis import given
 from hypothesis import strategies as st
 from mapped_set import IN_TIME, A, B, C, make_mapped_set, true_stamp
@@ -149,6 +149,16 @@ def test_a_player_plays_frames_in_order_of_time(kind, shared_set, bag):
     assert tuple(dict.fromkeys(program.frames.tolist())) == IN_TIME
     assert program.longest_gap_ns == 1_000_000_000
     program.close()
+
+
+def test_a_bag_recorded_from_a_player_is_the_same(bag, shared_set, tmp_path):
+    again = rerecord(bag, tmp_path / 'again.mcap', 10**17 + 12_345)
+    program = BagProgram(again, ALL)
+    assert tuple(dict.fromkeys(program.frames.tolist())) == IN_TIME
+    program.close()
+    assert kitti_ros2.open(again).frame(16).stamp_ns == true_stamp(16)
+    kitti_ros2.to_kitti(again, tmp_path / 'back')
+    assert texts(tmp_path / 'back') == texts(shared_set.object)
 
 
 def test_nominal_frames_keep_their_gaps(shared_set):

@@ -83,7 +83,7 @@ class SplitKeywords(TypedDict, total=False):
     names: OneOrMore
     seed: int
     by_drive: bool
-    lists: OneOrMore
+    lists: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
     check: bool
     mapping: str | os.PathLike[str] | None
     out: str | os.PathLike[str] | None

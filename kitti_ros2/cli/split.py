@@ -54,8 +54,8 @@ def _print(report: SplitReport) -> None:
         entries = format_count(len(each.entries), report.noun)
         frames = '' if report.noun == 'frame' else f', {format_count(each.frames, "frame")}'
         drives = f', {format_count(each.drives, "drive")}' if each.drives else ''
-        share = f'{100 * each.share:.1f} %'
-        say(f'{format_path(each.path)}: {entries}{frames} ({share}){drives}')
+        share = '' if each.share is None else f' ({100 * each.share:.1f} %)'
+        say(f'{format_path(each.path)}: {entries}{frames}{share}{drives}')
     for note in report.notes:
         say(f'note: {note}')
     if report.unlisted:

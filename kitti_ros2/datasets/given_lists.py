@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..kitti import names
@@ -16,11 +15,12 @@ from ..model.text import some_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from .units import UnitSet
 
 
-def read_lists(files: Sequence[str], found: UnitSet) -> list[GivenList]:
+def read_lists(files: Sequence[Path], found: UnitSet) -> list[GivenList]:
     """Read lists.
 
     Raises:
@@ -29,7 +29,7 @@ def read_lists(files: Sequence[str], found: UnitSet) -> list[GivenList]:
     """
     lists: dict[str, GivenList] = {}
     for file in files:
-        given = GivenList(Path(file), found)
+        given = GivenList(file, found)
         if given.name in lists:
             raise UsageError(f'{lists[given.name].path} and {file} have the same name')
         lists[given.name] = given

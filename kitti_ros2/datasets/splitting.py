@@ -18,7 +18,7 @@ from ..model.text import format_count
 from .comparing import compare_lists
 from .dividing import divide
 from .given_lists import read_lists
-from .units import find_units
+from .units import Unit, find_units
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..model.losses import Loss
     from ..options.split import SplitOptions
     from .comparing import ListPair
-    from .units import Unit, UnitSet
+    from .units import UnitSet
 
     AnyPath = str | PathLike[str]
 
@@ -45,7 +45,7 @@ class SplitList:
         path: Its file.
         entries: The frames, sequences or drives, in the order of the file.
         frames: Number of frames.
-        share: The part of the frames of the set, 0 to 1.
+        share: The part of the frames of the set, 0 to 1; None of testing frames that are absent.
         drives: Number of raw drives, None if they are not known.
     """
 
@@ -53,7 +53,7 @@ class SplitList:
     path: Path
     entries: tuple[str, ...]
     frames: int
-    share: float
+    share: float | None
     drives: int | None = None
 
 
@@ -167,13 +167,13 @@ def _divided(path: Path, found: UnitSet, folder: Path, options: SplitOptions) ->
     return _report(found, folder, paths, entries, checked=False)
 
 
-def _existing(folder: Path) -> list[str]:
+def _existing(folder: Path) -> list[Path]:
     """Return the lists in a folder.
 
     Raises:
         UsageError: There is none.
     """
-    files = [str(folder / n) for n in STORE.names(folder) if n.endswith(kitti_names.TXT)]
+    files = [folder / name for name in STORE.names(folder) if name.endswith(kitti_names.TXT)]
     if not files:
         raise UsageError(f'{folder}: no lists to check; give their files with --lists')
     return files
@@ -235,15 +235,16 @@ def _report(
 
 
 def _describe(found: UnitSet, name: str, path: Path, entries: Sequence[str]) -> SplitList:
-    units = (found.testing or {}) if found.is_of_testing(name) else found.units
-    known = [units[entry] for entry in entries if entry in units]
+    units = found.testing if found.is_of_testing(name) else found.units
+    known = [Unit(entry) if units is None else units[entry] for entry in entries]
     frames = sum(unit.frames for unit in known)
     drives = {unit.drive for unit in known}
+    total = 0 if units is None else sum(unit.frames for unit in units.values())
     return SplitList(
         name=name,
         path=path,
         entries=tuple(entries),
         frames=frames,
-        share=frames / max(1, sum(unit.frames for unit in units.values())),
+        share=frames / total if total else None,
         drives=None if None in drives or not drives else len(drives),
     )

@@ -18,6 +18,7 @@ from ..model.losses import Loss
 from ..options.read import ReadOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from ..kitti.find import Candidate
@@ -136,14 +137,20 @@ def _frames(
         raise UsageError(f'{chosen.root}: the devkit has the drives of training frames only')
     units = _units_of(chosen, mapping)
     losses = list(chosen.losses)
-    beyond = [int(unit.name) for unit in units.values() if mapping and unit.drive is None]
-    if by_drive and beyond and mapping is not None:
-        text = f'{mapping.beyond}; in no list: frames {{}}'
-        losses.append(Loss(layout.traits.noun, len(beyond), text, tuple(beyond)))
+    if by_drive and mapping is not None:
+        losses += _beyond(units, mapping)
         units = {name: unit for name, unit in units.items() if unit.drive is not None}
     other = recordings.get(names.SPLITS[1])
     testing = units if is_testing else None if other is None else _units_of(other, None)
     return UnitSet(layout, chosen.root, 'frame', units, testing, tuple(losses), notes)
+
+
+def _beyond(units: Mapping[str, Unit], mapping: ObjectMapping) -> list[Loss]:
+    """Return the frames without a drive, which are in no list."""
+    numbers = tuple(int(unit.name) for unit in units.values() if unit.drive is None)
+    reason = mapping.beyond.replace('{', '(').replace('}', ')')
+    text = f'{reason}; in no list: frames {{}}'
+    return [Loss('frames', len(numbers), text, numbers)] if numbers else []
 
 
 def _mapping(
@@ -166,7 +173,7 @@ def _numbers(recording: KittiRecording) -> Int64Array:
 def _units_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[str, Unit]:
     units = {}
     for number in _numbers(recording).tolist():
-        name = f'{number:0{names.FRAME_DIGITS}d}'
+        name = names.file_name(number, names.FRAME_DIGITS, '')
         origin = None if mapping is None else mapping.get(number)
         units[name] = Unit(name) if origin is None else Unit(name, 1, origin.drive, origin.number)
     return units

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_MARK = '\ufeff'
+_COUNTED = ('are blank', 'repeat another', 'have not six digits')
+
+
 @dataclass(frozen=True)
 class ImageSet:
     """A list as its file has it.
@@ -44,6 +48,9 @@ def parse_image_set(text: str, path: Path | str, *, frames: bool) -> ImageSet:
     entries: dict[str, int] = {}
     invalid: list[str] = []
     repaired: dict[str, list[int]] = {}
+    if text.startswith(_MARK):
+        repaired['begin with a byte order mark'] = [1]
+        text = text.removeprefix(_MARK)
     if '\r' in text:
         repaired['end in CRLF'] = [text[: text.index('\r')].count('\n') + 1]
     for place, line in enumerate(text.rstrip().splitlines(), 1):
@@ -60,7 +67,7 @@ def parse_image_set(text: str, path: Path | str, *, frames: bool) -> ImageSet:
             if name != word:
                 repaired.setdefault('have not six digits', []).append(place)
             entries[name] = place
-    return ImageSet(tuple(entries), tuple(invalid), tuple(_told(path, repaired)))
+    return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
 
 
 def _frame_name(word: str) -> str | None:
@@ -70,9 +77,9 @@ def _frame_name(word: str) -> str | None:
     return word.zfill(names.FRAME_DIGITS)
 
 
-def _told(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:
+def _remarks(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:
     for fault, lines in repaired.items():
-        count = 'lines' if fault == 'end in CRLF' else f'{len(lines)} of the lines'
+        count = f'{len(lines)} of the lines' if fault in _COUNTED else 'lines'
         yield f'{path}:{lines[0]}: {count} {fault}'
 
 

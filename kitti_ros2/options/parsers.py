@@ -107,6 +107,12 @@ def parse_path(name: str, value: object) -> Path:
     return value if isinstance(value, Path) else Path(parse_text(name, value))
 
 
+def parse_paths(name: str, value: object) -> tuple[Path, ...]:
+    """Parse a path or a list of paths, which may contain blanks and commas."""
+    items = value if isinstance(value, (list, tuple)) else [value]
+    return tuple(parse_path(name, item) for item in items)
+
+
 def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     """Return a parser of the values of an enum."""
 

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from .declare import option
-from .parsers import parse_flag, parse_integer, parse_path, parse_shares, parse_texts
+from .parsers import (
+    parse_flag,
+    parse_integer,
+    parse_path,
+    parse_paths,
+    parse_shares,
+    parse_texts,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,10 +64,10 @@ class SplitOptions:
     by_drive: bool = option(
         False, "Keep frames of one raw drive together, by the devkit's mapping", parse_flag
     )
-    lists: tuple[str, ...] = option(
+    lists: tuple[Path, ...] = option(
         (),
         'Check and copy these lists instead; with --check only check them',
-        parse_texts,
+        parse_paths,
         unset='none',
         flags=('--lists', '--from'),
         metavar='FILE...',

@@ -17,6 +17,7 @@ from kitti_ros2.datasets import split
 from kitti_ros2.datasets.comparing import compare_lists
 from kitti_ros2.datasets.units import Unit
 from kitti_ros2.kitti.image_set import format_image_set, parse_image_set
+from kitti_ros2.kitti.object_mapping import find_mapping
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError, UsageError
 from kitti_ros2.model.layouts import Layout
 
@@ -55,7 +56,7 @@ def write(folder, **lists):
     """Write lists, and return their paths as words."""
     folder.mkdir(exist_ok=True)
     for name, text in lists.items():
-        (folder / f'{name}.txt').write_text(text, 'ascii', newline='')
+        (folder / f'{name}.txt').write_text(text, 'utf-8', newline='')
     return [str(folder / f'{name}.txt') for name in lists]
 
 
@@ -219,6 +220,7 @@ def test_given_lists_are_checked_and_copied(labelled, tmp_path, capsys):
         ({'train': '000000\n0\n'}, ':2: 1 of the lines repeat another'),
         ({'train': '0\n'}, ':1: 1 of the lines have not six digits'),
         ({'train': '000000\r\n'}, 'lines end in CRLF'),
+        ({'train': '\ufeff000000\n'}, 'lines begin with a byte order mark'),
         ({'train': 'x\n'}, "train.txt:1: 'x'"),
     ],
 )
@@ -344,6 +346,12 @@ def test_lists_without_an_entry_are_not_written(labelled, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_names_of_lists_may_contain_blanks_and_commas(labelled, tmp_path):
+    (word,) = write(tmp_path / 'my lists, old', train='000000\n')
+    assert main(['split', str(labelled), '--from', word, '--out', str(tmp_path / 'a b')]) == 0
+    assert names_in(tmp_path / 'a b' / 'train.txt') == ['000000']
+
+
 def test_two_lists_of_one_name_are_refused(labelled, tmp_path):
     lists = write(tmp_path / 'a', train='000000\n') + write(tmp_path / 'b', train='000003\n')
     with pytest.raises(UsageError, match='have the same name'):
@@ -389,13 +397,35 @@ def test_the_mapped_set_is_divided_by_drive(recordings, tmp_path):
     assert {loss.stream for loss in report.losses} == {'image_2'}
 
 
-def test_the_real_mapping_is_divided_by_drive(real_kitti, tmp_path):
-    labels = tmp_path / 'object' / 'training' / 'label_2'
+@pytest.fixture(scope='module')
+def all_frames(tmp_path_factory):
+    """The labels of all training frames, empty."""
+    folder = tmp_path_factory.mktemp('all') / 'object'
+    labels = folder / 'training' / 'label_2'
     labels.mkdir(parents=True)
     for number in range(7481):
         (labels / f'{number:06d}.txt').touch()
+    return folder
+
+
+def test_random_halves_are_neighbours(real_kitti, all_frames, tmp_path):
+    """The figures of docs/howto/split.md."""
+    mapping = find_mapping(all_frames, real_kitti / 'devkit' / 'object')
+    report = split(all_frames, mapping=mapping.folder, out=tmp_path / 'lists')
+    train, val = ([mapping.frames[int(name)] for name in each.entries] for each in report.lists)
+    known = {*train}
+    within = [
+        min((abs(step) for step in range(-10, 11) if (d, n + step) in known), default=99)
+        for d, n in val
+    ]
+    assert sum(frames <= 2 for frames in within) / len(val) == pytest.approx(0.66, abs=0.005)
+    assert sum(frames <= 10 for frames in within) / len(val) == pytest.approx(0.95, abs=0.005)
+    assert len(report.pairs[0].drives) == 120
+
+
+def test_the_real_mapping_is_divided_by_drive(real_kitti, all_frames, tmp_path):
     mapping = real_kitti / 'devkit' / 'object'
-    report = split(tmp_path / 'object', by_drive=True, mapping=mapping)
+    report = split(all_frames, by_drive=True, mapping=mapping, out=tmp_path / 'lists')
     assert [len(each.entries) for each in report.lists] == [3741, 3740]
     assert sum(each.drives for each in report.lists) == 141
     assert report.pairs[0].drives == ()

@@ -11,7 +11,7 @@ from itertools import groupby
 import foreign
 import numpy as np
 import pytest
-from folder_and_bag import OBJECT_NUMBERS, make_bag, make_holes
+from folder_and_bag import OBJECT_NUMBERS, make_bag, make_holes, rerecord
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
@@ -190,21 +190,6 @@ def test_topics_alone_keep_the_frames_of_the_bag(recordings, tmp_path):
     assert program.frames.tolist() == list(OBJECT_NUMBERS)
     alone = BagProgram(bag, SelectionOptions(topics=('/tf_static',)))
     assert alone.frames[0] == OBJECT_NUMBERS[0]
-
-
-def rerecord(path, out, late_ns):
-    """The bag as a recorder logs it from a player: later, every message with its own header."""
-    with open_messages(path) as messages, open_bag(out, BagOptions(), TYPESTORE) as writer:
-        ids = {
-            topic: writer.add_channel(
-                Channel(topic, msgtype, latched=topic in messages.latched, depth=1)
-            )
-            for topic, msgtype in messages.channels
-        }
-        for message in messages:
-            data = bytes(message.data)
-            writer.write(ids[message.topic], message.stamp_ns + late_ns, [data])
-    return out
 
 
 def test_a_bag_recorded_from_a_player_has_the_same_numbers(holed, holed_bag, tmp_path):

@@ -109,6 +109,7 @@ def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
         parsers.parse_number: Optional[float],
         parsers.parse_path: Optional[Path],
         parsers.parse_texts: Optional[list[str]],
+        parsers.parse_paths: Optional[list[str]],
         parsers.parse_shares: Optional[list[str]],
     }
     return kinds.get(option.parse, Optional[str])
