@@ -6,7 +6,12 @@ from __future__ import annotations
 
 import shutil
 
+from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
 
 from builders import convert_recording  # isort: skip
@@ -48,3 +53,18 @@ def make_bag(source, folder, storage='mcap', selection=None, images=Images.COMPR
     path = folder / BAGS[storage]
     convert_recording(source, path, MessageOptions(images=images), selection, storage=storage)
     return path
+
+
+def rerecord(path, out, late_ns):
+    """The bag as a recorder logs it from a player: later, every message with its own header."""
+    with open_messages(path) as messages, open_bag(out, BagOptions(), TYPESTORE) as writer:
+        ids = {
+            topic: writer.add_channel(
+                Channel(topic, msgtype, latched=topic in messages.latched, depth=1)
+            )
+            for topic, msgtype in messages.channels
+        }
+        for message in messages:
+            data = bytes(message.data)
+            writer.write(ids[message.topic], message.stamp_ns + late_ns, [data])
+    return out

@@ -38,7 +38,7 @@ _IMPORTS = {
     'rerun_view': 'model drawing messages rig player',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',
-    'datasets': 'model files options drawing kitti messages bags pictures api',
+    'datasets': 'model files options drawing kitti messages bags exporter pictures api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)

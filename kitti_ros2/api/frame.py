@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..model.boxes import Box
     from ..model.geometry import Float64Array
+    from ..model.recording import FrameOrigin
     from ..model.samples import Float32Array, Sample
     from .source import OpenSource
 
@@ -43,7 +44,8 @@ class Frame:
     def stamp_ns(self) -> int:
         """Nanoseconds since 1970 UTC of the scan, or of the first stream that has the frame.
 
-        Nominal in layouts without time (object, tracking): frames at an assumed period.
+        Nominal in layouts without time (object, tracking): frames at an assumed period. Object sets
+        opened with real_time=True have the stamps of their raw drives.
         """
         frames = self.source.frames
         return int(frames.stamps_ns[np.searchsorted(frames.numbers, self.number)])
@@ -53,6 +55,14 @@ class Frame:
         """The streams that have this frame: scan, image_2, oxts, pose, labels, ..."""
         found = self.source.frames.streams.items()
         return tuple(name for name, numbers in found if self.number in numbers)
+
+    @property
+    def origin(self) -> FrameOrigin | None:
+        """The raw drive's frame that it was taken from: drive, number and stamp_ns.
+
+        Of object sets opened with real_time=True, and of their bags; else None.
+        """
+        return self.source.frames.origins.get(self.number)
 
     @cached_property
     def points(self) -> Float32Array:

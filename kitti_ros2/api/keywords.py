@@ -27,6 +27,9 @@ class ReadKeywords(TypedDict, total=False):
     semantic: bool
     period: float
     scan_stamp: str
+    real_time: bool
+    mapping: str | os.PathLike[str] | None
+    raw: str | os.PathLike[str] | None
 
 
 class ToBagKeywords(ReadKeywords, total=False):
@@ -90,6 +93,21 @@ class CropKeywords(TypedDict, total=False):
     overwrite: bool
     layout: str | None
     sequence: str | None
+
+
+class SplitKeywords(TypedDict, total=False):
+    """Options of split."""
+
+    ratio: str | Sequence[float | str]
+    names: OneOrMore
+    seed: int
+    by_drive: bool
+    lists: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+    check: bool
+    mapping: str | os.PathLike[str] | None
+    out: str | os.PathLike[str] | None
+    overwrite: bool
+    layout: str | None
 
 
 class DrawKeywords(TypedDict, total=False):

@@ -18,6 +18,7 @@ from .commands.info import info
 from .commands.play import play
 from .commands.recover import recover
 from .commands.report import report
+from .commands.split import split
 from .commands.stats import stats
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
@@ -115,6 +116,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'report': report,
     'crop': crop,
     'stats': stats,
+    'split': split,
     'demo': demo,
     'play': play,
 }

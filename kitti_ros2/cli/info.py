@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..bags.summary import TopicSummary
+    from ..model.recording import FrameOrigin
     from ..options.read import ReadOptions
     from ..report.glances import LinkGlance
     from ..report.overview import Overview
@@ -97,6 +98,8 @@ def print_overview(overview: Overview) -> None:
         console.print(_camera_table(overview), soft_wrap=False)
     if overview.links:
         console.print(_link_table(overview), soft_wrap=False)
+    if overview.origins:
+        console.print(_origin_table(overview.origins), soft_wrap=False)
     for note in overview.notes:
         console.print(one_line(f'note: {note}'), markup=False)
 
@@ -133,6 +136,20 @@ def _camera_table(overview: Overview) -> Table:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         name, *numbers = camera.cells()
         table.add_row(cell(name), size, *numbers)
+    return table
+
+
+def _origin_table(origins: Mapping[int, FrameOrigin]) -> Table:
+    """Return a table of the raw drives' frames, in order of time."""
+    table = plain_table('frame')
+    for heading in ('drive', 'number', 'stamp UTC'):
+        table.add_column(heading, no_wrap=True, justify='right' if heading == 'number' else 'left')
+    rows = sorted(origins.items(), key=lambda row: (row[1].stamp_ns, row[0]))
+    for number, origin in rows[:_MOST_FRAMES]:
+        stamp = format_stamp(origin.stamp_ns)
+        table.add_row(f'{number}', origin.drive, f'{origin.number}', stamp)
+    if len(rows) > _MOST_FRAMES:
+        table.add_row('...', f'{len(rows) - _MOST_FRAMES} more; all with --json', '', '')
     return table
 
 

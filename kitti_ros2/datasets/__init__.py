@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .cropping import crop
     from .set_statistics import SetStatistics, statistics
+    from .splitting import SplitReport, split
 
 _MODULES: dict[str, str] = {
     'SetStatistics': 'datasets.set_statistics',
+    'SplitReport': 'datasets.splitting',
     'crop': 'datasets.cropping',
+    'split': 'datasets.splitting',
     'statistics': 'datasets.set_statistics',
 }
 
-__all__ = ['SetStatistics', 'crop', 'statistics']
+__all__ = ['SetStatistics', 'SplitReport', 'crop', 'split', 'statistics']
 
 
 def __getattr__(name: str) -> object:

@@ -96,7 +96,7 @@ class Schedule:
 
     @cached_property
     def frame_numbers(self) -> Int64Array:
-        """(N,) int64: the frame of each entry, monotonic.
+        """(N,) int64: the frame of each entry, each frame in one piece.
 
         Without common numbers a frame extends half-way to its neighbours. The reference time of a
         scan stamped at its start is half-way to facing forward, where the images are taken.
@@ -107,7 +107,7 @@ class Schedule:
             return np.zeros(len(self), dtype=np.int64)
         if self.common_numbers:
             # Streams of the whole recording are due with the first sample.
-            return never_falling(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
+            return frame_runs(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
         reference = next(stream for stream in FRAME_STREAMS if stream in streams)
         chosen = self.streams == _STREAMS.index(reference)
         numbers, reference_ns = self.numbers[chosen], self.stamps_ns[chosen]
@@ -140,14 +140,20 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
     return frames
 
 
-def never_falling(numbers: Int64Array) -> Int64Array:
+def frame_runs(numbers: Int64Array) -> Int64Array:
     """Return (N,) the frame of each of (N,) samples in order of time, from their file numbers.
 
-    A sample of number UNKNOWN belongs to the frame of the one before it, or else to the first.
+    Frames follow each other in order of their first sample. A sample of number UNKNOWN, or of an
+    earlier frame, belongs to the frame of the one before it; those before the first to the first.
     """
-    frames: Int64Array = np.maximum.accumulate(numbers)
-    known = numbers[numbers != UNKNOWN]
-    frames[frames == UNKNOWN] = known[0] if len(known) else 0
+    known = numbers != UNKNOWN
+    if not known.any():
+        return np.zeros_like(numbers)
+    values, first, place = np.unique(numbers[known], return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    ranks = np.zeros(len(numbers), dtype=np.int64)
+    ranks[known] = np.argsort(order)[place]
+    frames: Int64Array = values[order][np.maximum.accumulate(ranks)]
     return frames
 
 

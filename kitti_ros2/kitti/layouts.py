@@ -60,13 +60,18 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
         AmbiguousSequenceError: It contains several recordings and the options choose none.
         UsageError: The chosen recording does not exist, or the options request labels of points
-            and the layout has none.
+            or real time and the layout has none.
     """
     options = options or ReadOptions()
     layout, candidates = _candidates(path, options)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
+            f' this is layout {layout.value}'
+        )
+    if options.real_time and not layout.traits.frame_set:
+        raise UsageError(
+            f'{path}: real time is for the object layout, whose frames have no stamps of their own;'
             f' this is layout {layout.value}'
         )
     chosen = _choose(path, layout, candidates, options.sequence)

@@ -83,6 +83,11 @@ def parse_drive(name: str) -> tuple[str, int, str]:
     return name[: len('2011_09_26')], int(match[1]), match[2]
 
 
+def drive_of(name: str) -> str | None:
+    """Return the drive of a raw recording, the same of sync and extract; None for other names."""
+    return name.rpartition('_')[0] if RAW_DRIVE.fullmatch(name) else None
+
+
 def parse_sequence(name: str) -> int:
     """Parse the name of a sequence into its number.
 

@@ -3,7 +3,8 @@
 """Reader of the object layout: {training,testing}/{image_2,velodyne,calib,label_2,...}/%06d.
 
 Frames come from different days: each has its own calibration, and no time stamp. Stamps are
-nominal, by file number. Scans are as measured, not compensated for motion.
+nominal, by file number; in real time they are those of the raw drives (see real_time.py), and
+frames without one are left out. Scans are as measured, not compensated for motion.
 """
 
 from __future__ import annotations
@@ -14,13 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import BadFileError, describe_error
+from ..model.errors import BadFileError, UsageError, describe_error
 from ..model.layouts import Layout
+from ..model.recording import StreamIndex
 from ..model.samples import TextFile
-from ..model.streams import Stream
+from ..model.streams import Clock, Stream
 from . import append_journal, names
 from .calib_archives import describe_source
 from .label_file import frame_labels, parse_labels
+from .object_mapping import find_mapping, find_raw_root
+from .real_time import ENDS, REAL_TIME, STARTS, DriveStamps, describe_times
 from .recording import KittiRecording, no_calibration
 from .store import STORE
 
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Description, FrameLabels
     from ..options.read import ReadOptions
     from .append_journal import AppendJournal
+    from .real_time import RealTimes
     from .store import Listing
 
 _KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB, names.OBJECT_LABELS}
@@ -56,11 +61,47 @@ class ObjectRecording(KittiRecording):
             if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
                 self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
         self._find_gaps(folders)
-        self._add_turns()
+        self._times: RealTimes | None = None
+        if options.real_time:
+            self._times = self._set_real_time()
+            self._add_turns(*map(self._times.turn_stamps, (STARTS, ENDS)))
+        else:
+            self._add_turns()
         others = [n for n in STORE.names(split) if n not in _KNOWN and (split / n).is_dir()]
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration_of)
+
+    def _set_real_time(self) -> RealTimes:
+        """Replace the nominal stamps by true ones; samples without one are losses.
+
+        Raises:
+            UsageError: There is no mapping or no raw drive, or not one true stamp.
+        """
+        if self.name == names.SPLITS[1]:
+            raise UsageError(f'{self.split}: the devkit has the drives of training frames only')
+        mapping = find_mapping(self.root, self.options.mapping)
+        raw = find_raw_root(self.root, self.options.raw)
+        numbers = {n for index in self.streams.values() for n in index.numbers.tolist()}
+        drives = DriveStamps(mapping, raw, numbers)
+        times = drives.read([*self.streams])
+        for stream, index in [*self.streams.items()]:
+            stamps = times.stamps(stream)
+            known = [n for n in index.numbers.tolist() if n in stamps]
+            absent = sorted(set(index.numbers.tolist()).difference(known))
+            for reason, frames in drives.reasons_of(stream, absent).items():
+                escaped = reason.replace('{', '(').replace('}', ')')
+                self._lose(stream, frames, f'{escaped}; no true stamp for frames {{}}')
+            stamps_ns = np.array([stamps[n] for n in known], dtype=np.int64)
+            self.streams[stream] = StreamIndex(np.array(known, dtype=np.int64), stamps_ns)
+        self.streams = {stream: index for stream, index in self.streams.items() if len(index)}
+        if not self.streams and self.losses:
+            reason = self.losses[-1].message.partition(';')[0]
+            raise UsageError(f'{self.split}: no frame has a true stamp: {reason}; see --raw')
+        self.clock = Clock.UTC
+        left = {n for index in self.streams.values() for n in index.numbers.tolist()}
+        self.origins = {n: origin for n, origin in times.origins.items() if n in left}
+        return times
 
     def _find_journal(self) -> AppendJournal | None:
         """Find the journal of an incomplete append: its frames are left out."""
@@ -92,6 +133,9 @@ class ObjectRecording(KittiRecording):
     def describe(self) -> Description:
         """Describe the set; lists of frames are as before an incomplete append."""
         found = super().describe()
+        if self._times is not None:
+            values = {**found.values, REAL_TIME: describe_times(self._times)}
+            found = replace(found, values=values)
         if self._journal is None:
             return found
         before = self.root / append_journal.FOLDER / append_journal.BEFORE

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from ..model.recording import FrameOrigin
     from ..model.samples import Int64Array, Turn
     from ..options.read import ReadOptions
     from .store import Listing
@@ -35,6 +36,7 @@ class RecordingIndex:
         self.losses: list[Loss] = []
         self.notes: list[str] = []
         self.turns: dict[int, Turn] = {}
+        self.origins: Mapping[int, FrameOrigin] = {}
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
 

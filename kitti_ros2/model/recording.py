@@ -43,6 +43,22 @@ class StreamIndex:
         return len(self.numbers)
 
 
+@dataclass(frozen=True)
+class FrameOrigin:
+    """The frame of a raw drive that a frame of an object set was taken from.
+
+    Attributes:
+        drive: The drive, such as 2011_09_26_drive_0005_sync.
+        number: Its file number in the drive.
+        stamp_ns: Its stamp in the drive, nanoseconds since 1970 UTC: of the scan, or of image_2 in
+            a drive without stamps of scans.
+    """
+
+    drive: str
+    number: int
+    stamp_ns: int
+
+
 class ReadableRecording(Protocol):
     """A KITTI recording open for reading: an index in memory, samples read one by one on demand.
 
@@ -76,6 +92,11 @@ class ReadableRecording(Protocol):
     @property
     def turns(self) -> Mapping[int, Turn]:
         """The turn of each scan, by file number; scans compensated for motion have none."""
+        ...
+
+    @property
+    def origins(self) -> Mapping[int, FrameOrigin]:
+        """By file number the raw drive's frame of a set in real time; else empty."""
         ...
 
     @property

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from enum import Enum
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -55,6 +56,22 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
     )
 
 
+def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
+    """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
+    if value == ():
+        return ()
+    items = value if isinstance(value, (list, tuple)) else [value]
+    words = [word for item in items for word in str(item).replace(',', ' ').split()]
+    try:
+        shares = tuple(Fraction(word) for word in words)
+    except (ValueError, ZeroDivisionError):
+        shares = ()
+    if not shares or not all(0 < share <= 1 for share in shares):
+        given = ' '.join(words)
+        raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {given!r}')
+    return shares
+
+
 def parse_flag(name: str, value: object) -> bool:
     """Parse true or false."""
     if isinstance(value, bool):
@@ -90,6 +107,12 @@ def parse_rounds(name: str, value: object) -> int:
 def parse_path(name: str, value: object) -> Path:
     """Parse a path."""
     return value if isinstance(value, Path) else Path(parse_text(name, value))
+
+
+def parse_paths(name: str, value: object) -> tuple[Path, ...]:
+    """Parse a path or a list of paths, which may contain blanks and commas."""
+    items = value if isinstance(value, (list, tuple)) else [value]
+    return tuple(parse_path(name, item) for item in items)
 
 
 def parse_choice(kind: type[E]) -> Callable[[str, object], E]:

@@ -6,13 +6,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.stamps import NS_PER_S
 from .declare import check_bounds, choice, option
-from .parsers import parse_epoch, parse_flag, parse_seconds_ns, parse_text
+from .parsers import parse_epoch, parse_flag, parse_path, parse_seconds_ns, parse_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
 """2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
@@ -45,9 +48,13 @@ class ReadOptions:
             of the scanner whose start and end are not known; 1 ms to 60 s.
         scan_stamp: Moment of a scan that its stamp marks. Scans that KITTI has compensated for
             motion (odometry) keep their stamps.
+        real_time: Whether frames of an object set have the stamps of their raw drives.
+        mapping: The folder of the object devkit's mapping; None searches beside the set.
+        raw: The folder of the raw drives; None searches beside the set.
 
     Raises:
-        UsageError: The epoch is not after 1970, or the period is out of range.
+        UsageError: The epoch is not after 1970, the period is out of range, or a mapping or raw
+            drives are given without real_time.
     """
 
     group: ClassVar = 'Source'
@@ -88,11 +95,31 @@ class ReadOptions:
         ScanStamp,
         unset='start with ring time, else forward',
     )
+    real_time: bool = option(
+        False, 'Object frames have the stamps of their raw drives, by the devkit', parse_flag
+    )
+    mapping: Path | None = option(
+        None,
+        "With --real-time: folder of the devkit's train_mapping.txt",
+        parse_path,
+        unset='beside the set',
+        metavar='DIR',
+    )
+    raw: Path | None = option(
+        None,
+        'With --real-time: folder of the raw drives',
+        parse_path,
+        unset='beside the set',
+        metavar='DIR',
+    )
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:
             raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
         check_bounds(self, 'period')
+        if not self.real_time and (self.mapping is not None or self.raw is not None):
+            given = '--raw' if self.mapping is None else '--mapping'
+            raise UsageError(f'{given} is for --real-time; give both')
 
 
 def is_period(period_ns: int) -> bool:

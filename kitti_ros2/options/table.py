@@ -22,11 +22,14 @@ from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
+from .split import SplitOptions
 from .statistics import StatisticsOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
+
+    from ..model.layouts import Layout
 
 FPS = (0.1, 240.0)
 
@@ -161,7 +164,8 @@ class ViewSettings:
 _MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
-SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
+_SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
+SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
 STATS = (*options_of(StatisticsOptions), *SOURCE)
 TO_BAG = (
@@ -186,6 +190,10 @@ TO_KITTI = (*options_of(ImportOptions), *_SPAN)
 CROP = (
     *options_of(CropOptions),
     *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
+)
+SPLIT = (
+    *options_of(SplitOptions),
+    *(each for each in SOURCE if each.name == 'layout'),
 )
 VIEW = (
     *options_of(ViewSettings),
@@ -263,6 +271,16 @@ def make_statistics_options(
     parsed = parse_values(values, STATS)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
+
+
+def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layout | None]:
+    """Make the options of split from values by name, and the layout; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, SPLIT)
+    return SplitOptions(**values_for(SplitOptions, parsed)), parsed.get('layout')
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

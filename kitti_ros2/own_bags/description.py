@@ -12,6 +12,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from ..kitti import names
+from ..kitti.real_time import REAL_TIME, parse_times_of
 from ..messages.moment import Origin
 from ..messages.source import RECORDING
 from ..messages.topics import decoders
@@ -24,6 +25,8 @@ from .folders import Folder, inside
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+    from ..kitti.real_time import RealTimes
 
 _MOST_DIGITS = 12
 _MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
@@ -62,6 +65,7 @@ class RecordingDescription:
         texts: The text files in the bag, calibration apart; None if the description does not list
             them.
         calibrations: The calibration files in the bag, if these are not numbered.
+        times: The true stamps of an object set in real time; None for others.
     """
 
     layout: Layout
@@ -72,6 +76,7 @@ class RecordingDescription:
     folders: Mapping[Stream, Folder]
     texts: tuple[PurePosixPath, ...] | None
     calibrations: tuple[PurePosixPath, ...]
+    times: RealTimes | None = None
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
@@ -102,6 +107,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             folders=folders,
             texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
             calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
+            times=parse_times_of(values[REAL_TIME]) if REAL_TIME in values else None,
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..bags.reader import open_messages, path_of
-from ..exporter.schedule import UNKNOWN, frames_of, nearest_frames, never_falling
+from ..exporter.schedule import UNKNOWN, frame_runs, frames_of, nearest_frames
 from ..kitti.layout_files import LAYOUTS
 from ..messages.header import peek_header
 from ..messages.moment import Origin
@@ -99,7 +99,7 @@ class NumberedBag(NamedTuple):
         numbers = np.concatenate([each.numbers for each in self.topics.values()])
         order = np.lexsort((numbers, log_ns))
         last = np.searchsorted(log_ns[order], stamps_ns, 'right') - 1
-        frames = never_falling(numbers[order])[np.maximum(last, 0)]
+        frames = frame_runs(numbers[order])[np.maximum(last, 0)]
         for each in (self.topics[topic] for topic in topics if topic in self.topics):
             known = each.numbers != UNKNOWN
             frames[np.searchsorted(stamps_ns, each.log_ns[known])] = each.numbers[known]
@@ -115,7 +115,7 @@ class NumberedBag(NamedTuple):
         if stream is Stream.SCAN and self.blueprint.scan_stamp is ScanStamp.START:
             # Images come after facing forward: between both is the middle of a frame.
             log_ns = log_ns + self.blueprint.period_ns // 4
-        return log_ns, never_falling(topic.numbers[known])
+        return log_ns, frame_runs(topic.numbers[known])
 
     def by_stream(self) -> dict[Stream, Int64Array]:
         """Return by stream (N,) the file numbers of its topics, ascending."""
@@ -132,6 +132,8 @@ def has_common_numbers(blueprint: Blueprint) -> bool:
 
 def clock_of(blueprint: Blueprint) -> Clock:
     """Return the meaning of a recording's stamps, by the time files in its bag."""
+    if blueprint.times is not None:
+        return Clock.UTC
     files = {path.name for path in blueprint.texts}
     is_stamped = LAYOUTS[blueprint.layout].stamps in files
     return blueprint.layout.traits.clock if is_stamped else Clock.NOMINAL

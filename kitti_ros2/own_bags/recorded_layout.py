@@ -18,6 +18,7 @@ from ..bags.reader import open_messages, opened, path_of
 from ..importer.report import LossTally, damage
 from ..kitti import names
 from ..kitti.layout_files import LAYOUTS
+from ..kitti.real_time import ENDS, STARTS
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.turns import find_turns, scan_stamps
 from ..messages.moment import Origin
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.reader import BagMessages, BagSource
+    from ..kitti.real_time import RealTimes
     from ..model.layouts import Layout
     from ..model.samples import TextFile
     from .description import RecordingDescription
@@ -64,6 +66,7 @@ class Blueprint:
         folders: By stream.
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
+        times: The true stamps of an object set in real time; None for others.
         topics: Topics of the bag.
         missing: Text files missing in the bag.
         selected: File numbers of the requested part, by stream; None is all.
@@ -80,6 +83,7 @@ class Blueprint:
     folders: Mapping[Stream, Folder]
     texts: Mapping[PurePosixPath, str]
     calibrations: Mapping[PurePosixPath, str]
+    times: RealTimes | None = None
     topics: frozenset[str] = frozenset()
     missing: frozenset[PurePosixPath] = frozenset()
     selected: Mapping[Stream, frozenset[int]] | None = None
@@ -130,15 +134,17 @@ class Blueprint:
             or self.layout.traits.compensated_scans
         ):
             return stamps
-        starts = self._turn_stamps(names.TIMESTAMPS_START)
-        ends = self._turn_stamps(names.TIMESTAMPS_END)
+        starts = self._turn_stamps(names.TIMESTAMPS_START, STARTS)
+        ends = self._turn_stamps(names.TIMESTAMPS_END, ENDS)
         if starts is None or ends is None:
             return None
         turns = find_turns(stamps, starts, ends, self.period_ns)
         return scan_stamps(stamps, turns, self.scan_stamp)
 
-    def _turn_stamps(self, name: str) -> Mapping[int, int] | None:
+    def _turn_stamps(self, name: str, column: str) -> Mapping[int, int] | None:
         """Parse the starts or ends of the scanner's turns; None if they are missing."""
+        if self.times is not None:
+            return self.times.turn_stamps(column)
         path = self.folders[Stream.SCAN].path.parent / name
         if path in self.missing:
             return None
@@ -146,6 +152,8 @@ class Blueprint:
 
     def file_stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of files; None if their text file is missing."""
+        if self.times is not None:
+            return self.times.stamps(stream)
         path = self.stamps_path(stream)
         if path in self.missing:
             return None
@@ -271,6 +279,7 @@ class _Source:
             folders=description.folders,
             texts=texts,
             calibrations=calibrations,
+            times=description.times,
             topics=topics,
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.geometry import Transform
     from ..model.losses import Loss
-    from ..model.recording import Start
+    from ..model.recording import FrameOrigin, Start
     from ..model.samples import Sample
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
@@ -76,6 +76,8 @@ class BagRecording:
         self.name = bag.blueprint.name
         self.common_numbers = bag.common
         self.clock: Clock = bag.clock
+        times = bag.blueprint.times
+        self.origins: Mapping[int, FrameOrigin] = {} if times is None else times.origins
         self.start: Start | None = None  # poses are in the bag's map as they are
         self.losses: tuple[Loss, ...] = damage(survey.losses, self.root.name)
         self.notes: tuple[str, ...] = tuple(survey.notes)

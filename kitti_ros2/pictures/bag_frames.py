@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
     from ..model.losses import Loss
+    from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
 
@@ -87,6 +88,7 @@ class BagFrames:
         labels = self._plan.labels
         self._own_lines = labels is not None and labels.topic == LABEL_LINES
         self._track = ego_track(bag, survey, notes)
+        self.origins: Mapping[int, FrameOrigin] = {}
         self.base_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self.stamps_ns = frames.stamps_ns

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..model.geometry import Float64Array, Transform
     from ..model.losses import Loss
+    from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose, Sample
     from ..model.streams import Stream
 
@@ -74,6 +75,7 @@ class FrameSource(Protocol):
         stamps_ns: (N,) int64, of the frames.
         streams: Stream name (samples.Stream values) to (N,) int64, the frames that have a sample.
         base_t_imu: imu_link in base_link, or in the body that the poses of a bag are of.
+        origins: By number the raw drive's frame of an object set in real time; else empty.
         losses: Data missing or damaged from the start, by stream or topic.
         assumptions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
         notes: Other non-fatal remarks; one line each.
@@ -84,6 +86,7 @@ class FrameSource(Protocol):
     stamps_ns: Int64Array
     streams: Mapping[str, Int64Array]
     base_t_imu: Transform
+    origins: Mapping[int, FrameOrigin]
     losses: Sequence[Loss]
     assumptions: Sequence[str]
     notes: Sequence[str]

@@ -51,6 +51,7 @@ class RecordingFrames:
 
     def __init__(self, recording: Readable, name: str | None = None) -> None:
         self.name = name or f'{recording.layout.value} {recording.name}'
+        self.origins = recording.origins
         self.losses: Sequence[Loss] = recording.losses
         self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes

@@ -119,6 +119,6 @@ def select_frames(source: FrameSource, selection: SelectionOptions) -> list[int]
 
 def rate_of(source: FrameSource, numbers: Sequence[int]) -> float:
     """Return the rate of some frames, from the median interval, in Hz."""
-    periods = np.diff(source.stamps_ns[np.isin(source.numbers, numbers)])
+    periods = np.diff(np.sort(source.stamps_ns[np.isin(source.numbers, numbers)]))
     period = float(np.median(periods)) if len(periods) else 0.0
     return min(max(NS_PER_S / period, _LEAST_HZ), _MOST_HZ) if period > 0 else _NOMINAL_HZ

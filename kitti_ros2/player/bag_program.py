@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bags.forward_stamps import read_lead_ns
 from ..bags.reader import open_messages, opened
-from ..exporter.schedule import nearest_frames, never_falling
+from ..exporter.schedule import frame_runs, nearest_frames
 from ..exporter.window import describe_extent
 from ..messages.cdr import Message, filling
 from ..model.errors import BadBagError, KittiRos2Error, UsageError
@@ -18,6 +18,7 @@ from ..model.losses import Loss
 from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE
 from ..own_bags.numbering import BY_POSITION, number_bag
 from .bag_topics import ImageTopics, choose_topics, define_images
+from .program import longest_gap_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -75,6 +76,8 @@ class BagProgram:
             self._open(bag, played, stamps, exact={*played.names} == {*selection.topics})
             self._numbered = number_bag(bag, stamps)
             self.stamps_ns, self.frames = self._select(bag, selection, stamps)
+            own = self._numbered
+            self.longest_gap_ns = own and longest_gap_ns(own.blueprint.layout, own.clock)
             self._latched = self._read_latched(bag)
             self._messages: BagMessages = open_messages(bag, self._topics)
         self._iterator: Iterator[BagMessage] | None = None
@@ -121,6 +124,7 @@ class BagProgram:
             own = _frames_by_position(bag, every, stamps)
         else:
             own = self._numbered.frames_at(every, self._topics)
+            self._refuse_frames(selection)
         begin = min(int(found[0]) for found in stamps.values() if len(found))
         start, end = selection.start, selection.end
         first, last = (
@@ -132,11 +136,25 @@ class BagProgram:
         if not len(every[span]):
             extent = describe_extent(np.unique(own), every, selection)
             raise UsageError(f'{self._path}: {selection} takes no message; it has {extent}')
-        frames = never_falling(own)[span]
+        frames = frame_runs(own)[span]
         if end is not None and end.frame is not None:
             # Messages before the last one of a frame are played with that frame.
             frames = np.minimum(frames, end.frame)
         return every[span], frames
+
+    def _refuse_frames(self, selection: SelectionOptions) -> None:
+        """Check that the frames from a first to a last one are in one piece of the bag.
+
+        Raises:
+            UsageError: They are requested and are not: those of an object set in real time.
+        """
+        bounds = (selection.start, selection.end)
+        by_frame = any(bound is not None and bound.frame is not None for bound in bounds)
+        if by_frame and self._numbered is not None and self._numbered.blueprint.times is not None:
+            raise UsageError(
+                f'{self._path}: its frames are in order of time, not of number; give start and end'
+                f" as seconds (3.5s) or times ('2011-09-26 13:02:26')"
+            )
 
     def notes(self) -> tuple[str, ...]:
         """See Program."""

@@ -93,6 +93,7 @@ class Playback(PlaybackSchedule):
             if self._paused:
                 self._anchor_ns = self._earliest(self._clock.now_ns())
                 self._paused = False
+                self._skip_gap(self._anchor_ns, self._anchor_stamp)
             self._wake()
 
     def begin(self) -> None:
@@ -130,11 +131,10 @@ class Playback(PlaybackSchedule):
             UsageError: The frame does not exist.
         """
         with self._condition:
-            index = bisect_left(self._frame_numbers, number)
-            if index >= len(self._frame_numbers) or self._frame_numbers[index] != number:
-                known = describe_frames(self._frame_numbers)
+            if number not in self._frame_numbers:
+                known = describe_frames(sorted(self._frame_numbers))
                 raise UsageError(f'there is no frame {number}; it has {known}')
-            position = self._frame_starts[index]
+            position = self._frame_starts[self._frame_numbers.index(number)]
             self._move(position, self._stamps[position])
             self._wake()
 

@@ -30,9 +30,10 @@ class PlaybackSchedule:
 
     Args:
         stamps_ns: (N,) int64 nanoseconds, ascending; N > 0.
-        frames: (N,) int64 frame numbers, never decreasing.
+        frames: (N,) int64 frame numbers, each frame in one piece.
         options: Playback options.
         clock: Steady time.
+        longest_gap_ns: The recording's time skips ahead where the next sample is later than this.
     """
 
     def __init__(
@@ -41,10 +42,13 @@ class PlaybackSchedule:
         frames: Int64Array,
         options: PlaybackOptions,
         clock: SteadyClock | None = None,
+        longest_gap_ns: int | None = None,
     ) -> None:
         self._stamps: list[int] = stamps_ns.tolist()
-        numbers, starts = np.unique(frames, return_index=True)
-        self._frame_numbers: list[int] = numbers.tolist()
+        self._longest_gap_ns = longest_gap_ns
+        _, first = np.unique(frames, return_index=True)
+        starts = np.sort(first)
+        self._frame_numbers: list[int] = frames[starts].tolist()
         self._frame_starts: list[int] = starts.tolist()
         self._options = options
         self._clock = clock or SteadyClock()
@@ -116,7 +120,17 @@ class PlaybackSchedule:
             self._anchor_ns, self._anchor_stamp = due, self._stamps[self._position]
         self._position += 1
         self._next_idle = 0
+        self._skip_gap(due, self._stamps[event.position])
         return event
+
+    def _skip_gap(self, due: int, stamp_ns: int) -> None:
+        """Go on shortly before the next sample if it is long after a time, due at steady time."""
+        at_end = self._position >= len(self._stamps)
+        if self._longest_gap_ns is None or at_end or self._paused or self._options.lossless:
+            return
+        resumed_ns = self._stamps[self._position] - self._longest_gap_ns
+        if resumed_ns > stamp_ns:
+            self._anchor_ns, self._anchor_stamp = due, resumed_ns
 
     @property
     def _rushing(self) -> bool:
@@ -187,6 +201,7 @@ class PlaybackSchedule:
         self._position = self._completed = position
         self._rush_until = self._burst_left = 0
         self._anchor_ns, self._anchor_stamp = self._earliest(self._clock.now_ns()), stamp_ns
+        self._skip_gap(self._anchor_ns, stamp_ns)
         self._jump = True
         self._next_idle = 0
 

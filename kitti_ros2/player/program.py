@@ -13,17 +13,22 @@ from ..exporter.schedule import make_schedule
 from ..messages.cdr import Message
 from ..messages.ros_types import TYPESTORE
 from ..model.losses import Loss
-from ..model.streams import Stream
+from ..model.stamps import NS_PER_S
+from ..model.streams import Clock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
     from ..messages.ros_types import Typestore
     from ..model.channels import Channel
+    from ..model.layouts import Layout
     from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
+
+
+_LONGEST_GAP_NS = NS_PER_S
 
 
 class Program(Protocol):
@@ -33,7 +38,8 @@ class Program(Protocol):
         name: Display name.
         channels: The topics that are played.
         stamps_ns: (N,) int64 nanoseconds, ascending.
-        frames: (N,) int64 frame numbers, never decreasing.
+        frames: (N,) int64 frame numbers, each frame in one piece.
+        longest_gap_ns: Longest wait between messages, nanoseconds; None is any.
         workers: Number of threads that may fetch at once.
         typestore: Contains the types of the channels.
         losses: Data missing from the start or found missing since, one line each.
@@ -43,6 +49,7 @@ class Program(Protocol):
     channels: Sequence[Channel]
     stamps_ns: Int64Array
     frames: Int64Array
+    longest_gap_ns: int | None
     workers: int
     typestore: Typestore
 
@@ -67,6 +74,11 @@ class Program(Protocol):
 
     def close(self) -> None:
         """Release files."""
+
+
+def longest_gap_ns(layout: Layout, clock: Clock) -> int | None:
+    """Return the longest wait between messages: frames of a set in real time are days apart."""
+    return _LONGEST_GAP_NS if layout.traits.frame_set and clock is Clock.UTC else None
 
 
 class RecordingProgram:
@@ -97,6 +109,7 @@ class RecordingProgram:
         self.channels: Sequence[Channel] = self._encoder.table
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
+        self.longest_gap_ns = longest_gap_ns(recording.layout, recording.clock)
         self.workers = workers
         self.typestore: Typestore = TYPESTORE
         self._losses = self._encoder.concerned(recording.losses)

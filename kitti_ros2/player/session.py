@@ -104,7 +104,12 @@ class Session:
         self._complain_once = complain
         self._changed = changed
         self._say = say
-        self.playback = Playback(program.stamps_ns, program.frames, settings.playback)
+        self.playback = Playback(
+            program.stamps_ns,
+            program.frames,
+            settings.playback,
+            longest_gap_ns=program.longest_gap_ns,
+        )
         self.counts = Counts()
         self.reception = Reception()
         self.late: tuple[str, ...] = ()

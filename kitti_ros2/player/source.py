@@ -97,6 +97,6 @@ def describe(program: Program) -> str:
     """Describe a program in one line."""
     frames, stamps = program.frames, program.stamps_ns
     return (
-        f'{program.name}: frames {frames[0]} to {frames[-1]},'
+        f'{program.name}: frames {frames.min()} to {frames.max()},'
         f' {(stamps[-1] - stamps[0]) / 1e9:.1f} s, {len(program.channels)} topics'
     )

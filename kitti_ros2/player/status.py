@@ -112,8 +112,8 @@ def describe_now(session: Session) -> str:
     """Return the status of a session, such as 'playing, frame 5 of 0-119, 0.52 s, rate 1.00'."""
     state, frames = session.playback.state(), session.program.frames
     return (
-        f'{where(session.playback)} of {frames[0]}-{frames[-1]}, {state.offset_ns / 1e9:.2f} s,'
-        f' rate {state.rate:.2f}, dropped {session.counts.failures}'
+        f'{where(session.playback)} of {frames.min()}-{frames.max()},'
+        f' {state.offset_ns / 1e9:.2f} s, rate {state.rate:.2f}, dropped {session.counts.failures}'
     )
 
 

@@ -119,7 +119,14 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     survey = look([bag])
     steps.step()
     own = None if blueprint is None else open_own_recording(bag, survey, blueprint)
-    streams = bag_streams(overview.series, bag_stamps(bag), survey, overview.clock, findings)
+    streams = bag_streams(
+        overview.series,
+        bag_stamps(bag),
+        survey,
+        overview.clock,
+        findings,
+        independent=blueprint is not None and blueprint.layout.traits.frame_set,
+    )
     report = Report(overview, streams)
     steps.step()
     absent = (loss for loss in overview.losses if loss.text() not in survey.losses)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from ..bags.reader import bag_stamps, summarize_bag
@@ -17,12 +17,14 @@ from ..own_bags.recorded_layout import read_blueprint
 from .glances import bag_calibration, calibration_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from ..bags.reader import OpenBag
     from ..kitti.recording import KittiRecording
     from ..model.losses import Loss
+    from ..model.recording import FrameOrigin
+    from ..own_bags.numbering import NumberedBag
     from ..own_bags.recorded_layout import Blueprint
     from .glances import CameraGlance, LinkGlance
 
@@ -46,6 +48,7 @@ class Overview:
         losses: Missing or unusable data.
         notes: Remarks.
         complete: False for a truncated or damaged bag.
+        origins: By number the raw drive's frame of an object set in real time.
     """
 
     path: Path
@@ -64,6 +67,7 @@ class Overview:
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
     complete: bool = True
+    origins: Mapping[int, FrameOrigin] = field(default_factory=dict)
 
 
 def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
@@ -91,6 +95,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         links=links,
         losses=(*recording.losses, *recording.late_losses),
         notes=tuple(recording.notes) + notes,
+        origins=recording.origins,
     )
 
 
@@ -132,8 +137,16 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         losses=losses,
         notes=(*cut, *summary.findings, *notes),
         complete=summary.complete,
+        origins={} if numbered is None else _origins(numbered),
     )
     return overview, blueprint
+
+
+def _origins(bag: NumberedBag) -> Mapping[int, FrameOrigin]:
+    """Return the raw drives' frames of the frames in a bag."""
+    times = bag.blueprint.times
+    origins = {} if times is None else times.origins
+    return {n: origins[n] for n in bag.frames.tolist() if n in origins}
 
 
 def _times(

@@ -46,7 +46,7 @@ def recording_streams(
     found = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
-        if recording.clock is not Clock.NOMINAL:
+        if recording.clock is not Clock.NOMINAL and not recording.layout.traits.frame_set:
             findings += _uneven(stream.value, timing)
             findings += _shifted(stream, recording)
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
@@ -77,6 +77,8 @@ def bag_streams(
     survey: Survey,
     clock: Clock,
     findings: list[Finding],
+    *,
+    independent: bool = False,
 ) -> list[StreamFacts]:
     """Return the topics of a bag, with the stamps of their headers if usable.
 
@@ -86,6 +88,7 @@ def bag_streams(
         survey: The survey of the bag.
         clock: The meaning of its stamps.
         findings: Findings are appended here.
+        independent: Whether the frames are independent, and may be any time apart.
     """
     found = []
     for topic in topics:
@@ -101,8 +104,8 @@ def bag_streams(
                 text = f'messages that do not decode as {seen.msgtype}: {seen.failure}'
                 findings.append(Finding(Severity.LOSS, topic.name, text))
         timing = timing_of(used)
-        if clock is Clock.NOMINAL:
-            pass  # nominal times have no gaps
+        if clock is Clock.NOMINAL or independent:
+            pass  # nominal times have no gaps; independent frames have any
         elif seen is not None and seen.header_ns:
             findings += _uneven(topic.name, timing)
         elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:

@@ -125,7 +125,7 @@ class _StreamLogger:
         self._always: set[str] = set()
         self._last_keys = LastKeys()
         self._curves: dict[str, list[tuple[TimePoint, tuple[float, ...]]]] = {}
-        self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames[0]))
+        self.begin = TimePoint(int(program.stamps_ns[0]), int(program.frames.min()))
         self.messages = 0
         self.size_bytes = 0
         self.losses: Counter[str] = Counter()

@@ -18,6 +18,7 @@ from kitti_ros2.api.keywords import (
     CropKeywords,
     DrawKeywords,
     ReadKeywords,
+    SplitKeywords,
     ToBagKeywords,
     ToKittiKeywords,
     keyword_of,
@@ -27,7 +28,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.table import CROP, TO_BAG, TO_KITTI
+from kitti_ros2.options.table import CROP, SPLIT, TO_BAG, TO_KITTI
 
 
 def files(root):
@@ -179,6 +180,7 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
         (ToBagKeywords, TO_BAG),
         (ToKittiKeywords, TO_KITTI),
         (CropKeywords, CROP),
+        (SplitKeywords, SPLIT),
         (DrawKeywords, DRAW),
     ],
 )

@@ -29,6 +29,7 @@ COMMANDS = {
     'report': 'SRC',
     'crop': 'SRC OUT',
     'stats': 'PATH...',
+    'split': 'SRC',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -41,6 +42,7 @@ TABLES = {
     'info': table.SOURCE,
     'report': table.SOURCE,
     'stats': table.STATS,
+    'split': table.SPLIT,
 }
 
 

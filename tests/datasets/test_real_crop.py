@@ -83,7 +83,9 @@ def test_points_in_labelled_boxes(real_kitti):
         points = recording.read(Stream.SCAN, number).points[:, :3]
         labels = recording.read(Stream.LABELS, number)
         cuboids = cuboids_of(labels, recording.calibration(number))
-        found.append([(each.kind, int(inside_cuboid(points, each).sum())) for each in cuboids])
+        found.append(
+            [(each.class_name, int(inside_cuboid(points, each).sum())) for each in cuboids]
+        )
     assert found == [
         [('Pedestrian', 376)],
         [('Truck', 70), ('Car', 9), ('Cyclist', 18)],

@@ -7,9 +7,11 @@ from __future__ import annotations
 import re
 import shutil
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import foreign
+from mapped_set import write_mapping
 
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
@@ -18,7 +20,6 @@ from builders import convert_recording  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
 OPTIONS = SyntheticOptions(frames=12, image_size=(310, 94), lidar_columns=200)
@@ -33,8 +34,21 @@ def write_sets(folder: Path) -> Path:
     for layout in (Layout.OBJECT, Layout.ODOMETRY, Layout.TRACKING):
         write_synthetic(folder / layout.value, layout, OPTIONS)
     write_point_labels(folder / 'odometry' / 'sequences' / '00')
+    write_mapping_of(folder)
     shutil.copytree(folder / 'object' / 'training' / 'label_2', folder / 'results' / 'data')
     return folder
+
+
+def write_mapping_of(folder: Path) -> None:
+    """The devkit's mapping of the object frames to two drives, and the time stamps of these."""
+    drives = [DRIVE, DRIVE.replace('0005', '0001')]
+    rows = [(Path(drives[n % 2]).name, n) for n in range(OPTIONS.frames)]
+    write_mapping(folder / 'devkit' / 'mapping', rows, range(1, len(rows) + 1))
+    for drive in drives:
+        for stamps in (folder / DRIVE).glob('*/timestamps*.txt'):
+            copy = folder / 'raw' / drive / stamps.parent.name / stamps.name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(stamps, copy)
 
 
 def write_point_labels(sequence: Path) -> None:

@@ -20,6 +20,7 @@ from kitti_ros2.options.table import (
     CROP,
     PLAY,
     PLAY_OPTIONS,
+    SPLIT,
     TO_BAG,
     TO_BAG_OPTIONS,
     TO_KITTI,
@@ -29,6 +30,7 @@ from kitti_ros2.options.table import (
     make_import_options,
     make_play_settings,
     make_settings,
+    make_split_options,
     make_view_settings,
 )
 
@@ -38,6 +40,7 @@ COMMANDS = {
     'to-kitti': (make_import_options, TO_KITTI),
     'view': (make_view_settings, VIEW),
     'crop': (make_crop_options, CROP),
+    'split': (lambda values: make_split_options(values)[0], SPLIT),
     'play': (make_play_settings, PLAY),
 }
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]

@@ -6,18 +6,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from itertools import groupby
 
 import foreign
 import numpy as np
 import pytest
-from folder_and_bag import OBJECT_NUMBERS, make_bag, make_holes
+from folder_and_bag import OBJECT_NUMBERS, make_bag, make_holes, rerecord
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.exporter.schedule import UNKNOWN, frames_of, make_schedule, never_falling
+from kitti_ros2.exporter.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
@@ -191,21 +192,6 @@ def test_topics_alone_keep_the_frames_of_the_bag(recordings, tmp_path):
     assert alone.frames[0] == OBJECT_NUMBERS[0]
 
 
-def rerecord(path, out, late_ns):
-    """The bag as a recorder logs it from a player: later, every message with its own header."""
-    with open_messages(path) as messages, open_bag(out, BagOptions(), TYPESTORE) as writer:
-        ids = {
-            topic: writer.add_channel(
-                Channel(topic, msgtype, latched=topic in messages.latched, depth=1)
-            )
-            for topic, msgtype in messages.channels
-        }
-        for message in messages:
-            data = bytes(message.data)
-            writer.write(ids[message.topic], message.stamp_ns + late_ns, [data])
-    return out
-
-
 def test_a_bag_recorded_from_a_player_has_the_same_numbers(holed, holed_bag, tmp_path):
     again = rerecord(holed_bag, tmp_path / 'again.mcap', 10**18 + 12_345)
     with AnyReader([again]) as reader:
@@ -248,15 +234,15 @@ def test_an_extract_goes_by_its_scans(recordings, tmp_path):
 
 
 @given(st.lists(st.integers(-1, 50)))
-def test_frames_never_fall_and_begin_with_the_first_known(numbers):
-    frames = never_falling(np.array(numbers, np.int64))
+def test_each_frame_is_one_run_that_begins_with_its_first_sample(numbers):
+    frames = frame_runs(np.array(numbers, np.int64))
     known = [number for number in numbers if number != UNKNOWN]
     assert len(frames) == len(numbers)
-    assert frames.tolist() == sorted(frames.tolist())
-    assert {*frames.tolist()} <= {*known, 0}
-    for place, frame in enumerate(frames.tolist()):
-        before = [number for number in numbers[: place + 1] if number != UNKNOWN]
-        assert frame == (max(before) if before else (known or [0])[0])
+    runs = [number for number, _ in groupby(frames.tolist())]
+    assert runs == [*dict.fromkeys(known)] or (not known and {*runs} <= {0})
+    for place, number in enumerate(numbers):
+        if number != UNKNOWN and number not in numbers[:place]:
+            assert frames[place] == number
 
 
 @given(st.dictionaries(st.sampled_from(FRAME_STREAMS), st.lists(st.integers(0, 30), min_size=1)))

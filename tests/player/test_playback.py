@@ -391,3 +391,55 @@ def test_after_each_seek_comes_its_frame(seeks):
     for (kind, position), (after, following) in pairwise(positions):
         if kind is Jump and after is Send:
             assert following == position
+
+
+GAPS = np.array([0, 100, 101, 864_100, 864_101]) * SECOND + START
+"""Two of ten days and 99 s, one after the first second."""
+
+
+def gapped(clock, **options):
+    return Playback(
+        GAPS, np.array([7, 3, 3, 9, 5]), PlaybackOptions(**options), clock, longest_gap_ns=SECOND
+    )
+
+
+def test_long_gaps_are_skipped():
+    clock = FakeClock()
+    playback = gapped(clock, clock_hz=10.0)
+    events = [*walk(playback, clock)]
+    assert sends(events) == [(0, 0), (1, 1), (2, 2), (3, 3), (4, 4)]
+    ticks = [event.stamp_ns for _, event in events if isinstance(event, Tick)]
+    assert ticks == sorted(ticks)
+    assert all(min(abs(GAPS - tick)) <= SECOND for tick in ticks)
+    assert sends(walk(gapped(clock, rate=2.0), clock))[-1] == (2, 4)
+
+
+def test_long_gaps_are_skipped_after_a_seek_and_after_a_pause():
+    clock = FakeClock()
+    playback = gapped(clock, start_paused=True)
+    clock.at(1, lambda: playback.seek(START + 200 * SECOND))
+    clock.at(2, playback.resume)
+    assert sends(walk(playback, clock)) == [(3, 3), (4, 4)]
+
+
+def test_time_does_not_skip_a_gap_while_paused():
+    clock = FakeClock()
+    playback = gapped(clock, start_paused=True)
+    clock.at(0.5, lambda: playback.play_next(timeout=0))
+    stamps = []
+    clock.at(2, lambda: stamps.append(playback.state().stamp_ns))
+    clock.at(3, playback.stop)
+    assert sends(walk(playback, clock)) == [(0.5, 0)]
+    assert stamps == [START]
+
+
+def test_frames_need_not_be_in_order_of_number():
+    clock = FakeClock()
+    playback = gapped(clock, start_paused=True)
+    shown = []
+    for number in (9, 7, 5, 3):
+        playback.seek_frame(number)
+        shown.append(playback.state().stamp_ns)
+    assert shown == [int(GAPS[place]) for place in (3, 0, 4, 1)]
+    with pytest.raises(UsageError, match='no frame 4; it has 4 frames, 3 to 9 with gaps'):
+        playback.seek_frame(4)

@@ -23,6 +23,7 @@ class SmallProgram:
     name = 'small'
     workers = 1
     losses = ()
+    longest_gap_ns = None
     channels = (
         Channel('/scan', 'sensor_msgs/msg/PointCloud2', latched=False, depth=10),
         Channel('/imu', 'sensor_msgs/msg/Imu', latched=False, depth=10),
