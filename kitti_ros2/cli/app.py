@@ -12,6 +12,7 @@ from ..model.errors import UsageError
 from .commands.command import Command
 from .commands.declared import add_options
 from .commands.demo import demo
+from .commands.extract import extract
 from .commands.info import info
 from .commands.play import play
 from .commands.recover import recover
@@ -106,6 +107,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'info': info,
     'view': view,
     'report': report,
+    'extract': extract,
     'demo': demo,
     'play': play,
 }

@@ -69,6 +69,37 @@ def step_progress(
         yield _seldom(lambda done, total=None: bar.update(task, completed=done, total=total))
 
 
+@contextmanager
+def bytes_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function to call with the bytes done and the bytes of all.
+
+    The bar shows both, MB/s and the time left.
+    """
+    if not show or not sys.stderr.isatty():
+        yield lambda _done, _total: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        DownloadColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+        TransferSpeedColumn,
+    )
+
+    columns = (
+        TextColumn('{task.description}'),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield _seldom(lambda done, total: bar.update(task, completed=done, total=total))
+
+
 def _seldom(update: Callable[..., None]) -> Callable[..., None]:
     """Limit the updates of a bar: most messages are small, and drawing takes longer."""
     last = time.monotonic()

@@ -10,11 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from ..fetch.extract import extract
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    'extract': 'fetch.extract',
+}
 
-__all__: list[str] = []
+__all__: list[str] = [
+    'extract',
+]
 
 
 def __getattr__(name: str) -> object:

@@ -14,6 +14,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
+from .fetching import ExtractOptions
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
@@ -179,6 +180,7 @@ PLAY = tuple(
     )
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
+EXTRACT = options_of(ExtractOptions)
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
 VIEW = (
     *options_of(ViewSettings),
@@ -232,6 +234,15 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     parsed = parse_values(values, TO_KITTI)
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
+
+
+def make_extract_options(values: Mapping[str, object]) -> ExtractOptions:
+    """Make the options of extract from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    return ExtractOptions(**values_for(ExtractOptions, parse_values(values, EXTRACT)))
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

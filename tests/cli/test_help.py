@@ -25,6 +25,7 @@ COMMANDS = {
     'info': 'SRC',
     'view': 'SRC',
     'report': 'SRC',
+    'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -32,6 +33,7 @@ TABLES = {
     'to-bag': table.TO_BAG,
     'to-kitti': table.TO_KITTI,
     'view': table.VIEW,
+    'extract': table.EXTRACT,
     'play': table.PLAY,
     'info': table.SOURCE,
     'report': table.SOURCE,
