@@ -52,6 +52,7 @@ GUESTS = {
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
+    'httpx': {'fetch'},
     'jinja2': {'report'},
     'rerun': {'rerun_view'},
     'typer': {'cli'},

@@ -12,6 +12,7 @@ from ..model.errors import UsageError
 from .commands.command import Command
 from .commands.declared import add_options
 from .commands.demo import demo
+from .commands.download import download
 from .commands.extract import extract
 from .commands.info import info
 from .commands.play import play
@@ -107,6 +108,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'info': info,
     'view': view,
     'report': report,
+    'download': download,
     'extract': extract,
     'demo': demo,
     'play': play,

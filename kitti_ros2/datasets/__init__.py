@@ -10,13 +10,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..fetch.download import download
     from ..fetch.extract import extract
 
 _MODULES: dict[str, str] = {
+    'download': 'fetch.download',
     'extract': 'fetch.extract',
 }
 
 __all__: list[str] = [
+    'download',
     'extract',
 ]
 

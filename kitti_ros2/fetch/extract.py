@@ -14,13 +14,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files.staging import lock_exclusively, output_error
 from ..kitti.archives import is_archive
 from ..model.errors import KittiRos2Error, MissingPathError, OutputError, UsageError
 from ..model.losses import Loss
 from ..model.text import format_bytes
 from ..options.table import make_extract_options
 from .errors import BadArchiveError, BadMemberError, StoppedError
+from .locking import locked_folder
 from .members import Limits
 from .open_archive import open_archive
 from .placement import place_files
@@ -49,6 +49,7 @@ class ExtractedArchive:
         kept: Number of files that existed with the same content.
         size_bytes: Bytes written.
         removed: Whether the archive was removed.
+        ends: The first and the last of its files below the root.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class ExtractedArchive:
     kept: int
     size_bytes: int
     removed: bool
+    ends: tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def extract_all(
     """Extract archives into a folder; see extract."""
     _check_arguments(archives, root)
     placements, losses = _place_all(archives, root, options)
-    with _locked(root):
+    with locked_folder(root):
         _check_space(root, placements)
         extraction = _Extraction(
             root, options, sum(each.size_bytes for each in placements), progress
@@ -164,7 +166,8 @@ class _Extraction:
         if removed:
             placement.path.unlink()
         written, kept = counts[Outcome.WRITTEN], counts[Outcome.KEPT]
-        return ExtractedArchive(placement.path, written, kept, size_bytes, removed)
+        ends = placement.files[0][1], placement.files[-1][1]
+        return ExtractedArchive(placement.path, written, kept, size_bytes, removed, ends)
 
     def _advance(self, size: int) -> None:
         self._done += size
@@ -205,25 +208,6 @@ def _place_all(
     if not placements:
         raise refused[0][1]
     return placements, [Loss(path.name, 1, str(error)) for path, error in refused]
-
-
-@contextmanager
-def _locked(root: Path) -> Iterator[None]:
-    """Create the folder, and keep other runs out of it.
-
-    Raises:
-        OutputError: Another run is writing to it, or it cannot be created.
-    """
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        folder = os.open(root, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as error:
-        raise output_error(root, error) from error
-    try:
-        lock_exclusively(folder, root)
-        yield
-    finally:
-        os.close(folder)
 
 
 def _check_space(root: Path, placements: Iterable[Placement]) -> None:

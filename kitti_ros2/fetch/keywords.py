@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
 
 
 class ExtractKeywords(TypedDict, total=False):
@@ -12,5 +16,26 @@ class ExtractKeywords(TypedDict, total=False):
 
     overwrite: bool
     remove_archives: bool
+    max_ratio: float
+    max_size: int | str
+
+
+class DownloadKeywords(TypedDict, total=False):
+    """Options of download."""
+
+    category: str | Sequence[str]
+    sync: bool
+    extract: bool
+    tracklets: bool
+    accept_license: bool
+    base_url: str | None
+    sha256: str | os.PathLike[str] | None
+    verify: bool
+    keep_archives: bool
+    archives_only: bool
+    jobs: int
+    retries: int
+    timeout: float | str
+    overwrite: bool
     max_ratio: float
     max_size: int | str

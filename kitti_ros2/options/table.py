@@ -14,7 +14,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
-from .fetching import ExtractOptions
+from .fetching import DownloadOptions, ExtractOptions
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
@@ -181,6 +181,10 @@ PLAY = tuple(
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
 EXTRACT = options_of(ExtractOptions)
+DOWNLOAD = (
+    *options_of(DownloadOptions),
+    *(each for each in EXTRACT if each.name != 'remove_archives'),
+)
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
 VIEW = (
     *options_of(ViewSettings),
@@ -243,6 +247,20 @@ def make_extract_options(values: Mapping[str, object]) -> ExtractOptions:
         UsageError: A name is unknown, or a value is invalid.
     """
     return ExtractOptions(**values_for(ExtractOptions, parse_values(values, EXTRACT)))
+
+
+def make_download_options(
+    values: Mapping[str, object],
+) -> tuple[DownloadOptions, ExtractOptions]:
+    """Make the options of download from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, DOWNLOAD)
+    options = DownloadOptions(**values_for(DownloadOptions, parsed))
+    extraction = values_for(ExtractOptions, parsed)
+    return options, ExtractOptions(remove_archives=not options.keep_archives, **extraction)
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
