@@ -87,7 +87,7 @@ def main() -> int:
     Returns:
         0 if the bytes are right.
     """
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--size', type=int, default=1000, help='megabytes of the archive')
     parser.add_argument('--breaks', type=int, default=20, help='how often the server breaks off')
     given = parser.parse_args()

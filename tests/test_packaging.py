@@ -33,6 +33,7 @@ ROSDEP_KEYS = {
     'rcl_interfaces',
     'python3-defusedxml',
     'python3-hypothesis',
+    'python3-httpx',
     'python3-jinja2',
     'python3-numpy',
     'python3-opencv',
@@ -56,6 +57,7 @@ ROSDEP_KEYS = {
 # The rosdep key that brings a requirement of setup.py to a workspace.
 KEY_OF = {
     'defusedxml': 'python3-defusedxml',
+    'httpx': 'python3-httpx',
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',

@@ -19,7 +19,7 @@ from .extract import say_data_sets
 from .json_text import losses_json, print_json
 from .memory import keep_imports
 from .progress import bytes_progress
-from .text import format_bytes, format_count, format_path, say, show_losses
+from .text import complain, format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,8 +44,13 @@ def run_download(
         return _list(words, options, json=json)
     what, root = _split(words, options)
     entries = select_entries(what, options)
-    with bytes_progress('downloading', show=not quiet) as progress:
-        report = download_all(entries, root, options, extraction, progress)
+    try:
+        with bytes_progress('downloading', 'extracting', show=not quiet) as (fetching, extracting):
+            progress = fetching, extracting
+            report = download_all(entries, root, options, extraction, progress)
+    except KeyboardInterrupt:
+        complain('kitti-ros2: what was downloaded so far is kept; run it again to go on')
+        raise
     show_losses(report.losses)
     if json:
         print_json({**asdict(report), 'losses': losses_json(report.losses)})

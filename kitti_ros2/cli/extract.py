@@ -41,7 +41,7 @@ def run_extract(paths: list[Path], given: dict[str, object], *, json: bool, quie
             f' usage: kitti-ros2 extract ARCHIVE... ROOT [OPTIONS]'
         )
     options = make_extract_options(given)
-    with bytes_progress('extracting', show=not quiet) as progress:
+    with bytes_progress('extracting', show=not quiet) as (progress,):
         report = extract_all(archives, root, options, progress)
     show_losses(report.losses)
     if json:

@@ -7,10 +7,13 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from rich import progress as rich_progress
 
 _REFRESH_S = 0.1
 
@@ -70,13 +73,13 @@ def step_progress(
 
 
 @contextmanager
-def bytes_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function to call with the bytes done and the bytes of all.
+def bytes_progress(*titles: str, show: bool) -> Iterator[tuple[Callable[[int, int], None], ...]]:
+    """Yield a function for each title, to call with the bytes done and the bytes of all.
 
-    The bar shows both, MB/s and the time left.
+    The bars show both, MB/s and the time left.
     """
     if not show or not sys.stderr.isatty():
-        yield lambda _done, _total: None
+        yield tuple(lambda _done, _total: None for _ in titles)
         return
     from rich.console import Console
     from rich.progress import (
@@ -96,8 +99,14 @@ def bytes_progress(title: str, *, show: bool) -> Iterator[Callable[[int, int], N
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield _seldom(lambda done, total: bar.update(task, completed=done, total=total))
+        tasks = [bar.add_task(title, total=None) for title in titles]
+        yield tuple(_seldom(partial(_show_bytes, bar, task)) for task in tasks)
+
+
+def _show_bytes(
+    bar: rich_progress.Progress, task: rich_progress.TaskID, done: int, total: int
+) -> None:
+    bar.update(task, completed=done, total=total)
 
 
 def _seldom(update: Callable[..., None]) -> Callable[..., None]:

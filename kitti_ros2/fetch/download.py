@@ -5,33 +5,31 @@
 from __future__ import annotations
 
 import errno
-import json
-import shutil
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.errors import KittiRos2Error, OutputError, UsageError
+from ..model.errors import KittiRos2Error, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S
-from ..model.text import format_bytes
 from ..options.table import make_download_options
 from .catalogue import KITTI_URL
 from .checksums import read_checksums
 from .errors import BadArchiveError, StoppedError
 from .extract import ExtractedArchive, extract_all
+from .finished import FinishedArchives
 from .license import require_license
-from .locking import locked_folder
+from .locking import locked_folder, removed_if_empty
 from .meter import CancelledError, Meter
-from .open_archive import open_archive
 from .selection import RawKinds, select
 from .sources import DownloadError, make_source
 from .transfer import Backoff, Transfer
+from .verification import is_complete, require_archive, require_space
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from concurrent.futures import Future
     from os import PathLike
 
@@ -47,8 +45,6 @@ if TYPE_CHECKING:
 
 ARCHIVES = 'archives'
 """Folder of the archives, in the folder that is downloaded into."""
-_FINISHED = 'extracted.json'
-"""In the folder of the archives: those of which everything was extracted and that were removed."""
 _UNPACKED_RATIO = 1.4
 """Size of the content of KITTI's archives, at most: 1.33 for a real drive of 120 frames."""
 
@@ -88,7 +84,7 @@ def download(
     Args:
         what: Words as on the command line, such as 'raw 2011_09_26_drive_0005'.
         root: The folder to download into; each benchmark gets a folder in it.
-        progress: Called with the bytes done and the bytes of all.
+        progress: Called with the bytes downloaded and the bytes of all archives.
         options: Those of `kitti-ros2 download --help`, with underscores and the same defaults.
 
     Returns:
@@ -106,7 +102,12 @@ def download(
     words = what.split() if isinstance(what, str) else list(what)
     chosen, extraction = make_download_options(options)
     entries = select_entries(words, chosen)
-    return download_all(entries, Path(root), chosen, extraction, progress or (lambda _d, _t: None))
+    shown = progress or _show_nothing
+    return download_all(entries, Path(root), chosen, extraction, (shown, _show_nothing))
+
+
+def _show_nothing(_done: int, _total: int) -> None:
+    """Show no progress."""
 
 
 def select_entries(words: Sequence[str], options: DownloadOptions) -> list[CatalogueEntry]:
@@ -124,17 +125,26 @@ def download_all(
     root: Path,
     options: DownloadOptions,
     extraction: ExtractOptions,
-    progress: Progress,
+    progress: tuple[Progress, Progress],
 ) -> DownloadReport:
-    """Download archives into a folder; see download."""
+    """Download archives into a folder; see download.
+
+    Args:
+        entries: The archives.
+        root: The folder.
+        options: Those of the download.
+        extraction: Those of extracting.
+        progress: Called with the bytes done and those of all: of the transfers, and of the archive
+            that is being extracted.
+    """
     if root.is_file():
         raise UsageError(f'{root}: is a file; give the folder to download into')
     require_license(accepted=options.accept_license)
     base_url = (options.base_url or KITTI_URL).rstrip('/')
     checksums = {each.name: each.sha256 for each in entries if each.sha256}
-    if options.sha256 is not None:
-        checksums |= read_checksums(options.sha256)
-    with _removed_if_empty(root / ARCHIVES, root), ExitStack() as stack:
+    if options.checksums is not None:
+        checksums |= read_checksums(options.checksums)
+    with removed_if_empty(root / ARCHIVES, root), ExitStack() as stack:
         source = make_source(base_url, options.timeout_ns / NS_PER_S)
         stack.callback(source.close)
         stack.enter_context(locked_folder(root / ARCHIVES))
@@ -145,17 +155,6 @@ def download_all(
     return run.report(entries)
 
 
-@contextmanager
-def _removed_if_empty(*folders: Path) -> Iterator[None]:
-    """Remove folders in the end if nothing is in them, such as after a typing error."""
-    try:
-        yield
-    finally:
-        for folder in folders:
-            with suppress(OSError):
-                folder.rmdir()
-
-
 class _Download:
     """A download with what was done so far."""
 
@@ -164,14 +163,14 @@ class _Download:
         root: Path,
         options: DownloadOptions,
         extraction: ExtractOptions,
-        progress: Progress,
+        progress: tuple[Progress, Progress],
     ) -> None:
         self._root = root
         self._folder = root / ARCHIVES
         self._options = options
         self._extraction = extraction
-        self._progress = progress
-        self._finished = _read_finished(self._folder / _FINISHED)
+        self._downloading, self._extracting = progress
+        self._finished = FinishedArchives(root, self._folder)
         self._downloaded: list[str] = []
         self._existing: list[str] = []
         self._extracted: list[ExtractedArchive] = []
@@ -181,14 +180,9 @@ class _Download:
 
     def leave_out_finished(self, entries: Sequence[CatalogueEntry]) -> list[CatalogueEntry]:
         """Return the archives that were not extracted before."""
-        pending = []
-        for each in entries:
-            files = self._finished.get(each.name, [])
-            there = files and all((self._root / name).is_file() for name in files)
-            if there and not self._options.archives_only and not self._extraction.overwrite:
-                self._existing.append(each.name)
-                continue
-            pending.append(each)
+        again = self._options.archives_only or self._extraction.overwrite
+        pending = [each for each in entries if again or each.name not in self._finished]
+        self._existing = [each.name for each in entries if each not in pending]
         return pending
 
     def fetch(
@@ -204,12 +198,12 @@ class _Download:
             StoppedError: The disk is full.
         """
         sizes = {each.name: each.about_bytes or 0 for each in entries}
-        meter = Meter(sizes, self._progress)
+        meter = Meter(sizes, self._downloading)
         backoff = Backoff(self._options.retries, sleep=meter.cancelled.wait)
 
         def fetch_one(entry: CatalogueEntry) -> bool:
             target = self._folder / entry.name
-            if _is_complete(target):
+            if is_complete(target, checksums.get(entry.name, '')):
                 meter.advance(entry.name, target.stat().st_size, target.stat().st_size)
                 return False
             transfer = Transfer(
@@ -220,7 +214,7 @@ class _Download:
                 lambda count, size: meter.advance(entry.name, count, size),
             )
             transfer.run(checksums.get(entry.name, ''))
-            _verify(target)
+            require_archive(target)
             return True
 
         with ThreadPoolExecutor(self._options.jobs) as pool:
@@ -259,7 +253,7 @@ class _Download:
         archive = self._folder / entry.name
         folder = self._root / entry.benchmark
         try:
-            report = extract_all([archive], folder, self._extraction, lambda _done, _total: None)
+            report = extract_all([archive], folder, self._extraction, self._extracting)
         except BadArchiveError as error:
             self._lose(entry, error)
             return
@@ -268,8 +262,8 @@ class _Download:
         self._notes += report.notes
         if not report.losses:
             [extracted] = report.archives
-            self._finished[entry.name] = [f'{entry.benchmark}/{end}' for end in extracted.ends]
-            _write_finished(self._folder / _FINISHED, self._finished)
+            ends = [f'{entry.benchmark}/{end}' for end in extracted.ends]
+            self._finished.add(entry.name, ends)
 
     def _lose(self, entry: CatalogueEntry, error: KittiRos2Error) -> None:
         self._errors.append(error)
@@ -295,32 +289,6 @@ class _Download:
         )
 
 
-def _is_complete(path: Path) -> bool:
-    """Whether an archive was downloaded before."""
-    if not path.is_file():
-        return False
-    try:
-        with open_archive(path):
-            return True
-    except BadArchiveError:
-        return False
-
-
-def _verify(path: Path) -> None:
-    """Check that a file is an archive; remove it if it is not.
-
-    Raises:
-        DownloadError: It is not, as with a server that declares too small a size.
-    """
-    try:
-        with open_archive(path):
-            pass
-    except BadArchiveError as error:
-        path.unlink(missing_ok=True)
-        found = str(error).partition('; ')[0]
-        raise DownloadError(f'{found}, as the server has it; it was removed') from error
-
-
 def _check_space(root: Path, entries: Sequence[CatalogueEntry], options: DownloadOptions) -> None:
     """Check the free space for archives and for what they contain.
 
@@ -329,24 +297,7 @@ def _check_space(root: Path, entries: Sequence[CatalogueEntry], options: Downloa
     """
     sizes = sorted((each.about_bytes or 0 for each in entries), reverse=True)
     kept = options.keep_archives or options.archives_only
-    needed = float(sum(sizes if kept else sizes[: options.jobs]))
-    if not options.archives_only:
-        needed += _UNPACKED_RATIO * sum(sizes)
-    free = shutil.disk_usage(root).free
-    if needed > free:
-        reason = f'needs about {format_bytes(needed)}, and {format_bytes(free)} are free'
-        raise OutputError(root, reason, 'make room, or select less')
-
-
-def _read_finished(path: Path) -> dict[str, list[str]]:
-    with suppress(OSError, ValueError):
-        found = json.loads(path.read_text('utf-8'))
-        if isinstance(found, dict):
-            return {str(name): [str(each) for each in files] for name, files in found.items()}
-    return {}
-
-
-def _write_finished(path: Path, finished: dict[str, list[str]]) -> None:
-    part = path.with_name(f'.{path.name}.part')
-    part.write_text(json.dumps(finished, indent=1), encoding='utf-8')
-    part.replace(path)
+    present = sum(each.stat().st_size for each in (root / ARCHIVES).iterdir())
+    needed = max(sum(sizes if kept else sizes[: options.jobs]) - present, 0)
+    content = 0.0 if options.archives_only else _UNPACKED_RATIO * sum(sizes)
+    require_space(root, needed + content, 'select less')

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections import defaultdict
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..kitti.archives import is_archive
-from ..model.errors import KittiRos2Error, MissingPathError, OutputError, UsageError
+from ..model.errors import KittiRos2Error, MissingPathError, UsageError
 from ..model.losses import Loss
-from ..model.text import format_bytes
+from ..model.text import format_count
 from ..options.table import make_extract_options
 from .errors import BadArchiveError, BadMemberError, StoppedError
 from .locking import locked_folder
@@ -25,6 +24,7 @@ from .members import Limits
 from .open_archive import open_archive
 from .placement import place_files
 from .tree import Outcome, Tree
+from .verification import require_space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -104,8 +104,8 @@ def extract(
         >>> datasets.extract('2011_09_26_calib.zip', 'kitti')  # doctest: +SKIP
         ExtractReport(...)
     """
-    one = isinstance(archives, (str, PathLike))
-    paths = [Path(archives)] if one else [Path(each) for each in archives]  # type: ignore[arg-type, union-attr]
+    given = [archives] if isinstance(archives, (str, PathLike)) else archives
+    paths = [Path(each) for each in given]
     chosen = make_extract_options(options)
     return extract_all(paths, Path(root), chosen, progress or (lambda _done, _total: None))
 
@@ -122,8 +122,8 @@ def extract_all(
             root, options, sum(each.size_bytes for each in placements), progress
         )
         done = tuple(extraction.extract(placement) for placement in placements)
-    notes = tuple(note for placement in placements for note in placement.notes)
-    return ExtractReport(root, done, (*losses, *extraction.losses), notes)
+    notes = [note for placement in placements for note in placement.notes]
+    return ExtractReport(root, done, (*losses, *extraction.losses), (*notes, *extraction.notes))
 
 
 class _Extraction:
@@ -137,6 +137,7 @@ class _Extraction:
         self._done = 0
         self._progress = progress
         self.losses: list[Loss] = []
+        self.notes: list[str] = []
 
     def extract(self, placement: Placement) -> ExtractedArchive:
         """Write the files of an archive, and remove it if that was asked for."""
@@ -165,6 +166,12 @@ class _Extraction:
         removed = self._options.remove_archives and not skipped
         if removed:
             placement.path.unlink()
+        other = counts[Outcome.PREFERRED]
+        if other:
+            self.notes.append(
+                f'{placement.path}: {format_count(other, "existing file")} named calib.txt kept,'
+                f' as they have the scanner (Tr)'
+            )
         written, kept = counts[Outcome.WRITTEN], counts[Outcome.KEPT]
         ends = placement.files[0][1], placement.files[-1][1]
         return ExtractedArchive(placement.path, written, kept, size_bytes, removed, ends)
@@ -222,10 +229,7 @@ def _check_space(root: Path, placements: Iterable[Placement]) -> None:
         for member, place in placement.files
         if not os.path.lexists(root / place)
     )
-    free = shutil.disk_usage(root).free
-    if needed > free:
-        reason = f'needs {format_bytes(needed)}, and {format_bytes(free)} are free'
-        raise OutputError(root, reason, 'make room, or extract elsewhere')
+    require_space(root, needed, 'extract elsewhere')
 
 
 @contextmanager

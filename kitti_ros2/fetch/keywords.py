@@ -29,7 +29,7 @@ class DownloadKeywords(TypedDict, total=False):
     tracklets: bool
     accept_license: bool
     base_url: str | None
-    sha256: str | os.PathLike[str] | None
+    checksums: str | os.PathLike[str] | None
     verify: bool
     keep_archives: bool
     archives_only: bool

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A folder that one run at a time writes to."""
+"""A folder that one run at a time writes to, and that does not stay if nothing was written."""
 
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from ..files.staging import lock_exclusively, output_error
@@ -32,3 +32,14 @@ def locked_folder(path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(folder)
+
+
+@contextmanager
+def removed_if_empty(*folders: Path) -> Iterator[None]:
+    """Remove folders in the end if nothing is in them, such as after a typing error."""
+    try:
+        yield
+    finally:
+        for folder in folders:
+            with suppress(OSError):
+                folder.rmdir()

@@ -45,8 +45,3 @@ class Meter:
             if size is not None:
                 self._sizes[name] = size
             self._progress(self._done, max(self._done, sum(self._sizes.values())))
-
-    def left_out(self, name: str) -> None:
-        """Forget an archive that is not downloaded."""
-        with self._lock:
-            self._sizes.pop(name, None)

@@ -48,6 +48,10 @@ class BrokenTransferError(Exception):
         self.wait_s = wait_s
 
 
+class ChangedFileError(BrokenTransferError):
+    """The file of a server is not the one that was begun; it must be begun again."""
+
+
 @dataclass(frozen=True)
 class Opened:
     """A file being read.
@@ -181,7 +185,7 @@ class HttpSource:
             found = _ALL_OF.fullmatch(headers.get('Content-Range', ''))
             if found is not None and int(found[1]) == start:
                 return Opened(start, start, validator, iter(()))
-            raise BrokenTransferError('the server has less than before')
+            raise ChangedFileError('the server has less than before')
         _check_status(response, url)
         if headers.get('Content-Encoding', 'identity') != 'identity':
             # What a server compresses has no known size, and cannot be continued.

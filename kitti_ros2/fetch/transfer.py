@@ -9,7 +9,6 @@ still has the same.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import random
 import time
@@ -18,7 +17,14 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from ..model.text import format_bytes
-from .sources import BrokenTransferError, DownloadError, MissingArchiveError, without_password
+from .sources import (
+    BrokenTransferError,
+    ChangedFileError,
+    DownloadError,
+    MissingArchiveError,
+    without_password,
+)
+from .verification import sha256_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,7 +35,6 @@ if TYPE_CHECKING:
 
 _FIRST_WAIT_S = 0.5
 _LONGEST_WAIT_S = 60.0
-_PIECE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,7 @@ class Transfer:
         self._source = source
         self._backoff = backoff
         self._advance = advance
+        self._counted = 0
         self._part = target.with_name(f'{target.name}.part')
         self._log = target.with_name(f'{target.name}.part.json')
 
@@ -104,7 +110,7 @@ class Transfer:
             except MissingArchiveError:
                 if number == len(self._urls):
                     raise
-        if sha256 and _sha256_of(self._part) != sha256:
+        if sha256 and sha256_of(self._part) != sha256:
             self.drop()
             raise DownloadError(
                 f'{without_password(url)}: has another SHA-256 than {sha256}, and was removed; it'
@@ -121,14 +127,16 @@ class Transfer:
     def _fetch(self, url: str) -> None:
         """Download to the part, in as many attempts as make progress."""
         journal = self._resumable(url)
-        done = self._part.stat().st_size if journal.validator else 0
-        self._advance(done, journal.size)
-        furthest, failures = done, 0
+        done = furthest = self._part.stat().st_size if journal.validator else 0
+        failures = 0
         while True:
+            self._count(done, journal.size)
             try:
                 with self._source.open(url, done, journal.validator) as opened:
                     self._receive(url, opened, done, journal)
             except BrokenTransferError as error:
+                if isinstance(error, ChangedFileError):
+                    self.drop()
                 reached = self._part.stat().st_size if self._part.exists() else 0
                 failures = 0 if reached > furthest else failures + 1
                 furthest = max(furthest, reached)
@@ -139,7 +147,6 @@ class Transfer:
                     ) from error
                 journal = self._resumable(url)
                 done = reached if journal.validator else 0
-                self._advance(done - reached, None)
                 self._backoff.wait(max(failures, 1), error.wait_s)
             else:
                 return
@@ -150,16 +157,13 @@ class Transfer:
         Raises:
             BrokenTransferError: It sends less than it declares, or of another file.
         """
-        if opened.start != done or (done and opened.validator not in {'', journal.validator}):
-            self._advance(-done, None)
-            done = 0
-            if opened.start:
-                self.drop()
-                raise BrokenTransferError('the file has changed')
+        changed = opened.validator not in {'', journal.validator}
+        if opened.start and (changed or opened.start != done):
+            raise ChangedFileError('the file has changed')
+        done = opened.start
         validator = opened.validator or (journal.validator if done else '')
         journal = _Journal(without_password(url), opened.size, validator)
-        if opened.size is not None:
-            self._advance(0, opened.size)
+        self._count(done, opened.size)
         with self._part.open('r+b' if done else 'wb') as file:
             file.seek(done)
             self._log.write_text(json.dumps(asdict(journal)), encoding='utf-8')
@@ -174,13 +178,16 @@ class Transfer:
             for piece in opened.pieces:
                 file.write(piece)
                 done += len(piece)
-                self._advance(len(piece), None)
+                self._count(done)
         finally:
-            if opened.size is not None and done > opened.size:
-                self._advance(opened.size - done, None)
-                done = opened.size
+            done = done if opened.size is None else min(done, opened.size)
             file.truncate(done)
         return done
+
+    def _count(self, done: int, size: int | None = None) -> None:
+        """Report the bytes of the part, and the size of the file if it is known."""
+        change, self._counted = done - self._counted, done
+        self._advance(change, size)
 
     def _resumable(self, url: str) -> _Journal:
         """Return what is known of the part; nothing if it cannot be continued."""
@@ -189,11 +196,3 @@ class Transfer:
             if journal.url == without_password(url) and journal.validator and self._part.is_file():
                 return journal
         return _Journal()
-
-
-def _sha256_of(path: Path) -> str:
-    found = hashlib.sha256()
-    with path.open('rb') as file:
-        while piece := file.read(_PIECE_BYTES):
-            found.update(piece)
-    return found.hexdigest()

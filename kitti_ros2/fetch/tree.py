@@ -29,6 +29,8 @@ class Outcome(Enum):
 
     WRITTEN = 'written'
     KEPT = 'kept'
+    PREFERRED = 'preferred'
+    """The existing file differs, and has more in it."""
 
 
 class Tree:
@@ -72,22 +74,24 @@ class Tree:
         part = target.with_name(f'.{target.name}.part')
         try:
             crc = _write(part, member, pieces, advance)
-            if exists and self._keeps(target, part, member.size, crc):
-                return Outcome.KEPT
-            part.replace(target)
+            outcome = Outcome.WRITTEN
+            if exists:
+                outcome = self._compare(target, part, member.size, crc)
+            if outcome is Outcome.WRITTEN:
+                part.replace(target)
         finally:
             part.unlink(missing_ok=True)
-        return Outcome.WRITTEN
+        return outcome
 
-    def _keeps(self, target: Path, part: Path, size: int, crc: int) -> bool:
-        """Whether an existing file stays in place of the new one."""
+    def _compare(self, target: Path, part: Path, size: int, crc: int) -> Outcome:
+        """Decide between an existing file and a new one, which is complete."""
         if _equals(target, size, crc):
-            return True
+            return Outcome.KEPT
         if _may_differ(target) and _has_scanner(target) != _has_scanner(part):
-            return _has_scanner(target)
+            return Outcome.PREFERRED if _has_scanner(target) else Outcome.WRITTEN
         if not self._overwrite:
             raise BadMemberError(_DIFFERS)
-        return False
+        return Outcome.WRITTEN
 
     def _enter(self, folder: Path) -> None:
         """Create a folder below the root, and check that it is not elsewhere."""

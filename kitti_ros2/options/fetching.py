@@ -74,7 +74,7 @@ class DownloadOptions:
         categories: Only raw drives of these categories; empty selects all.
         sync, extract, tracklets: Which archives of raw drives; none selects sync and tracklets.
         base_url: Where the archives are.
-        sha256: A file of checksums as sha256sum writes it, or None.
+        checksums: A file of SHA-256 checksums as sha256sum writes it, or None.
         verify: Whether known checksums are compared.
         keep_archives: Whether archives are kept after they are extracted.
         archives_only: Whether archives are not extracted at all.
@@ -119,8 +119,11 @@ class DownloadOptions:
         unset="KITTI's own",
         metavar='URL',
     )
-    sha256: Path | None = option(
-        None, 'Checksums to compare, a file as sha256sum writes it', parse_path, unset='the known'
+    checksums: Path | None = option(
+        None,
+        'SHA-256 checksums to compare, a file as sha256sum writes it',
+        parse_path,
+        unset='the public ones',
     )
     verify: bool = option(True, 'Compare known SHA-256 checksums', parse_flag)
     keep_archives: bool = option(

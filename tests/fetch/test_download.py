@@ -190,7 +190,7 @@ def test_checksums_of_a_file(mirror, tmp_path, capsys):
     sums, out = tmp_path / 'SHA256SUMS', tmp_path / 'o'
     right = hashlib.sha256(mirror.files[CALIB]).hexdigest()
     words = ['raw', '2011_09_26_calib', out, '--base-url', mirror.url, '--accept-license',
-             '--sha256', sums]  # fmt: skip
+             '--checksums', sums]  # fmt: skip
     sums.write_text(f'# made by hand\n\n{"0" * 64} *raw_data/2011_09_26_calib.zip\n')
     run(*words, code=2)
     assert 'has another SHA-256' in one_line(capsys.readouterr().err)

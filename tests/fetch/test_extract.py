@@ -13,10 +13,13 @@ import subprocess
 import sys
 import warnings
 import zipfile
+from itertools import accumulate
 
 import pytest
 from archives_of import SCAN, SUFFIXES, pack, pack_folder, tree_of
 from builders import one_line
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
@@ -53,6 +56,26 @@ def test_every_layout_and_kind_of_archive(recordings, tmp_path, layout, suffix):
     assert recording.layout is layout
     again = datasets.extract([archive], tmp_path / 'out')
     assert (again.archives[0].written, again.archives[0].kept) == (0, len(tree_of(folder)))
+
+
+NAMES = st.text('abcxyzABC019 ._-é', min_size=1, max_size=12).filter(lambda name: name.strip('.'))
+TREES = st.dictionaries(
+    st.lists(NAMES, min_size=1, max_size=3).map('/'.join), st.binary(max_size=400), min_size=1
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(files=TREES, suffix=st.sampled_from(SUFFIXES))
+def test_what_was_packed_comes_out(tmp_path_factory, files, suffix):
+    folders = [part for name in files for part in accumulate(name.split('/'), '{}/{}'.format)]
+    assume(len({part.casefold() for part in folders}) == len(set(folders)))
+    assume(not any(other.startswith(f'{name}/') for name in files for other in files))
+    assume(not any(part.startswith('._') for name in files for part in name.split('/')))
+    folder = tmp_path_factory.mktemp('packed')
+    wanted = {f'training/{name}': content for name, content in files.items()}
+    archive = pack(folder / f'a{suffix}', {f'top/{name}': each for name, each in wanted.items()})
+    assert datasets.extract(archive, folder / 'out').losses == ()
+    assert tree_of(folder / 'out') == wanted
 
 
 def test_several_archives_make_one_data_set(recordings, tmp_path):
@@ -119,8 +142,13 @@ def test_the_calibration_with_the_scanner_wins(tmp_path, scanner_first):
     place = 'dataset/sequences/03/calib.txt'
     with_it = pack(tmp_path / 'data_odometry_calib.zip', {place: b'P0: 1\nTr: 2\n'})
     without = pack(tmp_path / 'data_odometry_gray.zip', {place: b'P0: 1\n'})
+    notes = []
     for each in (with_it, without) if scanner_first else (without, with_it):
-        assert datasets.extract(each, tmp_path / 'out').losses == ()
+        report = datasets.extract(each, tmp_path / 'out')
+        assert report.losses == ()
+        notes += report.notes
+    assert len(notes) == scanner_first
+    assert not notes or '1 existing file named calib.txt kept' in notes[0]
     assert b'Tr' in (tmp_path / 'out' / place).read_bytes()
 
 
@@ -182,7 +210,7 @@ def test_too_little_space_is_known_before(tmp_path, monkeypatch):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1' * 2000})
     usage = type('Usage', (), {'free': 1000})
     monkeypatch.setattr(shutil, 'disk_usage', lambda _: usage)
-    with pytest.raises(OutputError, match=r'needs 2\.0 kB, and 1\.0 kB are free'):
+    with pytest.raises(OutputError, match=r'needs about 2\.0 kB, and 1\.0 kB are free'):
         datasets.extract(archive, tmp_path / 'out')
     assert tree_of(tmp_path / 'out') == {}
 

@@ -140,6 +140,32 @@ def test_a_part_of_another_version_is_not_appended(tmp_path):
     assert run.done == len(NEW)
 
 
+def test_a_file_that_became_shorter_is_begun_again(tmp_path):
+    """The server ignores If-Range: the requested part does not exist."""
+    mirror = Mirror({PATH: CONTENT}, break_after=650_000)
+
+    def shorten(handler):
+        if len(mirror.requests) == 2:
+            mirror.files[PATH] = NEW
+            handler.reply(416, {'Content-Range': f'bytes */{len(NEW)}'})
+        return len(mirror.requests) == 2
+
+    mirror.fault = shorten
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == NEW
+    assert run.done == len(NEW)
+
+
+def test_a_redirect_that_is_not_encrypted():
+    httpx = pytest.importorskip('httpx')
+    response = httpx.Response(200, request=httpx.Request('GET', 'http://127.0.0.1/a.zip'))
+    source = HttpSource(1.0)
+    with pytest.raises(DownloadError, match='which is not encrypted'):
+        source._opened(response, 'https://127.0.0.1/a.zip', 0)
+    source.close()
+
+
 @pytest.mark.parametrize('where', ['bytes 5-9/10', 'bytes x', ''])
 def test_another_part_than_requested(tmp_path, where):
     mirror = Mirror({PATH: CONTENT}, break_after=250_000)
