@@ -40,6 +40,7 @@ KEYWORDS = ['KITTI', 'SemanticKITTI', 'ROS 2', 'rosbag2', 'MCAP', 'lidar', 'auto
 # with Python 3.10; the upper ones stop at the next release that may break its promises.
 REQUIREMENTS = [
     'defusedxml>=0.7.1,<0.8',
+    'httpx>=0.26,<0.29',  # imported by download only
     'isal>=1.7,<2',
     'jinja2>=3.1.2,<4',
     'lz4>=4.3,<5',

@@ -36,9 +36,10 @@ _IMPORTS = {
     'bridge': 'model options messages player',
     'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',
+    'fetch': 'model files options kitti',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',
-    'datasets': 'model files options drawing kitti messages bags exporter pictures api',
+    'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
@@ -51,6 +52,7 @@ GUESTS = {
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
+    'httpx': {'fetch'},
     'jinja2': {'report'},
     'matplotlib': {'datasets'},
     'rerun': {'rerun_view'},

@@ -14,6 +14,8 @@ from .commands.command import Command
 from .commands.crop import crop
 from .commands.declared import add_options
 from .commands.demo import demo
+from .commands.download import download
+from .commands.extract import extract
 from .commands.info import info
 from .commands.play import play
 from .commands.recover import recover
@@ -117,6 +119,8 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'crop': crop,
     'stats': stats,
     'split': split,
+    'download': download,
+    'extract': extract,
     'demo': demo,
     'play': play,
 }

@@ -151,7 +151,14 @@ def _classes(_: Mapping[str, Any]) -> Iterable[str]:
     return [name for name in CLASS_COLORS if ' ' not in name]
 
 
+def _categories(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..fetch.raw_drives import CATEGORIES
+
+    return CATEGORIES
+
+
 _VALUES = {
+    'category': _categories,
     'topics': _topics,
     'exclude_topics': _topics,
     'sequence': _sequences,

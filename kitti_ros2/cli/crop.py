@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..datasets.cropping import crop_sets
-from ..options.table import make_crop_options
+from ..options.dataset_tables import make_crop_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports

@@ -7,10 +7,13 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from rich import progress as rich_progress
 
 _REFRESH_S = 0.1
 
@@ -67,6 +70,43 @@ def step_progress(
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=total)
         yield _seldom(lambda done, total=None: bar.update(task, completed=done, total=total))
+
+
+@contextmanager
+def bytes_progress(*titles: str, show: bool) -> Iterator[tuple[Callable[[int, int], None], ...]]:
+    """Yield a function for each title, to call with the bytes done and the bytes of all.
+
+    The bars show both, MB/s and the time left.
+    """
+    if not show or not sys.stderr.isatty():
+        yield tuple(lambda _done, _total: None for _ in titles)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        DownloadColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+        TransferSpeedColumn,
+    )
+
+    columns = (
+        TextColumn('{task.description}'),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        tasks = [bar.add_task(title, total=None) for title in titles]
+        yield tuple(_seldom(partial(_show_bytes, bar, task)) for task in tasks)
+
+
+def _show_bytes(
+    bar: rich_progress.Progress, task: rich_progress.TaskID, done: int, total: int
+) -> None:
+    bar.update(task, completed=done, total=total)
 
 
 def _seldom(update: Callable[..., None]) -> Callable[..., None]:

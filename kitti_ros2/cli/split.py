@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..datasets.splitting import split_set
 from ..model.text import some_of
-from ..options.table import make_split_options
+from ..options.dataset_tables import make_split_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .memory import keep_imports

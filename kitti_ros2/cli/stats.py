@@ -13,7 +13,7 @@ from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, refuse_inside, staged_file
 from ..model.errors import UsageError
 from ..model.text import either
-from ..options.table import make_statistics_options
+from ..options.dataset_tables import make_statistics_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .memory import keep_freed_memory, keep_imports

@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..fetch.download import download
+    from ..fetch.extract import extract
     from .cropping import crop
     from .set_statistics import SetStatistics, statistics
     from .splitting import SplitReport, split
@@ -18,11 +20,13 @@ _MODULES: dict[str, str] = {
     'SetStatistics': 'datasets.set_statistics',
     'SplitReport': 'datasets.splitting',
     'crop': 'datasets.cropping',
+    'download': 'fetch.download',
+    'extract': 'fetch.extract',
     'split': 'datasets.splitting',
     'statistics': 'datasets.set_statistics',
 }
 
-__all__ = ['SetStatistics', 'SplitReport', 'crop', 'split', 'statistics']
+__all__ = ['SetStatistics', 'SplitReport', 'crop', 'download', 'extract', 'split', 'statistics']
 
 
 def __getattr__(name: str) -> object:

@@ -85,7 +85,7 @@ def crop(
     """
     from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
     from ..api.source import warn  # noqa: PLC0415 - pictures
-    from ..options.table import CROP, make_crop_options  # noqa: PLC0415 - as above
+    from ..options.dataset_tables import CROP, make_crop_options  # noqa: PLC0415 - as above
 
     settings = make_crop_options(by_name(options, CROP))
     report = crop_sets(Path(src), Path(out), settings, progress)

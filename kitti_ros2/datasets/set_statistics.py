@@ -19,7 +19,7 @@ from ..kitti.layouts import find_data_sets, open_candidate
 from ..model.errors import KittiRos2Error, NotKittiError, describe_error
 from ..model.losses import Loss
 from ..model.streams import Stream
-from ..options.table import STATS, make_statistics_options
+from ..options.dataset_tables import STATS, make_statistics_options
 from ..pictures.recording_frames import RecordingFrames
 from ..pictures.sources import open_frames
 from .recording_statistics import RecordingStatistics, count_recording, merged

@@ -108,7 +108,7 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
     """
     from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
     from ..api.source import warn  # noqa: PLC0415 - pictures
-    from ..options.table import SPLIT, make_split_options  # noqa: PLC0415 - as above
+    from ..options.dataset_tables import SPLIT, make_split_options  # noqa: PLC0415 - as above
 
     report = split_set(Path(src), *make_split_options(by_name(options, SPLIT)))
     for loss in report.losses:

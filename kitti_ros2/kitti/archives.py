@@ -1,86 +1,84 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Archives as KITTI is downloaded: what unpacks one, and the folder that this gives."""
+"""Archives as KITTI is downloaded: their names, and the command that extracts them."""
 
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
-from typing import NamedTuple
+from itertools import islice
+from typing import TYPE_CHECKING, NamedTuple
 
-from . import names
+from .archive_places import is_known, is_top, places
 
-_ZIP = '.zip'
-_TAR = ('.tar', '.tgz', '.tbz2', '.txz', '.tar.gz', '.tar.bz2', '.tar.xz')
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+ZIP = '.zip'
+TAR = ('.tar', '.tgz', '.tbz2', '.txz', '.tar.gz', '.tar.bz2', '.tar.xz')
+
+OBJECT_CALIB = 'data_object_calib.zip'
+TRACKING_CALIB = 'data_tracking_calib.zip'
+ODOMETRY_CALIB = 'data_odometry_calib.zip'
+
+_FIRST_ENTRIES = 100
+"""Of a tar: further ones would have to be decompressed."""
+
+
+def raw_calib(date: str) -> str:
+    """Return the name of the archive with the calibration of a day."""
+    return f'{date}_calib{ZIP}'
 
 
 def is_archive(name: str) -> bool:
     """Whether a file's name is that of an archive."""
-    return name.lower().endswith((_ZIP, *_TAR))
+    return name.lower().endswith((ZIP, *TAR))
+
+
+def extract_command(archives: Sequence[Path], root: Path) -> str:
+    """Return the shell command that extracts archives."""
+    return shlex.join(['kitti-ros2', 'extract', *map(str, archives), str(root)])
 
 
 class Archive(NamedTuple):
-    """An archive, as it is best unpacked.
+    """An archive, as it is best extracted.
 
     Attributes:
-        command: The shell command that unpacks it: beside itself, as the archives of a data set
-            have common folders; into a new folder if it contains loose files.
-        folder: The folder to give then.
+        root: The folder to extract into: beside the archive, as the archives of a data set have
+            common folders; a new folder for the content of a split, such as label_2.
+        folder: The folder to give to other commands then; None if nothing in it is KITTI's.
     """
 
-    command: str
-    folder: Path
+    root: Path
+    folder: Path | None
 
     @classmethod
     def open(cls, path: Path) -> Archive | None:
         """Read the names in an archive; None if it is damaged or incomplete."""
-        is_zip = path.name.lower().endswith(_ZIP)
+        is_zip = path.name.lower().endswith(ZIP)
         try:
-            tops = _tops_of_zip(path) if is_zip else _tops_of_tar(path)
+            files = _files_of_zip(path) if is_zip else _first_files_of_tar(path)
         except Exception:  # noqa: BLE001 - decompressors raise errors of their own
             return None
-        target = path.parent
-        folder = target / next(iter(tops), '')
-        if not tops or not tops <= {*names.SPLITS, folder.name}:
-            target = folder = path.with_name(path.name.split('.')[0])
-        elif len(tops) > 1:
-            folder = target
-        return cls(_unpacking(path, target, is_zip=is_zip), folder)
+        known = [name for name in files if '..' not in name and is_known(name, path.name)]
+        tops = {place.partition('/')[0] for place in places(known, path.name)}
+        if not tops:
+            return cls(path.parent, None)
+        if not all(is_top(each) for each in tops):
+            root = path.with_name(path.name.split('.')[0])
+            return cls(root, root)
+        return cls(path.parent, path.parent / tops.pop() if len(tops) == 1 else path.parent)
 
 
-def _unpacking(path: Path, target: Path, *, is_zip: bool) -> str:
-    file, folder = shlex.quote(str(path)), shlex.quote(str(target))
-    if target == Path():
-        return f'unzip {file}' if is_zip else f'tar -xf {file}'
-    if is_zip:
-        return f'unzip {file} -d {folder}'
-    made = '' if target == path.parent else f'mkdir {folder} && '
-    return f'{made}tar -xf {file} -C {folder}'
-
-
-def _tops_of_zip(path: Path) -> set[str]:
-    """Return the folders at the top; none if there are loose files."""
+def _files_of_zip(path: Path) -> list[str]:
     from zipfile import ZipFile  # noqa: PLC0415 - for errors only
 
     with ZipFile(path) as archive:
-        return _tops(archive.namelist())
+        return [name for name in archive.namelist() if not name.endswith('/')]
 
 
-def _tops_of_tar(path: Path) -> set[str]:
-    """Return the folder of the first entry: others would have to be decompressed."""
+def _first_files_of_tar(path: Path) -> list[str]:
     import tarfile  # noqa: PLC0415 - for errors only
 
     with tarfile.open(path) as archive:
-        first = archive.next()
-        if first is None:
-            return set()
-        return _tops([f'{first.name}/' if first.isdir() else first.name])
-
-
-def _tops(entries: list[str]) -> set[str]:
-    parts = [Path(entry).parts for entry in entries]
-    loose = any(
-        (len(each) < 2 and not entry.endswith('/')) or '..' in each
-        for each, entry in zip(parts, entries, strict=True)
-    )
-    return set() if loose else {each[0] for each in parts if each and each[0] != '/'}
+        return [each.name for each in islice(archive, _FIRST_ENTRIES) if each.isfile()]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's archives of calibration files: which one has a missing file, and how it is unpacked."""
+"""KITTI's archives of calibration files: which one has a missing file, and how it is extracted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..model.layouts import Layout
-from . import names
+from . import archives, names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,13 +24,14 @@ def describe_source(layout: Layout, path: Path) -> str:
     """
     archive, member = _ARCHIVES[layout](path)
     parts = PurePosixPath(member).parts
-    if path.parts[-len(parts) :] == parts:
-        target, command = Path(*path.parts[: -len(parts)]), f'unzip {archive}'
-    else:
-        # Other folders than in the archive: without them.
-        target, members = (path.parent, member) if _is_file(path) else (path, f'{member}/*')
-        command = f'unzip -j {archive} {shlex.quote(members)}'
-    return f'{archive} has it ({command} -d {shlex.quote(str(target))})'
+    for own in (parts, parts[1:]) if parts[0] == names.DATASET else (parts,):
+        if path.parts[-len(own) :] == own:
+            root = Path(*path.parts[: -len(own)])
+            return f'{archive} has it ({archives.extract_command([Path(archive)], root)})'
+    # Other folders than in the archive: without them.
+    target, members = (path.parent, member) if _is_file(path) else (path, f'{member}/*')
+    command = f'unzip -j {archive} {shlex.quote(members)} -d {shlex.quote(str(target))}'
+    return f'{archive} has it ({command})'
 
 
 def _is_file(path: Path) -> bool:
@@ -40,7 +41,7 @@ def _is_file(path: Path) -> bool:
 def _raw(path: Path) -> tuple[str, str]:
     dates = [part[: len('2011_09_26')] for part in path.parts if names.RAW_DATE.match(part)]
     date = dates[-1] if dates else '2011_09_26'
-    return f'{date}_calib.zip', f'{date}/{path.name}' if _is_file(path) else date
+    return archives.raw_calib(date), f'{date}/{path.name}' if _is_file(path) else date
 
 
 def _of_split(archive: str, path: Path) -> tuple[str, str]:
@@ -52,12 +53,12 @@ def _of_split(archive: str, path: Path) -> tuple[str, str]:
 
 def _odometry(path: Path) -> tuple[str, str]:
     place = (names.DATASET, names.SEQUENCES, path.parent.name, path.name)
-    return 'data_odometry_calib.zip', '/'.join(place)
+    return archives.ODOMETRY_CALIB, '/'.join(place)
 
 
 _ARCHIVES: dict[Layout, Callable[[Path], tuple[str, str]]] = {
     Layout.RAW: _raw,
-    Layout.OBJECT: lambda path: _of_split('data_object_calib.zip', path),
+    Layout.OBJECT: lambda path: _of_split(archives.OBJECT_CALIB, path),
     Layout.ODOMETRY: _odometry,
-    Layout.TRACKING: lambda path: _of_split('data_tracking_calib.zip', path),
+    Layout.TRACKING: lambda path: _of_split(archives.TRACKING_CALIB, path),
 }

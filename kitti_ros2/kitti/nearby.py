@@ -20,7 +20,7 @@ from ..model.layouts import Layout
 from ..model.spelling import close_names
 from ..model.text import format_count, some_of
 from . import names
-from .archives import Archive, is_archive
+from .archives import Archive, extract_command, is_archive
 from .find import absolute
 from .layout_files import LAYOUTS
 
@@ -33,6 +33,8 @@ _MOST_LEVELS = 4
 _MOST_FOLDERS = 300
 _MOST_ENTRIES = 1000
 """Of one folder."""
+_MOST_ARCHIVES = 20
+"""Opened, and in a command."""
 
 _FOLDERS = frozenset({
     *names.SPLITS, *names.RAW_IMAGES, *names.OBJECT_IMAGES, names.RAW_SCANS, names.SCANS,
@@ -217,21 +219,31 @@ def _explain_archive(path: Path) -> NotKittiError | None:
     archive = Archive.open(path)
     if archive is None:
         return _not_kitti(path, 'is an archive that is damaged or incomplete', 'download it again')
-    error = _not_kitti(path, 'is an archive', f'unpack it, then give the folder {archive.folder}')
-    return error.with_remedies(Remedy(path, archive.folder, before=archive.command))
+    if archive.folder is None:
+        return _not_kitti(path, "is an archive without KITTI's folders")
+    error = _not_kitti(path, 'is an archive', f'extract it, then give the folder {archive.folder}')
+    return error.with_remedies(
+        Remedy(path, archive.folder, before=extract_command([path], archive.root))
+    )
 
 
 def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
-    packed = [name for name in entries if is_archive(name)]
+    packed = [path / name for name in entries if is_archive(name)]
     if not packed:
         return None
-    archive = Archive.open(path / packed[0])
     error = _not_kitti(
-        path, f'holds {format_count(len(packed), "archive")}, {some_of(packed)}', 'unpack them'
+        path,
+        f'holds {format_count(len(packed), "archive")}, {some_of([each.name for each in packed])}',
+        'extract them' if len(packed) > 1 else 'extract it',
     )
-    if archive is None:
+    opened = [(each, Archive.open(each)) for each in packed[:_MOST_ARCHIVES]]
+    usable = [(each, archive) for each, archive in opened if archive and archive.folder]
+    folders = {archive.folder for _, archive in usable if archive.folder}
+    if not folders:
         return error
-    return error.with_remedies(Remedy(path, archive.folder, before=archive.command))
+    folder = folders.pop() if len(folders) == 1 else path
+    command = extract_command([each for each, _ in usable], path)
+    return error.with_remedies(Remedy(path, folder, before=command))
 
 
 # Listing.

@@ -127,12 +127,17 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     return parse
 
 
-def parse_split_size(name: str, value: object) -> int:
-    """Parse the size of one file of a bag, such as 2GB; below 1MB the unit is likely missing."""
+def parse_size(name: str, value: object) -> int:
+    """Parse a size such as 2GB."""
     try:
-        size = parse_bytes(parse_text(name, value))
+        return parse_bytes(parse_text(name, value))
     except ValueError:
         raise UsageError(f'{name} takes a size such as 2GB, not {value!r}') from None
+
+
+def parse_split_size(name: str, value: object) -> int:
+    """Parse the size of one file of a bag, such as 2GB; below 1MB the unit is likely missing."""
+    size = parse_size(name, value)
     if size < _LEAST_SPLIT_BYTES:
         raise UsageError(
             f'{name} {value} is less than 1MB; give a size with its unit, such as 500MB or 2GB'

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
-from .crop import CropOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
@@ -22,14 +21,11 @@ from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
-from .split import SplitOptions
-from .statistics import StatisticsOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from ..model.layouts import Layout
 
 FPS = (0.1, 240.0)
 
@@ -167,7 +163,6 @@ _PLAY_DEFAULTS = {'images': Images.BOTH}
 _SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
-STATS = (*options_of(StatisticsOptions), *SOURCE)
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
@@ -187,14 +182,6 @@ PLAY = tuple(
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
-CROP = (
-    *options_of(CropOptions),
-    *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
-)
-SPLIT = (
-    *options_of(SplitOptions),
-    *(each for each in SOURCE if each.name == 'layout'),
-)
 VIEW = (
     *options_of(ViewSettings),
     *options_of(PictureOptions),
@@ -247,40 +234,6 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
     parsed = parse_values(values, TO_KITTI)
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
-
-
-def make_crop_options(values: Mapping[str, object]) -> CropOptions:
-    """Make the options of crop from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, CROP)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return CropOptions(**values_for(CropOptions, parsed), read=read)
-
-
-def make_statistics_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, StatisticsOptions]:
-    """Make the options of stats from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, STATS)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
-
-
-def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layout | None]:
-    """Make the options of split from values by name, and the layout; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, SPLIT)
-    return SplitOptions(**values_for(SplitOptions, parsed)), parsed.get('layout')
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:

@@ -26,9 +26,10 @@ from kitti_ros2.api.keywords import (
 from kitti_ros2.bags.reader import OpenBag, open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.dataset_tables import CROP, SPLIT
 from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.table import CROP, SPLIT, TO_BAG, TO_KITTI
+from kitti_ros2.options.table import TO_BAG, TO_KITTI
 
 
 def files(root):

@@ -15,7 +15,7 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import get_command
-from kitti_ros2.options import table
+from kitti_ros2.options import dataset_tables, table
 from kitti_ros2.pictures.modes import MODES
 
 from terminals import read_to_the_end  # isort: skip
@@ -30,6 +30,8 @@ COMMANDS = {
     'crop': 'SRC OUT',
     'stats': 'PATH...',
     'split': 'SRC',
+    'download': '[WHAT... ROOT]',
+    'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',
     'play': '[SRC]',
 }
@@ -37,12 +39,14 @@ TABLES = {
     'to-bag': table.TO_BAG,
     'to-kitti': table.TO_KITTI,
     'view': table.VIEW,
-    'crop': table.CROP,
+    'crop': dataset_tables.CROP,
+    'download': dataset_tables.DOWNLOAD,
+    'extract': dataset_tables.EXTRACT,
     'play': table.PLAY,
     'info': table.SOURCE,
     'report': table.SOURCE,
-    'stats': table.STATS,
-    'split': table.SPLIT,
+    'stats': dataset_tables.STATS,
+    'split': dataset_tables.SPLIT,
 }
 
 

@@ -16,7 +16,7 @@ from kitti_ros2 import datasets
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import crop, cropping
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.table import make_crop_options
+from kitti_ros2.options.dataset_tables import make_crop_options
 
 from builders import one_line  # isort: skip
 

@@ -28,8 +28,8 @@ from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import Scan
 from kitti_ros2.model.streams import Stream
+from kitti_ros2.options.dataset_tables import STATS
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.table import STATS
 
 CAR = 'Car 0.00 0 -1.5 600 100 650 150 1.5 1.6 4.0 3.0 1.7 4.0 0.0\n'
 FAR = 'Car 0.30 2 -1.5 600 100 650 130 1.7 1.6 4.2 0.0 1.7 60.0 0.0\n'

@@ -9,6 +9,7 @@ import shutil
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import ZipFile
 
 import foreign
 from mapped_set import write_mapping
@@ -35,6 +36,7 @@ def write_sets(folder: Path) -> Path:
         write_synthetic(folder / layout.value, layout, OPTIONS)
     write_point_labels(folder / 'odometry' / 'sequences' / '00')
     write_mapping_of(folder)
+    write_mirror(folder, folder / 'mirror')
     shutil.copytree(folder / 'object' / 'training' / 'label_2', folder / 'results' / 'data')
     return folder
 
@@ -49,6 +51,38 @@ def write_mapping_of(folder: Path) -> None:
             copy = folder / 'raw' / drive / stamps.parent.name / stamps.name
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(stamps, copy)
+
+
+def write_mirror(folder: Path, mirror: Path) -> None:
+    """KITTI's archives of a drive, and of the labels of an object set."""
+    mirror.mkdir()
+    date = DRIVE.partition('/')[0]
+    drive = f'{DRIVE.partition("/")[2].removesuffix("_sync")}'
+    labels = f'{DRIVE}/tracklet_labels.xml'
+    archives = {
+        f'{drive}_sync.zip': [each for each in files_in(folder, DRIVE) if each != labels],
+        f'{drive}_tracklets.zip': [labels],
+        f'{date}_calib.zip': [f'{date}/{each.name}' for each in (folder / date).glob('*.txt')],
+    }
+    for name, files in archives.items():
+        _pack(mirror / name, folder, files)
+    _pack(
+        mirror / 'data_object_label_2.zip',
+        folder / 'object',
+        files_in(folder / 'object', 'training/label_2'),
+    )
+
+
+def files_in(folder: Path, part: str) -> list[str]:
+    """The files of a part of a folder, relative to the folder."""
+    found = (folder / part).rglob('*')
+    return sorted(str(each.relative_to(folder)) for each in found if each.is_file())
+
+
+def _pack(path: Path, folder: Path, files: list[str]) -> None:
+    with ZipFile(path, 'w') as archive:
+        for name in files:
+            archive.write(folder / name, name)
 
 
 def write_point_labels(sequence: Path) -> None:

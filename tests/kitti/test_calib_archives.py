@@ -16,11 +16,10 @@ from kitti_ros2.model.layouts import Layout
 from builders import convert_recording  # isort: skip
 
 WHERE = {
-    Layout.RAW: '2011_09_26_calib.zip has it (unzip 2011_09_26_calib.zip -d {root})',
-    Layout.OBJECT: 'data_object_calib.zip has it (unzip data_object_calib.zip -d {root})',
-    Layout.TRACKING: 'data_tracking_calib.zip has it (unzip data_tracking_calib.zip -d {root})',
-    Layout.ODOMETRY: 'data_odometry_calib.zip has it (unzip -j data_odometry_calib.zip'
-                     ' dataset/sequences/00/calib.txt -d {root}/sequences/00)',
+    Layout.RAW: '2011_09_26_calib.zip has it (kitti-ros2 extract 2011_09_26_calib.zip {root})',
+    Layout.OBJECT: 'data_object_calib.zip has it (kitti-ros2 extract data_object_calib.zip {root})',
+    Layout.TRACKING: 'has it (kitti-ros2 extract data_tracking_calib.zip {root})',
+    Layout.ODOMETRY: 'has it (kitti-ros2 extract data_odometry_calib.zip {root})',
 }  # fmt: skip
 
 
@@ -52,18 +51,19 @@ def test_one_missing_file_of_an_object_set_is_named(recordings, tmp_path):
     ('layout', 'path', 'said'),
     [
         (Layout.RAW, '/k/2011_10_03/calib_cam_to_cam.txt',
-         '2011_10_03_calib.zip has it (unzip 2011_10_03_calib.zip -d /k)'),
-        (Layout.RAW, '/k/2011_10_03', '2011_10_03_calib.zip -d /k)'),
+         '2011_10_03_calib.zip has it (kitti-ros2 extract 2011_10_03_calib.zip /k)'),
+        (Layout.RAW, '/k/2011_10_03', 'extract 2011_10_03_calib.zip /k)'),
         (Layout.RAW, '/k.d/2011_10_03_drive_0001_sync',
          "2011_10_03_calib.zip '2011_10_03/*' -d /k.d/2011_10_03_drive_0001_sync)"),
         (Layout.RAW, '/k/2011_09_28_drive_0001_sync/calib_cam_to_cam.txt',
          'zip 2011_09_28/calib_cam_to_cam.txt -d /k/2011_09_28_drive_0001_sync)'),
-        (Layout.OBJECT, '/k/testing/calib', 'unzip data_object_calib.zip -d /k)'),
+        (Layout.OBJECT, '/k/testing/calib', 'extract data_object_calib.zip /k)'),
         (Layout.OBJECT, '/k/mine/calib',
          "unzip -j data_object_calib.zip 'training/calib/*' -d /k/mine/calib)"),
-        (Layout.TRACKING, '/k/testing/calib/0003.txt', 'unzip data_tracking_calib.zip -d /k)'),
+        (Layout.TRACKING, '/k/testing/calib/0003.txt', 'extract data_tracking_calib.zip /k)'),
         (Layout.ODOMETRY, '/k/dataset/sequences/07/calib.txt',
-         'unzip data_odometry_calib.zip -d /k)'),
+         'extract data_odometry_calib.zip /k)'),
+        (Layout.ODOMETRY, '/k/sequences/07/calib.txt', 'extract data_odometry_calib.zip /k)'),
         (Layout.ODOMETRY, '/my k/07/calib.txt',
          "dataset/sequences/07/calib.txt -d '/my k/07')"),
     ],

@@ -187,29 +187,36 @@ RAW, TRAIN, TEST = drive(5), 'training/velodyne/000000.bin', 'testing/velodyne/0
 @pytest.mark.parametrize(
     ('name', 'entries', 'command', 'folder'),
     [
-        ('d/a.zip', [RAW], 'unzip d/a.zip -d d', 'd/2011_09_26'),
-        ('a.zip', [RAW], 'unzip a.zip', '2011_09_26'),
-        ('d/a.tar', [RAW], 'tar -xf d/a.tar -C d', 'd/2011_09_26'),
-        ('a.tar.gz', [RAW], 'tar -xf a.tar.gz', '2011_09_26'),
-        ('a.tgz', [RAW], 'tar -xf a.tgz', '2011_09_26'),
-        ('a.tar.xz', [RAW], 'tar -xf a.tar.xz', '2011_09_26'),
-        ('d/a.zip', [TRAIN], 'unzip d/a.zip -d d', 'd/training'),
-        ('d/a.zip', [TRAIN, TEST], 'unzip d/a.zip -d d', 'd'),
-        ('d/a.zip', ['dataset/sequences/00/calib.txt'], 'unzip d/a.zip -d d', 'd/dataset'),
-        ('d/a b.zip', ['x.bin'], "unzip 'd/a b.zip' -d 'd/a b'", 'd/a b'),
-        ('d/a.zip', ['x/1.bin', 'y/1.bin'], 'unzip d/a.zip -d d/a', 'd/a'),
-        ('d/a.tar', ['x.bin'], 'mkdir d/a && tar -xf d/a.tar -C d/a', 'd/a'),
+        ('d/a.zip', [RAW], 'd/a.zip d', 'd/2011_09_26'),
+        ('a.zip', [RAW], 'a.zip .', '2011_09_26'),
+        ('a.zip', [f'my/top/{RAW}'], 'a.zip .', '2011_09_26'),
+        ('d/a.tar', [RAW], 'd/a.tar d', 'd/2011_09_26'),
+        ('a.tar.gz', [RAW], 'a.tar.gz .', '2011_09_26'),
+        ('a.tgz', [RAW], 'a.tgz .', '2011_09_26'),
+        ('a.tar.xz', [RAW], 'a.tar.xz .', '2011_09_26'),
+        ('d/a.zip', [TRAIN], 'd/a.zip d', 'd/training'),
+        ('d/a.zip', [TRAIN, 'README'], 'd/a.zip d', 'd/training'),
+        ('d/a.zip', [TRAIN, TEST], 'd/a.zip d', 'd'),
+        ('d/a.zip', ['sequences/00/calib.txt'], 'd/a.zip d', 'd/dataset'),
+        ('d/a b.zip', ['x/label_2/1.txt'], "'d/a b.zip' 'd/a b'", 'd/a b'),
     ],
 )
-def test_archives_are_unpacked_beside_themselves(
+def test_archives_are_extracted_beside_themselves(
     tmp_path, monkeypatch, name, entries, command, folder
 ):
     archive(tmp_path, name, *entries)
     monkeypatch.chdir(tmp_path)
     error = explain(Path(name))
     [remedy] = error.remedies
-    assert (remedy.before, remedy.source) == (command, Path(folder))
-    assert f'{name}: is an archive; unpack it, then give the folder {folder}' in str(error)
+    assert (remedy.before, remedy.source) == (f'kitti-ros2 extract {command}', Path(folder))
+    assert f'{name}: is an archive; extract it, then give the folder {folder}' in str(error)
+
+
+@pytest.mark.parametrize('entries', [['x.bin'], ['x/1.bin', 'y/1.bin'], []])
+def test_an_archive_of_something_else(tmp_path, entries):
+    error = explain(archive(tmp_path, 'a.zip', *entries))
+    assert "is an archive without KITTI's folders; expected a KITTI folder" in str(error)
+    assert not error.remedies
 
 
 @pytest.mark.parametrize('name', ['a.zip', 'a.tar.gz', 'a.tgz', 'a.tar', 'a.tar.xz'])
@@ -225,9 +232,8 @@ def test_names_in_an_archive_do_not_lead_out_of_it(tmp_path):
     path = tmp_path / 'a.zip'
     with ZipFile(path, 'w') as made:
         made.writestr('../../etc/x', '')
-    made = Archive.open(path)
-    assert made is not None
-    assert made.folder == tmp_path / 'a'
+        made.writestr('../training/x', '')
+    assert Archive.open(path) == (tmp_path, None)
 
 
 def test_a_folder_of_archives(tmp_path):
@@ -235,8 +241,11 @@ def test_a_folder_of_archives(tmp_path):
         archive(tmp_path, name, RAW)
     (tmp_path / 'source').rename(tmp_path / '.source')
     error = explain(tmp_path)
-    assert 'holds 4 archives, a.zip, b.zip, c.zip and 1 more; unpack them' in str(error)
-    assert error.remedies[0].before == f'unzip {tmp_path}/a.zip -d {tmp_path}'
+    assert 'holds 4 archives, a.zip, b.zip, c.zip and 1 more; extract them' in str(error)
+    [remedy] = error.remedies
+    listed = ' '.join(f'{tmp_path}/{name}.zip' for name in 'abcd')
+    assert remedy.before == f'kitti-ros2 extract {listed} {tmp_path}'
+    assert remedy.source == tmp_path / '2011_09_26'
 
 
 def test_a_pipe_named_like_an_archive_is_not_read(tmp_path):

@@ -15,22 +15,19 @@ from kitti_ros2.cli import app
 from kitti_ros2.cli.app import get_command
 from kitti_ros2.cli.config_file import load_config
 from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.dataset_tables import CROP, SPLIT, make_crop_options, make_split_options
 from kitti_ros2.options.declare import options_of
 from kitti_ros2.options.table import (
-    CROP,
     PLAY,
     PLAY_OPTIONS,
-    SPLIT,
     TO_BAG,
     TO_BAG_OPTIONS,
     TO_KITTI,
     VIEW,
     Settings,
-    make_crop_options,
     make_import_options,
     make_play_settings,
     make_settings,
-    make_split_options,
     make_view_settings,
 )
 

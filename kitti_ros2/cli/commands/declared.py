@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
@@ -40,15 +41,18 @@ def _one_of(words: Iterable[str]) -> str:
 
 Command = TypeVar('Command', bound='Callable[..., int]')
 
-_TABLES: dict[str, tuple[str, frozenset[str], list[Parameter]]] = {}
-"""By name of a function: its table in options/table.py, the options left out, its parameters."""
+_TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
+"""By name of a function: its table and its module, the options left out, its parameters."""
 
 
-def takes(table: str, *, but: tuple[str, ...] = ()) -> Callable[[Command], Command]:
-    """Mark a command whose **given are the options of a table in options/table.py.
+def takes(
+    table: str, *, of: str = 'table', but: tuple[str, ...] = ()
+) -> Callable[[Command], Command]:
+    """Mark a command whose **given are the options of a table in options/.
 
     Args:
         table: Name of the table.
+        of: Its module.
         but: Options that the command declares itself.
     """
 
@@ -58,7 +62,7 @@ def takes(table: str, *, but: tuple[str, ...] = ()) -> Callable[[Command], Comma
             for each in signature(command).parameters.values()
             if each.kind is not Parameter.VAR_KEYWORD
         ]
-        _TABLES[command.__name__] = table, frozenset(but), own
+        _TABLES[command.__name__] = table, of, frozenset(but), own
         return _with_parameters(command, own)
 
     return mark
@@ -71,10 +75,9 @@ def add_options(command: Callable[..., int]) -> None:
     """
     if command.__name__ not in _TABLES:
         return
-    from ...options import table
-
-    name, excluded, own = _TABLES[command.__name__]
-    declared = [_parameter(each) for each in getattr(table, name) if each.name not in excluded]
+    name, module, excluded, own = _TABLES[command.__name__]
+    table = getattr(import_module(f'...options.{module}', __package__), name)
+    declared = [_parameter(each) for each in table if each.name not in excluded]
     _with_parameters(command, [*own, *declared])
 
 

@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('STATS')
+@takes('STATS', of='dataset_tables')
 def stats(
     paths: Annotated[list[Path], argument('PATH...', 'KITTI folders or bags, a column for each')],
     out: Annotated[

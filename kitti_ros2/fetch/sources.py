@@ -1,0 +1,222 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where archives are downloaded from: HTTP servers and folders, with a beginning anywhere."""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+from urllib.parse import unquote, urlsplit
+
+from ..model.errors import KittiRos2Error, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+
+    import httpx
+
+_PIECE_BYTES = 1 << 18
+_RETRIED = {408, 425, 429, 500, 502, 503, 504}
+_MISSING = {403, 404, 410}
+"""S3 replies 403 for a file that does not exist."""
+_CONTENT_RANGE = re.compile(r'bytes (\d+)-(\d+)/(\d+|\*)')
+_ALL_OF = re.compile(r'bytes \*/(\d+)')
+_LONGEST_WAIT_S = 120.0
+
+
+class DownloadError(KittiRos2Error):
+    """An archive that cannot be downloaded; trying again does not help."""
+
+
+class MissingArchiveError(DownloadError):
+    """A server or a folder does not have an archive."""
+
+
+class BrokenTransferError(Exception):
+    """A transfer that broke off, or a server that is busy; trying again may help.
+
+    Attributes:
+        wait_s: The shortest wait that the server asks for.
+    """
+
+    def __init__(self, reason: str, wait_s: float = 0.0) -> None:
+        super().__init__(reason)
+        self.wait_s = wait_s
+
+
+class ChangedFileError(BrokenTransferError):
+    """The file of a server is not the one that was begun; it must be begun again."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A file being read.
+
+    Attributes:
+        start: The first byte that the pieces have: the requested one, or 0 for the whole file.
+        size: Bytes of the whole file; None if they are not known.
+        validator: Changes when the file does; empty if nothing does.
+        pieces: The content from start on.
+    """
+
+    start: int
+    size: int | None
+    validator: str
+    pieces: Iterator[bytes]
+
+
+class ArchiveSource(Protocol):
+    """Opens files by URL."""
+
+    def open(self, url: str, start: int, validator: str) -> AbstractContextManager[Opened]:
+        """Open a file from a byte on, if it did not change; else from its beginning.
+
+        Raises:
+            DownloadError: The file is missing or forbidden.
+            BrokenTransferError: Trying again may help; also from the pieces.
+        """
+        ...
+
+    def close(self) -> None:
+        """Break off all transfers."""
+        ...
+
+
+def without_password(url: str) -> str:
+    """Return a URL without the user and password in it."""
+    parts = urlsplit(url)
+    return parts._replace(netloc=parts.netloc.rpartition('@')[2]).geturl()
+
+
+def make_source(base_url: str, timeout_s: float) -> ArchiveSource:
+    """Return the source for a base URL.
+
+    Raises:
+        UsageError: The URL has an unsupported scheme, or httpx is missing.
+    """
+    scheme = urlsplit(base_url).scheme
+    if scheme == 'file':
+        return FolderSource()
+    if scheme in {'http', 'https'}:
+        return HttpSource(timeout_s)
+    raise UsageError(
+        f'base_url {without_password(base_url)} has an unsupported scheme;'
+        f' give http://, https:// or file://'
+    )
+
+
+class FolderSource:
+    """Files of a mirror on a disk."""
+
+    @contextmanager
+    def open(self, url: str, start: int, validator: str) -> Iterator[Opened]:
+        """Open a file; see ArchiveSource."""
+        path = Path(unquote(urlsplit(url).path))
+        try:
+            file = path.open('rb')
+        except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
+            raise MissingArchiveError(f'{path}: no such file') from error
+        with file:
+            state = path.stat()
+            current = f'{state.st_size} {state.st_mtime_ns}'
+            start = start if validator == current else 0
+            file.seek(start)
+            pieces = iter(lambda: file.read(_PIECE_BYTES), b'')
+            yield Opened(start, state.st_size, current, pieces)
+
+    def close(self) -> None:
+        """Nothing is open between two pieces."""
+
+
+class HttpSource:
+    """Files of an HTTP server.
+
+    Raises:
+        UsageError: httpx is missing.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        try:
+            import httpx  # noqa: PLC0415 - it takes as long as everything else
+        except ImportError:
+            raise UsageError(
+                'downloading needs httpx: pip install httpx, or apt install python3-httpx'
+            ) from None
+        self._httpx = httpx
+        self._client = httpx.Client(timeout=timeout_s, follow_redirects=True)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._client.close()
+
+    @contextmanager
+    def open(self, url: str, start: int, validator: str) -> Iterator[Opened]:
+        """Open a file; see ArchiveSource."""
+        headers = {'Accept-Encoding': 'identity'}
+        if start:
+            headers |= {'Range': f'bytes={start}-', 'If-Range': validator}
+        try:
+            with self._client.stream('GET', url, headers=headers) as response:
+                yield self._opened(response, url, start)
+        except self._httpx.TooManyRedirects as error:
+            raise DownloadError(f'{without_password(url)}: redirects without an end') from error
+        except (self._httpx.UnsupportedProtocol, self._httpx.InvalidURL) as error:
+            raise DownloadError(f'{without_password(url)}: {error}') from error
+        except self._httpx.HTTPError as error:
+            reason = str(error) or type(error).__name__
+            raise BrokenTransferError(reason) from error
+
+    def _opened(self, response: httpx.Response, url: str, start: int) -> Opened:
+        if url.startswith('https:') and response.url.scheme != 'https':
+            target = without_password(str(response.url))
+            raise DownloadError(f'{url}: redirects to {target}, which is not encrypted')
+        headers = response.headers
+        validator = headers.get('ETag', '')
+        if not validator or validator.startswith('W/'):  # If-Range takes strong validators only
+            validator = headers.get('Last-Modified', '')
+        code = response.status_code
+        if code == 206:
+            return _opened_part(response, validator, start)
+        if code == 416:
+            found = _ALL_OF.fullmatch(headers.get('Content-Range', ''))
+            if found is not None and int(found[1]) == start:
+                return Opened(start, start, validator, iter(()))
+            raise ChangedFileError('the server has less than before')
+        _check_status(response, url)
+        if headers.get('Content-Encoding', 'identity') != 'identity':
+            # What a server compresses has no known size, and cannot be continued.
+            return Opened(0, None, '', response.iter_bytes())
+        length = headers.get('Content-Length', '')
+        size = int(length) if length.isdecimal() else None
+        return Opened(0, size, validator, response.iter_raw())
+
+
+def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened:
+    found = _CONTENT_RANGE.fullmatch(response.headers.get('Content-Range', ''))
+    if found is None or int(found[1]) != start:
+        raise BrokenTransferError('the server sent another part than was requested')
+    size = None if found[3] == '*' else int(found[3])
+    return Opened(start, size, validator, response.iter_raw())
+
+
+def _check_status(response: httpx.Response, url: str) -> None:
+    """Check that a response has the file.
+
+    Raises:
+        DownloadError: It does not.
+        BrokenTransferError: It may, if the request is repeated.
+    """
+    code = response.status_code
+    what = f'{without_password(url)}: the server replies {code} {response.reason_phrase}'.rstrip()
+    if code in _RETRIED:
+        wait = response.headers.get('Retry-After', '')
+        wait_s = min(float(wait), _LONGEST_WAIT_S) if wait.isdecimal() else 0.0
+        raise BrokenTransferError(what, wait_s)
+    if code in _MISSING:
+        raise MissingArchiveError(what)
+    if code != 200:
+        raise DownloadError(what)

@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One archive to a file: resumed where it broke off, complete and verified or not there.
+
+While it is incomplete, the file is NAME.part, and NAME.part.json has the URL, the size and the
+validator (ETag or date) of what the server began to send. A part is continued only if the server
+still has the same.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from ..model.text import format_bytes
+from .sources import (
+    BrokenTransferError,
+    ChangedFileError,
+    DownloadError,
+    MissingArchiveError,
+    without_password,
+)
+from .verification import sha256_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+    from typing import IO
+
+    from .sources import ArchiveSource, Opened
+
+_FIRST_WAIT_S = 0.5
+_LONGEST_WAIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Backoff:
+    """Waits between attempts: doubled each time, and varied so that clients do not collide.
+
+    Attributes:
+        retries: Attempts without any progress after which a transfer fails.
+        sleep: Waits for some seconds.
+        vary: Returns a factor of the wait.
+    """
+
+    retries: int
+    sleep: Callable[[float], object] = time.sleep
+    vary: Callable[[], float] = lambda: random.uniform(0.5, 1.5)  # noqa: S311 - no secret
+
+    def wait(self, attempt: int, least_s: float) -> None:
+        """Wait before an attempt, the first of which is 1."""
+        wait_s = min(_FIRST_WAIT_S * 2 ** (attempt - 1), _LONGEST_WAIT_S) * self.vary()
+        self.sleep(max(wait_s, least_s))
+
+
+@dataclass(frozen=True)
+class _Journal:
+    """What is known of a part."""
+
+    url: str = ''
+    size: int | None = None
+    validator: str = ''
+
+
+class Transfer:
+    """The download of one archive.
+
+    Args:
+        target: The file.
+        urls: Where to look for it, in this order.
+        source: Opens the URLs.
+        backoff: Waits between attempts.
+        advance: Called with the bytes of each piece, negative for those that are dropped, and with
+            the size of the file when it is known.
+    """
+
+    def __init__(
+        self,
+        target: Path,
+        urls: Sequence[str],
+        source: ArchiveSource,
+        backoff: Backoff,
+        advance: Callable[[int, int | None], None],
+    ) -> None:
+        self.target = target
+        self._urls = urls
+        self._source = source
+        self._backoff = backoff
+        self._advance = advance
+        self._counted = 0
+        self._part = target.with_name(f'{target.name}.part')
+        self._log = target.with_name(f'{target.name}.part.json')
+
+    def run(self, sha256: str = '') -> None:
+        """Download the archive.
+
+        Raises:
+            MissingArchiveError: No URL has it.
+            DownloadError: It cannot be downloaded, or is not what its checksum says.
+            OSError: The disk refuses.
+        """
+        for number, url in enumerate(self._urls, 1):
+            try:
+                self._fetch(url)
+                break
+            except MissingArchiveError:
+                if number == len(self._urls):
+                    raise
+        if sha256 and sha256_of(self._part) != sha256:
+            self.drop()
+            raise DownloadError(
+                f'{without_password(url)}: has another SHA-256 than {sha256}, and was removed; it'
+                f' is damaged, or was replaced (--no-verify takes it as it is)'
+            )
+        self._part.replace(self.target)
+        self._log.unlink(missing_ok=True)
+
+    def drop(self) -> None:
+        """Remove what was downloaded."""
+        self._part.unlink(missing_ok=True)
+        self._log.unlink(missing_ok=True)
+
+    def _fetch(self, url: str) -> None:
+        """Download to the part, in as many attempts as make progress."""
+        journal = self._resumable(url)
+        done = furthest = self._part.stat().st_size if journal.validator else 0
+        failures = 0
+        while True:
+            self._count(done, journal.size)
+            try:
+                with self._source.open(url, done, journal.validator) as opened:
+                    self._receive(url, opened, done, journal)
+            except BrokenTransferError as error:
+                if isinstance(error, ChangedFileError):
+                    self.drop()
+                reached = self._part.stat().st_size if self._part.exists() else 0
+                failures = 0 if reached > furthest else failures + 1
+                furthest = max(furthest, reached)
+                if failures > self._backoff.retries:
+                    raise DownloadError(
+                        f'{without_password(url)}: broke off at {format_bytes(reached)} ({error});'
+                        f' run it again to go on from there'
+                    ) from error
+                journal = self._resumable(url)
+                done = reached if journal.validator else 0
+                self._backoff.wait(max(failures, 1), error.wait_s)
+            else:
+                return
+
+    def _receive(self, url: str, opened: Opened, done: int, journal: _Journal) -> None:
+        """Write what a source sends after the bytes that are done.
+
+        Raises:
+            BrokenTransferError: It sends less than it declares, or of another file.
+        """
+        changed = opened.validator not in {'', journal.validator}
+        if opened.start and (changed or opened.start != done):
+            raise ChangedFileError('the file has changed')
+        done = opened.start
+        validator = opened.validator or (journal.validator if done else '')
+        journal = _Journal(without_password(url), opened.size, validator)
+        self._count(done, opened.size)
+        with self._part.open('r+b' if done else 'wb') as file:
+            file.seek(done)
+            self._log.write_text(json.dumps(asdict(journal)), encoding='utf-8')
+            done = self._write(file, opened, done)
+        if opened.size is not None and done != opened.size:
+            raise BrokenTransferError(
+                f'{format_bytes(done)} of {format_bytes(opened.size)} were sent'
+            )
+
+    def _write(self, file: IO[bytes], opened: Opened, done: int) -> int:
+        try:
+            for piece in opened.pieces:
+                file.write(piece)
+                done += len(piece)
+                self._count(done)
+        finally:
+            done = done if opened.size is None else min(done, opened.size)
+            file.truncate(done)
+        return done
+
+    def _count(self, done: int, size: int | None = None) -> None:
+        """Report the bytes of the part, and the size of the file if it is known."""
+        change, self._counted = done - self._counted, done
+        self._advance(change, size)
+
+    def _resumable(self, url: str) -> _Journal:
+        """Return what is known of the part; nothing if it cannot be continued."""
+        with suppress(OSError, ValueError, TypeError):
+            journal = _Journal(**json.loads(self._log.read_text('utf-8')))
+            if journal.url == without_password(url) and journal.validator and self._part.is_file():
+                return journal
+        return _Journal()

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Zip archives: members from the directory at the end, contents with their CRC checked."""
+
+from __future__ import annotations
+
+import stat
+from typing import TYPE_CHECKING
+from zipfile import BadZipFile, LargeZipFile, ZipFile, ZipInfo
+
+from .errors import BadArchiveError, BadMemberError
+from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+    from typing_extensions import Self
+
+_UNIX = 3
+_ENCRYPTED = 0x1
+_STRONGLY_ENCRYPTED = 0x40
+_METHODS = {0, 8, 12, 14}
+"""Stored, deflate, bzip2, LZMA."""
+_KINDS = {
+    stat.S_IFLNK: 'symbolic link',
+    stat.S_IFCHR: 'device',
+    stat.S_IFBLK: 'device',
+    stat.S_IFIFO: 'pipe',
+    stat.S_IFSOCK: 'socket',
+}
+
+
+class ZipArchive:
+    """An open zip archive.
+
+    Raises:
+        BadArchiveError: It has no directory, or a damaged one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._zip = ZipFile(path)
+        except (BadZipFile, LargeZipFile, NotImplementedError, ValueError, EOFError) as error:
+            raise BadArchiveError(
+                path, 'is a truncated or damaged zip archive', 'download it again'
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._zip.close()
+
+    def members(self) -> Iterator[Member]:
+        """List all members.
+
+        Raises:
+            BadArchiveError: Members overlap, as in archives that are made to fill disks.
+        """
+        infos = self._zip.infolist()
+        if sum(info.compress_size for info in infos) > self.path.stat().st_size:
+            raise BadArchiveError(
+                self.path, 'has members that overlap', 'download it from a source that you trust'
+            )
+        for info in infos:
+            yield Member(
+                info.orig_filename,
+                info.file_size,
+                info.CRC,
+                is_folder=info.orig_filename.endswith('/'),
+                other=_kind(info),
+                locked=_lock(info),
+                info=info,
+            )
+
+    def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
+        """Yield some members with the pieces of their content."""
+        for member in wanted:
+            yield member, self._pieces(member.info)
+
+    def _pieces(self, info: ZipInfo) -> Iterator[bytes]:
+        try:
+            with self._zip.open(info) as stream:
+                while piece := stream.read(PIECE_BYTES):
+                    yield piece
+        except (BadZipFile, EOFError, RuntimeError, ValueError, *DECOMPRESSION_ERRORS) as error:
+            raise BadMemberError(f'damaged: {error}') from error
+
+
+def _kind(info: ZipInfo) -> str:
+    """Return what a member is if it is neither a file nor a folder."""
+    mode = stat.S_IFMT(info.external_attr >> 16) if info.create_system == _UNIX else 0
+    return _KINDS.get(mode, '')
+
+
+def _lock(info: ZipInfo) -> str:
+    if info.flag_bits & (_ENCRYPTED | _STRONGLY_ENCRYPTED):
+        return 'encrypted; extract it with another program and its password'
+    if info.compress_type not in _METHODS:
+        return f'unsupported compression method {info.compress_type}; extract it with 7z'
+    return ''

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The options of the commands for whole data sets, and their values by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .crop import CropOptions
+from .declare import options_of, parse_values, values_for
+from .fetching import DownloadOptions, ExtractOptions
+from .read import ReadOptions
+from .split import SplitOptions
+from .statistics import StatisticsOptions
+from .table import SOURCE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..model.layouts import Layout
+
+EXTRACT = options_of(ExtractOptions)
+DOWNLOAD = (
+    *options_of(DownloadOptions),
+    *(each for each in EXTRACT if each.name != 'remove_archives'),
+)
+STATS = (*options_of(StatisticsOptions), *SOURCE)
+CROP = (
+    *options_of(CropOptions),
+    *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
+)
+SPLIT = (
+    *options_of(SplitOptions),
+    *(each for each in SOURCE if each.name == 'layout'),
+)
+
+
+def make_extract_options(values: Mapping[str, object]) -> ExtractOptions:
+    """Make the options of extract from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    return ExtractOptions(**values_for(ExtractOptions, parse_values(values, EXTRACT)))
+
+
+def make_download_options(
+    values: Mapping[str, object],
+) -> tuple[DownloadOptions, ExtractOptions]:
+    """Make the options of download from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, DOWNLOAD)
+    options = DownloadOptions(**values_for(DownloadOptions, parsed))
+    extraction = values_for(ExtractOptions, parsed)
+    return options, ExtractOptions(remove_archives=not options.keep_archives, **extraction)
+
+
+def make_statistics_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, StatisticsOptions]:
+    """Make the options of stats from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, STATS)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
+
+
+def make_crop_options(values: Mapping[str, object]) -> CropOptions:
+    """Make the options of crop from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, CROP)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return CropOptions(**values_for(CropOptions, parsed), read=read)
+
+
+def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layout | None]:
+    """Make the options of split from values by name, and the layout; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, SPLIT)
+    return SplitOptions(**values_for(SplitOptions, parsed)), parsed.get('layout')

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Places of files in an archive: KITTI's own folders, repacked ones, and no known ones."""
+
+from __future__ import annotations
+
+import pytest
+
+from kitti_ros2.kitti.archive_places import places, places_in
+
+DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
+
+
+@pytest.mark.parametrize(
+    ('archive', 'name', 'place'),
+    [
+        # As KITTI packs them.
+        ('2011_09_26_drive_0005_sync.zip', f'{DRIVE}/oxts/data/0000000000.txt', None),
+        ('2011_09_26_calib.zip', '2011_09_26/calib_cam_to_cam.txt', None),
+        ('2011_09_26_drive_0005_tracklets.zip', f'{DRIVE}/tracklet_labels.xml', None),
+        ('data_object_image_2.zip', 'testing/image_2/000000.png', None),
+        ('data_tracking_label_2.zip', 'training/label_02/0000.txt', None),
+        ('data_odometry_velodyne.zip', 'dataset/sequences/00/velodyne/000000.bin', None),
+        ('data_odometry_poses.zip', 'dataset/poses/00.txt', None),
+        ('data_odometry_labels.zip', 'dataset/sequences/00/labels/000000.label', None),
+        # Under other folders.
+        ('a.zip', f'my/backup/{DRIVE}/oxts/dataformat.txt', f'{DRIVE}/oxts/dataformat.txt'),
+        ('a.zip', '2011_09_26_drive_0005_sync/oxts/dataformat.txt', f'{DRIVE}/oxts/dataformat.txt'),
+        ('a.tgz', './kitti/object/training/calib/000000.txt', 'training/calib/000000.txt'),
+        ('a.zip', 'KITTI/odometry/sequences/07/times.txt', 'dataset/sequences/07/times.txt'),
+        ('a.zip', 'x/poses/07.txt', 'dataset/poses/07.txt'),
+        ('a.zip', '07/velodyne/000000.bin', 'dataset/sequences/07/velodyne/000000.bin'),
+        ('a.zip', 'kitti/ImageSets/train.txt', 'ImageSets/train.txt'),
+        # Without their folders.
+        ('2011_10_03_calib.zip', 'calib_velo_to_cam.txt', '2011_10_03/calib_velo_to_cam.txt'),
+        ('2011_09_26_drive_0005_sync.zip', 'x/image_02/timestamps.txt',
+         f'{DRIVE}/image_02/timestamps.txt'),
+        ('2011_09_26_drive_0005_tracklets.zip', 'tracklet_labels.xml',
+         f'{DRIVE}/tracklet_labels.xml'),
+        ('2011_09_26_drive_0005_extract (1).zip', 'oxts/data/0.txt',
+         '2011_09_26/2011_09_26_drive_0005_extract/oxts/data/0.txt'),
+        ('label_2.zip', 'data/label_2/000000.txt', 'label_2/000000.txt'),
+        # Devkits.
+        ('devkit_object.zip', 'mapping/train_rand.txt', 'devkit_object/mapping/train_rand.txt'),
+        ('devkit_raw_data.zip', 'devkit/readme.txt', 'devkit_raw_data/readme.txt'),
+        ('devkit_object.zip', 'devkit_object/cpp/a.h', 'devkit_object/cpp/a.h'),
+    ],
+)  # fmt: skip
+def test_a_place(archive, name, place):
+    assert places([name], archive) == [place or name]
+
+
+def test_other_files_stay_beside_the_known_ones():
+    files = ['kitti/training/calib/000000.txt', 'kitti/README.md', 'NOTES', 'kitti/planes/0.txt']
+    assert places(files, 'a.zip') == [
+        'training/calib/000000.txt', 'README.md', 'NOTES', 'planes/0.txt'
+    ]  # fmt: skip
+
+
+def test_a_root_that_is_the_top_folder(tmp_path):
+    scan = 'dataset/sequences/00/velodyne/000000.bin'
+    assert places_in(tmp_path, [scan]) == [scan]
+    assert places_in(tmp_path / 'dataset', [scan]) == ['sequences/00/velodyne/000000.bin']
+    assert places_in(tmp_path / '2011_09_26', [f'{DRIVE}/oxts/a']) == [
+        '2011_09_26_drive_0005_sync/oxts/a'
+    ]
+    (tmp_path / 'sequences').mkdir()
+    assert places_in(tmp_path, [scan]) == ['sequences/00/velodyne/000000.bin']

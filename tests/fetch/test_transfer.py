@@ -1,0 +1,375 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Transfers from servers with faults: complete and right in the end, or one clear error."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+import threading
+
+import pytest
+from http_mirror import Mirror, etag_of, serving
+
+from kitti_ros2.fetch.sources import DownloadError, FolderSource, HttpSource, MissingArchiveError
+from kitti_ros2.fetch.transfer import Backoff, Transfer
+
+pytest.importorskip('httpx')
+
+CONTENT = random.Random(0).randbytes(700_000)
+NEW = random.Random(1).randbytes(600_000)
+PATH = '/raw_data/a.zip'
+
+
+@pytest.fixture(autouse=True)
+def no_proxies(monkeypatch):
+    for name in ('HTTP_PROXY', 'HTTPS_PROXY', 'ALL_PROXY'):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.lower(), raising=False)
+
+
+class Run:
+    """A transfer from a mirror, with the waits and the progress that it had."""
+
+    def __init__(self, folder, mirror, retries=3, timeout_s=5.0):
+        self.waits = []
+        self.done = 0
+        self.size = None
+        self.mirror = mirror
+        self.target = folder / 'a.zip'
+        self.source = HttpSource(timeout_s)
+        self.backoff = Backoff(retries, self.waits.append, lambda: 1.0)
+
+    def advance(self, count, size):
+        self.done += count
+        self.size = size or self.size
+
+    def run(self, *paths, sha256='', base=''):
+        urls = [f'{base or self.mirror.url}{path}' for path in paths or (PATH,)]
+        transfer = Transfer(self.target, urls, self.source, self.backoff, self.advance)
+        try:
+            transfer.run(sha256)
+        finally:
+            self.source.close()
+        assert sorted(each.name for each in self.target.parent.iterdir()) == ['a.zip']
+        return self.target.read_bytes()
+
+
+def test_a_sound_server(tmp_path):
+    with serving(Mirror({PATH: CONTENT})) as mirror:
+        run = Run(tmp_path, mirror)
+        assert run.run(sha256=hashlib.sha256(CONTENT).hexdigest()) == CONTENT
+    assert (run.done, run.size, run.waits) == (len(CONTENT), len(CONTENT), [])
+
+
+def test_breaks_are_resumed_where_they_were(tmp_path):
+    with serving(Mirror({PATH: CONTENT}, break_after=100_000)) as mirror:
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT
+    starts = [asked for _, asked, _ in mirror.requests]
+    assert starts == ['', *(f'bytes={n}00000-' for n in range(1, 7))]
+    assert run.done == len(CONTENT)
+    assert run.waits == [0.5] * 6  # progress each time: the waits do not grow
+
+
+def test_another_run_goes_on(tmp_path):
+    mirror = Mirror({PATH: CONTENT}, break_after=300_000)
+    mirror.fault = lambda handler: len(mirror.requests) > 1 and handler.hang_up()
+    with serving(mirror):
+        with pytest.raises(DownloadError, match=r'broke off at 300\.0 kB .* run it again'):
+            Run(tmp_path, mirror, retries=1).run()
+        assert sorted(each.name for each in tmp_path.iterdir()) == ['a.zip.part', 'a.zip.part.json']
+        mirror.fault, mirror.break_after, mirror.requests = lambda _: False, None, []
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT
+    assert [asked for _, asked, _ in mirror.requests] == ['bytes=300000-']
+    assert run.done == len(CONTENT)
+
+
+def test_a_part_that_is_complete_is_taken(tmp_path):
+    with serving(Mirror({PATH: CONTENT})) as mirror:
+        (tmp_path / 'a.zip.part').write_bytes(CONTENT)
+        journal = {'url': f'{mirror.url}{PATH}', 'size': 700_000, 'validator': etag_of(CONTENT)}
+        (tmp_path / 'a.zip.part.json').write_text(json.dumps(journal))
+        assert Run(tmp_path, mirror).run() == CONTENT
+    assert [asked for _, asked, _ in mirror.requests] == ['bytes=700000-']
+
+
+@pytest.mark.parametrize('journal', ['', '{"url": 1', '[]', '{"other": 1}', '{"url": "x"}'])
+def test_a_part_without_a_usable_journal_is_not_continued(tmp_path, journal):
+    (tmp_path / 'a.zip.part').write_bytes(b'x' * 900_000)
+    (tmp_path / 'a.zip.part.json').write_text(journal)
+    with serving(Mirror({PATH: CONTENT})) as mirror:
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT
+    assert run.done == len(CONTENT)
+
+
+def test_a_file_that_changes_in_between_is_begun_again(tmp_path):
+    mirror = Mirror({PATH: CONTENT}, break_after=250_000)
+
+    def change(_):
+        if len(mirror.requests) == 2:
+            mirror.files[PATH] = NEW
+        return False
+
+    mirror.fault = change
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == NEW
+    assert run.done == len(NEW)
+
+
+def test_a_part_of_another_version_is_not_appended(tmp_path):
+    """The server ignores If-Range, and sends the rest of a new file."""
+    mirror = Mirror({PATH: CONTENT}, break_after=250_000)
+
+    def change(handler):
+        if len(mirror.requests) == 2:
+            mirror.files[PATH] = NEW
+            mirror.break_after = None
+            headers = {'ETag': etag_of(NEW), 'Content-Range': 'bytes 250000-599999/600000'}
+            handler.reply(206, headers, NEW[250_000:])
+        return len(mirror.requests) == 2
+
+    mirror.fault = change
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == NEW
+    assert run.done == len(NEW)
+
+
+def test_a_file_that_became_shorter_is_begun_again(tmp_path):
+    """The server ignores If-Range: the requested part does not exist."""
+    mirror = Mirror({PATH: CONTENT}, break_after=650_000)
+
+    def shorten(handler):
+        if len(mirror.requests) == 2:
+            mirror.files[PATH] = NEW
+            handler.reply(416, {'Content-Range': f'bytes */{len(NEW)}'})
+        return len(mirror.requests) == 2
+
+    mirror.fault = shorten
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == NEW
+    assert run.done == len(NEW)
+
+
+def test_a_redirect_that_is_not_encrypted():
+    httpx = pytest.importorskip('httpx')
+    response = httpx.Response(200, request=httpx.Request('GET', 'http://127.0.0.1/a.zip'))
+    source = HttpSource(1.0)
+    with pytest.raises(DownloadError, match='which is not encrypted'):
+        source._opened(response, 'https://127.0.0.1/a.zip', 0)
+    source.close()
+
+
+@pytest.mark.parametrize('where', ['bytes 5-9/10', 'bytes x', ''])
+def test_another_part_than_requested(tmp_path, where):
+    mirror = Mirror({PATH: CONTENT}, break_after=250_000)
+
+    def other(handler):
+        if len(mirror.requests) == 2:
+            handler.reply(206, {'Content-Range': where}, b'12345')
+        return len(mirror.requests) == 2
+
+    mirror.fault = other
+    with serving(mirror):
+        assert Run(tmp_path, mirror).run() == CONTENT
+
+
+def test_a_server_that_ignores_ranges(tmp_path):
+    mirror = Mirror({PATH: CONTENT}, break_after=250_000, ranges=False)
+    mirror.fault = lambda _: setattr(
+        mirror, 'break_after', None if len(mirror.requests) > 2 else 250_000
+    )
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT
+    assert run.done == len(CONTENT)
+    assert len(mirror.requests) == 3
+
+
+@pytest.mark.parametrize('ranges', [True, False])
+def test_a_server_that_breaks_off_at_the_same_place_is_given_up(tmp_path, ranges):
+    with serving(
+        Mirror({PATH: CONTENT}, break_after=250_000, ranges=ranges, validators=False)
+    ) as mirror:
+        run = Run(tmp_path, mirror, retries=4)
+        with pytest.raises(DownloadError, match=r'broke off at 250\.0 kB'):
+            run.run()
+    assert run.waits == [0.5, 0.5, 1, 2, 4]
+    assert run.target.exists() is False
+
+
+@pytest.mark.parametrize('declared', [900_000, 10**15])
+def test_a_server_that_declares_too_much(tmp_path, declared):
+    mirror = Mirror({PATH: CONTENT})
+
+    def lie(handler):
+        if handler.headers.get('Range'):
+            return False
+        handler.reply(200, {'Content-Length': str(declared), 'ETag': etag_of(CONTENT)}, CONTENT)
+        handler.close_connection = True
+        return True
+
+    mirror.fault = lie
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT  # the reply to the range tells the true size
+    assert run.done == len(CONTENT)
+
+
+def test_a_server_that_stalls(tmp_path):
+    mirror = Mirror({PATH: CONTENT})
+    end = threading.Event()
+
+    def stall(handler):
+        if len(mirror.requests) != 1:
+            return False
+        handler.send_response(200)
+        handler.send_header('Content-Length', str(len(CONTENT)))
+        handler.send_header('ETag', etag_of(CONTENT))
+        handler.end_headers()
+        handler.wfile.write(CONTENT[:300_000])
+        end.wait(10)
+        handler.close_connection = True
+        return True
+
+    mirror.fault = stall
+    with serving(mirror):
+        run = Run(tmp_path, mirror, timeout_s=0.2)
+        assert run.run() == CONTENT
+        end.set()
+    assert mirror.requests[1][1].startswith('bytes=')
+    assert run.done == len(CONTENT)
+
+
+@pytest.mark.parametrize('code', [408, 429, 500, 502, 503, 504])
+def test_a_server_that_is_busy(tmp_path, code):
+    mirror = Mirror({PATH: CONTENT})
+
+    def busy(handler):
+        if len(mirror.requests) < 3:
+            handler.reply(code, {'Retry-After': '7'} if len(mirror.requests) == 1 else {})
+        return len(mirror.requests) < 3
+
+    mirror.fault = busy
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        assert run.run() == CONTENT
+    assert run.waits == [7, 1]
+
+
+@pytest.mark.parametrize(
+    ('code', 'kind'),
+    [(404, MissingArchiveError), (403, MissingArchiveError), (401, DownloadError)],
+)
+def test_a_server_that_refuses(tmp_path, code, kind):
+    mirror = Mirror({PATH: CONTENT}, fault=lambda handler: handler.reply(code) or True)
+    with serving(mirror):
+        run = Run(tmp_path, mirror)
+        with pytest.raises(kind, match=f'{PATH}: the server replies {code}') as raised:
+            run.run()
+    assert type(raised.value) is kind
+    assert (run.waits, len(mirror.requests)) == ([], 1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_second_url_is_tried_where_the_first_has_nothing(tmp_path):
+    with serving(Mirror({'/a.zip': CONTENT})) as mirror:
+        assert Run(tmp_path, mirror).run(PATH, '/a.zip') == CONTENT
+
+
+def test_nobody_listens(tmp_path):
+    with serving(Mirror({})) as mirror:
+        pass
+    run = Run(tmp_path, mirror, retries=2)
+    with pytest.raises(DownloadError, match='broke off at 0 B'):
+        run.run()
+    assert run.waits == [0.5, 1]
+
+
+def test_a_redirect_to_another_host_gets_no_credentials(tmp_path):
+    with serving(Mirror({PATH: CONTENT})) as other:
+        elsewhere = other.url.replace('127.0.0.1', 'localhost') + PATH
+        mirror = Mirror({}, fault=lambda made: made.reply(302, {'Location': elsewhere}) or True)
+        with serving(mirror):
+            base = mirror.url.replace('://', '://user:secret@')
+            assert Run(tmp_path, mirror).run(base=base) == CONTENT
+    assert mirror.requests[0][2].startswith('Basic ')
+    assert other.requests == [(PATH, '', '')]
+
+
+def test_a_password_is_not_in_messages_or_journals(tmp_path):
+    mirror = Mirror({PATH: CONTENT}, break_after=1000)
+    mirror.fault = lambda handler: len(mirror.requests) > 1 and handler.hang_up()
+    with serving(mirror), pytest.raises(DownloadError) as raised:
+        Run(tmp_path, mirror).run(base=mirror.url.replace('://', '://user:secret@'))
+    assert 'secret' not in str(raised.value)
+    assert 'secret' not in (tmp_path / 'a.zip.part.json').read_text()
+
+
+def test_a_redirect_without_an_end(tmp_path):
+    mirror = Mirror({}, fault=lambda handler: handler.reply(302, {'Location': PATH}) or True)
+    with serving(mirror), pytest.raises(DownloadError, match='redirects without an end'):
+        Run(tmp_path, mirror).run()
+
+
+@pytest.mark.parametrize('target', ['file:///etc/passwd', 'ftp://127.0.0.1/x'])
+def test_a_redirect_to_another_scheme(tmp_path, target):
+    mirror = Mirror({}, fault=lambda handler: handler.reply(302, {'Location': target}) or True)
+    with serving(mirror), pytest.raises(DownloadError):
+        Run(tmp_path, mirror).run()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_server_that_compresses(tmp_path):
+    mirror = Mirror({}, fault=lambda handler: handler.reply_gzip(CONTENT) or True)
+    with serving(mirror):
+        assert Run(tmp_path, mirror).run() == CONTENT
+
+
+def test_another_checksum(tmp_path):
+    other = pytest.raises(DownloadError, match='has another SHA-256 than 00')
+    with serving(Mirror({PATH: CONTENT})) as mirror, other:
+        Run(tmp_path, mirror).run(sha256='0' * 64)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_as_a_mirror(tmp_path):
+    mirror, out = tmp_path / 'my mirror', tmp_path / 'out'
+    mirror.mkdir()
+    out.mkdir()
+    (mirror / 'a.zip').write_bytes(CONTENT)
+    counts = []
+    transfer = Transfer(
+        out / 'a.zip', [(mirror / 'no.zip').as_uri(), (mirror / 'a.zip').as_uri()],
+        FolderSource(), Backoff(0), lambda count, _: counts.append(count),
+    )  # fmt: skip
+    transfer.run()
+    assert (out / 'a.zip').read_bytes() == CONTENT
+    assert sum(counts) == len(CONTENT)
+
+
+def test_a_folder_is_resumed_if_the_file_is_the_same(tmp_path):
+    (tmp_path / 'a.zip').write_bytes(CONTENT)
+    url = (tmp_path / 'a.zip').as_uri()
+    with FolderSource().open(url, 0, '') as opened:
+        validator = opened.validator
+    with FolderSource().open(url, 1000, validator) as opened:
+        assert (opened.start, b''.join(opened.pieces)) == (1000, CONTENT[1000:])
+    (tmp_path / 'a.zip').write_bytes(NEW)
+    with FolderSource().open(url, 1000, validator) as opened:
+        assert opened.start == 0
+
+
+def test_waits_are_doubled_and_limited():
+    waits = []
+    backoff = Backoff(99, waits.append, lambda: 1.0)
+    for attempt in range(1, 12):
+        backoff.wait(attempt, 0.0)
+    assert waits == [0.5, 1, 2, 4, 8, 16, 32, 60, 60, 60, 60]
+    assert all(0.5 <= Backoff(0).vary() <= 1.5 for _ in range(100))
