@@ -62,6 +62,7 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
     """
     from matplotlib import rc_context  # noqa: PLC0415 - heavy, and an extra
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
+    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415 - as above
 
     totals = [each.total for each in sets]
     panels = [panel for panel in PANELS if any(panel.has(total) for total in totals)]
@@ -70,8 +71,8 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
     width, height = _PANEL_INCHES
     with rc_context(_STYLE), catch_warnings():
         simplefilter('ignore')  # characters that the font does not have are drawn as boxes
-        figure = Figure((width * columns, height * rows + 0.4), layout='constrained')
-        figure.get_layout_engine().set(w_pad=0.06, h_pad=0.08, hspace=0.02, wspace=0.02)
+        layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08, hspace=0.02, wspace=0.02)
+        figure = Figure((width * columns, height * rows + 0.4), layout=layout)
         grid = figure.subplots(rows, columns, squeeze=False)
         if len(sets) > 1:
             _draw_side_by_side(grid, panels, totals, titles)

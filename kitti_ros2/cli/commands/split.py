@@ -15,7 +15,7 @@ def split(
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Divide a data set into lists such as ImageSets/train.txt, or check such lists.
+    """Divide a data set into lists such as train.txt, or check lists.
 
     Lists of an object set are of frames, of other layouts of whole sequences or drives. The same
     seed makes the same lists on every machine. Frames of one drive look alike: --by-drive keeps
