@@ -24,7 +24,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 COMMAND = (sys.executable, '-m', 'kitti_ros2')
-ARCHIVE = 'data_object_velodyne.zip'
+ARCHIVE = 'data_object_label_2.zip'
 MEMBER = 'training/velodyne/000000.bin'
 PIECE = 1 << 20
 
@@ -72,7 +72,7 @@ def write_archive(folder: Path, size: int) -> tuple[Path, str]:
     """Write an archive with one file of random bytes; return it with the file's checksum."""
     content = folder / 'content.bin'
     with content.open('wb') as file:
-        for _ in range(size // PIECE):
+        for _ in range(size // PIECE + 1):
             file.write(os.urandom(PIECE))
     with ZipFile(folder / 'a.zip', 'w') as archive:
         archive.write(content, MEMBER)

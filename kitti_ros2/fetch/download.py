@@ -24,6 +24,7 @@ from .license import require_license
 from .locking import locked_folder, removed_if_empty
 from .meter import CancelledError, Meter
 from .selection import RawKinds, select
+from .sizes import archive_sizes, needed_bytes
 from .sources import DownloadError, make_source
 from .transfer import Backoff, Transfer
 from .verification import is_complete, require_archive, require_space
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
 
 ARCHIVES = 'archives'
 """Folder of the archives, in the folder that is downloaded into."""
-_UNPACKED_RATIO = 1.4
-"""Size of the content of KITTI's archives, at most: 1.33 for a real drive of 120 frames."""
 
 
 @dataclass(frozen=True)
@@ -150,8 +149,11 @@ def download_all(
         stack.enter_context(locked_folder(root / ARCHIVES))
         run = _Download(root, options, extraction, progress)
         pending = run.leave_out_finished(entries)
-        _check_space(root, pending, options)
-        run.fetch(pending, source, base_url, checksums if options.verify else {})
+        sizes = archive_sizes(pending, source, base_url)
+        present = sum(each.stat().st_size for each in (root / ARCHIVES).iterdir())
+        needed = needed_bytes(sizes.values(), present, options)
+        require_space(root, needed, 'select less')
+        run.fetch(pending, source, base_url, sizes, checksums if options.verify else {})
     return run.report(entries)
 
 
@@ -190,6 +192,7 @@ class _Download:
         entries: Sequence[CatalogueEntry],
         source: ArchiveSource,
         base_url: str,
+        sizes: dict[str, int],
         checksums: dict[str, str],
     ) -> None:
         """Download archives, and extract each as soon as it is complete.
@@ -197,7 +200,6 @@ class _Download:
         Raises:
             StoppedError: The disk is full.
         """
-        sizes = {each.name: each.about_bytes or 0 for each in entries}
         meter = Meter(sizes, self._downloading)
         backoff = Backoff(self._options.retries, sleep=meter.cancelled.wait)
 
@@ -287,17 +289,3 @@ class _Download:
             tuple(self._losses),
             tuple(self._notes),
         )
-
-
-def _check_space(root: Path, entries: Sequence[CatalogueEntry], options: DownloadOptions) -> None:
-    """Check the free space for archives and for what they contain.
-
-    Raises:
-        OutputError: It is too small.
-    """
-    sizes = sorted((each.about_bytes or 0 for each in entries), reverse=True)
-    kept = options.keep_archives or options.archives_only
-    present = sum(each.stat().st_size for each in (root / ARCHIVES).iterdir())
-    needed = max(sum(sizes if kept else sizes[: options.jobs]) - present, 0)
-    content = 0.0 if options.archives_only else _UNPACKED_RATIO * sum(sizes)
-    require_space(root, needed + content, 'select less')

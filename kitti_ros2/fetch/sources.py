@@ -81,6 +81,14 @@ class ArchiveSource(Protocol):
         """
         ...
 
+    def size(self, url: str) -> int | None:
+        """Return the size of a file; None if it is missing or not known.
+
+        Raises:
+            BrokenTransferError: The server does not reply.
+        """
+        ...
+
     def close(self) -> None:
         """Break off all transfers."""
         ...
@@ -128,6 +136,11 @@ class FolderSource:
             pieces = iter(lambda: file.read(_PIECE_BYTES), b'')
             yield Opened(start, state.st_size, current, pieces)
 
+    def size(self, url: str) -> int | None:
+        """Return the size of a file; see ArchiveSource."""
+        path = Path(unquote(urlsplit(url).path))
+        return path.stat().st_size if path.is_file() else None
+
     def close(self) -> None:
         """Nothing is open between two pieces."""
 
@@ -148,6 +161,14 @@ class HttpSource:
             ) from None
         self._httpx = httpx
         self._client = httpx.Client(timeout=timeout_s, follow_redirects=True)
+
+    def size(self, url: str) -> int | None:
+        """Return the size of a file; see ArchiveSource."""
+        try:
+            response = self._client.head(url, headers={'Accept-Encoding': 'identity'})
+        except self._httpx.HTTPError as error:
+            raise BrokenTransferError(str(error)) from error
+        return _declared_size(response) if response.status_code == 200 else None
 
     def close(self) -> None:
         """Close all connections."""
@@ -190,9 +211,12 @@ class HttpSource:
         if headers.get('Content-Encoding', 'identity') != 'identity':
             # What a server compresses has no known size, and cannot be continued.
             return Opened(0, None, '', response.iter_bytes())
-        length = headers.get('Content-Length', '')
-        size = int(length) if length.isdecimal() else None
-        return Opened(0, size, validator, response.iter_raw())
+        return Opened(0, _declared_size(response), validator, response.iter_raw())
+
+
+def _declared_size(response: httpx.Response) -> int | None:
+    length = response.headers.get('Content-Length', '')
+    return int(length) if length.isdecimal() else None
 
 
 def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened:

@@ -66,6 +66,12 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self.reply(200, headers, content)
 
+    def do_HEAD(self) -> None:
+        content = self.mirror.files.get(self.path)
+        self.send_response(404 if content is None else 200)
+        self.send_header('Content-Length', str(len(content or b'')))
+        self.end_headers()
+
     def reply(self, code: int, headers: dict[str, str] | None = None, body: bytes = b'') -> None:
         """Send a response; break off within its body if the mirror says so."""
         self.send_response(code)

@@ -25,6 +25,7 @@ from kitti_ros2.fetch.keywords import DownloadKeywords, ExtractKeywords
 from kitti_ros2.fetch.locking import locked_folder
 from kitti_ros2.fetch.raw_drives import CATEGORIES, raw_drives
 from kitti_ros2.fetch.selection import RawKinds, select
+from kitti_ros2.fetch.sources import make_source
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
 from kitti_ros2.model.layouts import Layout
@@ -237,10 +238,22 @@ def test_a_full_disk_is_one_line_and_can_be_continued(mirror, tmp_path, monkeypa
 
 
 def test_too_little_space_is_known_before(tmp_path, monkeypatch):
-    usage = type('Usage', (), {'free': 100_000_000})
+    usage = type('Usage', (), {'free': 5_000})
     monkeypatch.setattr(shutil, 'disk_usage', lambda _: usage)
-    with pytest.raises(OutputError, match=r'needs about 200\.8 MB, and 100\.0 MB are free'):
-        datasets.download(f'raw {DRIVE}', tmp_path, base_url='file:///none', accept_license=True)
+    for name in (f'{DRIVE}_sync.zip', f'{DRIVE}_tracklets.zip', '2011_09_26_calib.zip'):
+        (tmp_path / name).write_bytes(bytes(1000))
+    options = {'base_url': tmp_path.as_uri(), 'accept_license': True}
+    for jobs, needed in ((3, 7.2), (1, 5.2)):  # an archive is removed before the next is fetched
+        with pytest.raises(OutputError, match=f'needs about {needed} kB, and 5.0 kB are free'):
+            datasets.download(f'raw {DRIVE}', tmp_path / 'o', jobs=jobs, **options)
+    assert not (tmp_path / 'o').exists()
+
+
+def test_sizes_are_asked_for(mirror):
+    source = make_source(mirror.url, 5.0)
+    assert source.size(mirror.url + SYNC) == len(mirror.files[SYNC])
+    assert source.size(mirror.url + '/none.zip') is None
+    source.close()
 
 
 def test_an_interrupt_leaves_parts_that_are_continued(mirror, tmp_path, monkeypatch):
