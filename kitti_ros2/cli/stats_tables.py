@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 MOST_RECORDINGS = 40
 _DISTANCES_M = (0, 10, 20, 30, 40, 50, 60, 70, inf)
+_ABSURD = 1e6
 _TRUNCATIONS = ('uncut', '<=15%', '<=30%', '<=50%', '>50%')
 _OCCLUSIONS = tuple(name.split()[0] for name in OCCLUSIONS)
 
@@ -195,9 +196,16 @@ def _point_classes(total: RecordingStatistics) -> Table:
 
 def number(value: float) -> str:
     """Format a figure with a decimal; empty if it is unknown."""
-    return f'{value:.1f}' if isfinite(value) else ''
+    return _fixed(value, 1) if isfinite(value) else ''
 
 
 def spread(found: Distribution) -> str:
     """Format mean and standard deviation; empty without values."""
-    return f'{found.mean:.2f} ± {found.deviation:.2f}' if found.count else ''
+    if not found.count:
+        return ''
+    return f'{_fixed(found.mean, 2)} ± {_fixed(found.deviation, 2)}'
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Format with decimals; absurd values, which labels may hold, in the shortest form."""
+    return f'{value:.{decimals}f}' if abs(value) < _ABSURD else f'{value:.1e}'

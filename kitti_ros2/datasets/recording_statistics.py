@@ -148,7 +148,9 @@ def _facts(source: FrameSource, wanted: Collection[Stream]) -> Iterator[FrameFac
 def _frames_without_objects(source: FrameSource) -> set[int]:
     """Return the frames that have no label because they have no object."""
     labelled = source.streams.get(Stream.LABELS.value)
-    if labelled is None or not isinstance(source, RecordingFrames):
+    damaged = {Stream.LABELS.value, source.name}  # losses of a bag are under its name
+    lost = any(loss.stream in damaged for loss in source.losses)
+    if labelled is None or lost or not isinstance(source, RecordingFrames):
         return set()
     traits = source.recording.layout.traits
     known = traits.tracklets or Stream.LABELS in traits.line_streams

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose, Sample
     from ..model.streams import Stream
 
+POINT_LABELS = 'point_labels'
+"""The name of labels of points among missing data."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrameData:

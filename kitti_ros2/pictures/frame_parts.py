@@ -15,6 +15,7 @@ from ..model.boxes import DONT_CARE
 from ..model.errors import MissingDataError
 from ..model.streams import Stream
 from ..options.pictures import ColorBy
+from .frame import POINT_LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from ..model.samples import Float32Array
     from ..options.pictures import PictureOptions
     from .frame import FrameData
-
-
-POINT_LABELS = 'point_labels'
-"""The name of labels of points among missing data."""
 
 _CALIBRATION = Stream.CALIBRATION.value
 

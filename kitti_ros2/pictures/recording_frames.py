@@ -22,8 +22,7 @@ from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, S
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
-from .frame import FrameData
-from .frame_parts import POINT_LABELS
+from .frame import POINT_LABELS, FrameData
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -150,6 +150,19 @@ def test_losses_are_listed_and_the_rest_is_counted(tmp_path, capsys):
     assert [loss['stream'] for loss in found['total']['losses']] == ['labels']
 
 
+def test_any_names_and_numbers_fit_into_the_tables(tmp_path, capsys):
+    folder = tmp_path / 'training' / 'label_2'
+    folder.mkdir(parents=True)
+    kinds = ('[bold]x', '$\\foo$', '汽车', 'x' * 70)
+    lines = [CAR.replace('Car', kind).replace('4.0 3.0', '1e30 3e200') for kind in kinds]
+    (folder / '000000.txt').write_text(''.join(lines))
+    assert main(['stats', str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines()[1:])) <= 80
+    assert all(text.count(kind) == 4 for kind in kinds[:3])
+    assert '3.0e+200' in text
+
+
 def test_points_without_scans_are_a_note(capsys, tmp_path):
     folder = tmp_path / 'training' / 'label_2'
     folder.mkdir(parents=True)
@@ -246,7 +259,7 @@ def test_sets_are_drawn_side_by_side(recordings, tmp_path):
 
 @needs_matplotlib
 @pytest.mark.parametrize(('ending', 'first'), [('pdf', b'%PDF'), ('svg', b'<?xml')])
-@pytest.mark.parametrize('labels', [CAR, ''])
+@pytest.mark.parametrize('labels', [CAR.replace('Car', '$\\foo$'), ''], ids=['label', 'nothing'])
 def test_pictures_for_papers(tmp_path, capsys, ending, first, labels):
     """Also of a set with nothing to draw."""
     folder = tmp_path / 'set' / 'label_2'

@@ -12,7 +12,7 @@ from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 @takes('STATS', of='dataset_tables')
 def stats(
-    paths: Annotated[list[Path], argument('PATH...', 'KITTI folders or bags, a column for each')],
+    paths: Annotated[list[Path], argument('PATH...', 'Folders or bags; several are compared')],
     out: Annotated[
         Optional[Path],
         typer.Option('--out', '-o', metavar='OUT', help='Picture to draw (.png, .pdf, .svg)'),
