@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 LAYOUTS = ('raw', 'object', 'odometry', 'tracking')
-COMMANDS = ('to-bag', 'to-kitti', 'recover', 'info', 'view', 'report', 'demo', 'play')
+COMMANDS = ('to-bag', 'to-kitti', 'recover', 'info', 'view', 'report', 'crop', 'demo', 'play')
 WAYS = {
     'mcap': ('.mcap',),
     'directory': ('', '--compression', 'lz4'),
@@ -47,6 +47,7 @@ WAYS = {
     'devkit': ('.mcap', '--map', 'devkit', '--no-tf', '--start', '1', '--streams', 'oxts,scan'),
 }
 CROSSED = ('sqlite3', 'ring')  # ways whose bags become data sets of every layout
+CUT = ('--view', 'reduced', '--range', ':60', '--height', '-3:3', '--voxel', '0.2')
 MODES = ('camera', 'boxes', 'lidar', 'bev', 'panel')
 
 
@@ -108,6 +109,7 @@ def of_recording(folder: Path, source: str) -> list[str]:
         if (folder / bag).exists():
             _of_bag(outputs, bag, LAYOUTS if way in CROSSED else ())
     _views(outputs, source, name)
+    outputs.run('crop', source, f'{name}_cut', '-q', *CUT, out=f'{name}_cut')
     outputs.run('info', source, '--json')
     return outputs.lines
 

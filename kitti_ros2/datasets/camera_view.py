@@ -66,7 +66,7 @@ class CameraView:
         else:
             near_enough = (depth > _NEAREST_M) & (depth < _FARTHEST_M)
         inside = (pixels > 0) & (pixels < self.size)
-        kept: npt.NDArray[np.bool_] = near_enough & inside.all(axis=1)
+        kept: npt.NDArray[np.bool_] = near_enough & inside[:, 0] & inside[:, 1]
         return kept
 
 

@@ -28,6 +28,7 @@ class CropPaths:
 
     Attributes:
         numbers: File numbers of the scans.
+        tops: The files and folders that contain all of its files.
         single_files: Places of files outside of the recording's folders, which recordings share.
         scan_folder: Place of the cut scans.
         in_place: Whether these replace the scans, instead of lying beside them.
@@ -40,6 +41,7 @@ class CropPaths:
         self._recording = recording
         self._tree = tree = tree_of(recording)
         self.numbers: list[int] = tree.scans.numbers.tolist()
+        self.tops = frozenset(path for path, _ in tree.parts)
         self.single_files = frozenset(place for path, place in tree.parts if path.is_file())
         own = tree.scan_root.name
         folder = options.folder or own

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from ..bags.open_folder import open_folders
 from ..files.hard_links import FilePlacer
 from ..files.staging import lies_inside, refuse_inside, staged
+from ..kitti.find import absolute
 from ..kitti.replacing import keep_all_but_data_sets
+from ..kitti.store import STORE
 from ..model.errors import MissingDataError, UsageError
 from ..model.streams import Stream
-from ..model.text import format_count
+from ..model.text import format_count, some_of
 from ..options.crop import EmptyLabels
 from .recording_crop import RecordingCrop
 
@@ -117,6 +119,8 @@ def crop_sets(
         if not any(each.scans for each in results):
             raise MissingDataError(f'{src}: no scan can be cut; {losses[0].text()}')
     notes = [note for job in jobs for note in job.notes]
+    if options.read.sequence is None:
+        notes += _note_left_out(absolute(src), frozenset().union(*(job.tops for job in jobs)))
     if placer.why:
         copied = sum(each.copied for each in results)
         notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {placer.why}')
@@ -133,6 +137,20 @@ def _run(jobs: list[RecordingCrop], root: Path, progress: Progress | None) -> No
             done += 1
             if progress is not None:
                 progress(done, total)
+
+
+def _note_left_out(src: Path, tops: frozenset[Path]) -> list[str]:
+    """Note the files and folders of a source that belong to no recording."""
+    found: list[str] = []
+    pending = [] if any(top in src.parents for top in tops) else [src]
+    while pending:
+        path = pending.pop()
+        if any(path in top.parents for top in tops):
+            names = reversed(STORE.names(path))
+            pending += [path / name for name in names if not name.startswith('.')]
+        elif path not in tops:
+            found.append(str(path.relative_to(src)))
+    return [f'{src}: {some_of(found)} left out, as part of no recording'] if found else []
 
 
 def _check_places(src: Path, out: Path) -> None:

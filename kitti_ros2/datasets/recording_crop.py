@@ -57,6 +57,7 @@ class RecordingCrop:
 
     Attributes:
         result: The recording of the new data set, so far.
+        tops: The files and folders that contain all of its files.
     """
 
     def __init__(self, recording: KittiRecording, options: CropOptions, placer: FilePlacer) -> None:
@@ -64,6 +65,7 @@ class RecordingCrop:
         self._options = options
         self._placer = placer
         self._paths = CropPaths(recording, options)
+        self.tops = self._paths.tops
         self._failures: dict[tuple[Stream, str], list[int]] = {}
         self._emptied: list[int] = []
         self.result = CroppedRecording(recording.name, str(self._paths.scan_folder))

@@ -208,6 +208,27 @@ def test_both_splits_are_cut_and_lists_are_kept(recordings, tmp_path):
     assert files(tmp_path / 'one' / 'ImageSets') == files(root / 'ImageSets')
 
 
+def test_files_of_no_recording_are_left_out_and_noted(recordings, layout, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(root_of(recordings[layout], layout), root)
+    assert not [note for note in cut(root, tmp_path / 'a', box=AHEAD).notes if 'left out' in note]
+    inner = SCAN[layout].split('/')[0]
+    for name in ('infos.pkl', 'devkit/readme.txt', '.hidden', f'{inner}/notes.txt'):
+        (root / name).parent.mkdir(exist_ok=True)
+        (root / name).write_text('')
+    report = cut(root, tmp_path / 'out', box=AHEAD)
+    shown = 'devkit, infos.pkl'
+    if layout is not Layout.OBJECT:  # there the split is the recording
+        shown = ', '.join(sorted(['devkit', 'infos.pkl', f'{inner}/notes.txt']))
+    assert [note for note in report.notes if 'left out' in note] == [
+        f'{root}: {shown} left out, as part of no recording'
+    ]
+    made = files(tmp_path / 'out').keys()
+    assert made - files(tmp_path / 'a').keys() == (
+        {f'{inner}/notes.txt'} if layout is Layout.OBJECT else set()
+    )
+
+
 def test_a_split_without_scans_is_linked_and_noted(recordings, tmp_path):
     root = tmp_path / 'object'
     shutil.copytree(recordings[Layout.OBJECT], root)

@@ -73,6 +73,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'play': declared.PLAY,
         'to-kitti': declared.TO_KITTI,
         'view': declared.VIEW,
+        'crop': declared.CROP,
         'info': declared.SOURCE,
         'report': declared.SOURCE,
         'stats': declared.STATS,
