@@ -36,6 +36,8 @@ _IMPORTS = {
     'bridge': 'model options messages player',
     'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',
+    'validation': 'model files options kitti messages bags rig',
+    'datasets': 'validation',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',
 }

@@ -10,11 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from ..validation.validate import validate
 
-_MODULES: dict[str, str] = {}
+_MODULES: dict[str, str] = {
+    'validate': 'validation.validate',
+}
 
-__all__: list[str] = []
+__all__: list[str] = [
+    'validate',
+]
 
 
 def __getattr__(name: str) -> object:

@@ -76,7 +76,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         )
     if not candidates:
         raise _not_of_layout(path, layout)
-    chosen = _choose(path, layout, candidates, options.sequence)
+    chosen = choose_recording(path, layout, candidates, options.sequence)
     recording = chosen.open(options)
     if not recording.streams:
         reasons = [loss.message for loss in recording.losses]
@@ -109,9 +109,15 @@ def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     return NotKittiError(path, f'no {layout.value} recording', [], advice)
 
 
-def _choose(
+def choose_recording(
     path: Path, layout: Layout, candidates: list[Candidate], asked: str | None
 ) -> Candidate:
+    """Return the candidate of a name, or the only one.
+
+    Raises:
+        AmbiguousSequenceError: There are several, and no name is given.
+        UsageError: None has the name, or several have.
+    """
     known = [candidate.name for candidate in candidates]
     if asked is not None:
         matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]

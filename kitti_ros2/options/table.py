@@ -21,6 +21,7 @@ from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
+from .validating import ValidateOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -161,6 +162,7 @@ _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
 """Options of every command that reads a KITTI folder."""
+VALIDATE = (*SOURCE, *options_of(ValidateOptions))
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),

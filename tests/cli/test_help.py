@@ -23,6 +23,7 @@ COMMANDS = {
     'to-kitti': 'BAG... OUT',
     'recover': 'BAG OUT',
     'info': 'SRC',
+    'validate': 'PATH...',
     'view': 'SRC',
     'report': 'SRC',
     'demo': '[OUT]',
@@ -34,6 +35,7 @@ TABLES = {
     'view': table.VIEW,
     'play': table.PLAY,
     'info': table.SOURCE,
+    'validate': table.VALIDATE,
     'report': table.SOURCE,
 }
 

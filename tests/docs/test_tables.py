@@ -74,6 +74,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'to-kitti': declared.TO_KITTI,
         'view': declared.VIEW,
         'info': declared.SOURCE,
+        'validate': declared.VALIDATE,
         'report': declared.SOURCE,
     }.get(name, ())
     for parameter in get_command([name]).commands[name].params:

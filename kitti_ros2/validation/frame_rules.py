@@ -1,0 +1,236 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rules about the files of a frame together: labels against calibration, image and scan.
+
+Limits, from tracking 0000 (711 boxes) and object 000000..2 (6 boxes): projected 3D boxes overlap
+their 2D boxes with an IoU of 0.52 at least, alpha is within 0.09 rad of rotation_y and the ray, 2D
+boxes are inside the image. KITTI's principal points are within 4 % of the image's middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.boxes import (
+    alpha_of,
+    box_corners,
+    clip_bounds,
+    cuboid_of,
+    has_cuboid,
+    is_absurd,
+    project_corners,
+    wrap_angle,
+)
+from ..model.labels import rect_from_velo
+from ..model.matching import iou_2d
+from .rule import Breach, Rule, RuleScope, RuleSeverity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Float32Array
+    from .label_rules import LabelLine
+
+_LEAST_IOU = 0.3
+_ALPHA_RAD = 0.2
+_BEYOND_PX = 2.0
+_MIDDLE = 0.25  # of the image's size
+_FARTHEST_M = 1000.0  # labels beyond have a finding of their own, and overflow
+_LABELLED_CAMERA = 2
+_SAMPLED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFiles:
+    """The parsed files of a frame.
+
+    Attributes:
+        number: Of the frame.
+        calibration: Of the frame.
+        sizes: (width, height) of its images, by camera.
+        calibration_path, label_path: The files.
+        lines: The labels.
+        cuboids: Those of tracklets, in velo_link.
+        points: (N, 4) of its scan, None without one.
+    """
+
+    number: int
+    calibration: Calibration
+    sizes: Mapping[int, tuple[int, int]]
+    calibration_path: Path
+    label_path: Path
+    lines: Sequence[LabelLine] = ()
+    cuboids: Sequence[Cuboid] = ()
+    points: Float32Array | None = None
+
+    @cached_property
+    def solid(self) -> list[LabelLine]:
+        """The labels with a valid 3D box."""
+        return [
+            each
+            for each in self.lines
+            if has_cuboid(each.box)
+            and not is_absurd(each.box)
+            and max(map(abs, (*each.box.location, *each.box.size_hwl))) < _FARTHEST_M
+        ]
+
+    @property
+    def p_rect(self) -> Float64Array | None:
+        """The projection of the camera that labels refer to."""
+        camera = self.calibration.cameras.get(_LABELLED_CAMERA)
+        is_usable = camera is not None and not self.calibration.independent_cameras
+        return camera.p_rect if is_usable and camera is not None else None
+
+
+def _find_projection(frame: FrameFiles) -> Iterator[Breach]:
+    lines, size = frame.solid, frame.sizes.get(_LABELLED_CAMERA)
+    if not lines or frame.p_rect is None or size is None:
+        return
+    boxes = [each.box for each in lines]
+    corners = box_corners(
+        [box.location for box in boxes],
+        [box.size_hwl for box in boxes],
+        [box.rotation_y for box in boxes],
+    )
+    bounds, _ = clip_bounds(project_corners(corners, frame.p_rect), size)
+    for (line, box), projected in zip(lines, bounds.tolist(), strict=True):
+        left, top, right, bottom = box.box_2d
+        overlap = iou_2d((projected[0], projected[1], projected[2], projected[3]), box.box_2d)
+        if right > left and bottom > top and overlap < _LEAST_IOU:
+            text = f'{box.kind}: the projected 3D box overlaps the 2D box by {overlap:.2f} (IoU)'
+            yield Breach(text, frame.label_path, line)
+
+
+def _find_alpha(frame: FrameFiles) -> Iterator[Breach]:
+    known = [each for each in frame.solid if each.box.alpha != -10]
+    if not known or frame.calibration.independent_cameras:
+        return
+    expected = alpha_of([box.location for _, box in known], [box.rotation_y for _, box in known])
+    off = wrap_angle(np.array([box.alpha for _, box in known]) - expected)
+    for (line, box), error, angle in zip(known, off.tolist(), expected.tolist(), strict=True):
+        if abs(error) > _ALPHA_RAD:
+            text = f'{box.kind}: alpha is {box.alpha:g}; location and rotation_y make {angle:.2f}'
+            yield Breach(text, frame.label_path, line)
+
+
+def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
+    size = frame.sizes.get(_LABELLED_CAMERA)
+    if size is None:
+        return
+    width, height = size
+    for line, box in frame.lines:
+        left, top, right, bottom = box.box_2d
+        beyond = max(-left, -top, right - (width - 1), bottom - (height - 1))
+        if beyond > _BEYOND_PX:
+            numbers = ' '.join(f'{value:g}' for value in box.box_2d)
+            text = f'{box.kind}: the 2D box {numbers} leaves the image, {width}x{height}'
+            yield Breach(text, frame.label_path, line)
+
+
+def _find_unscanned(frame: FrameFiles) -> Iterator[Breach]:
+    if frame.points is None or not (frame.solid or frame.cuboids):
+        return
+    try:
+        rect_t_velo = rect_from_velo(frame.calibration)
+    except ValueError:
+        return
+    objects: list[tuple[int | None, Cuboid]] = [
+        (line, cuboid_of(box, '', rect_t_velo)) for line, box in frame.solid
+    ]
+    objects += [(None, each) for each in frame.cuboids if min(each.size_lwh) > 0]
+    hit = any_inside(frame.points, [cuboid for _, cuboid in objects])
+    for (line, cuboid), is_hit in zip(objects, hit, strict=True):
+        if not is_hit:
+            distance = float(np.linalg.norm(cuboid.velo_T_box.translation))
+            track = '' if cuboid.track_id is None else f' {cuboid.track_id}'
+            text = f'frame {frame.number}: {cuboid.kind}{track} at {distance:.0f} m'
+            yield Breach(f'{text}: no point of the scan is inside', frame.label_path, line)
+
+
+def any_inside(points: Float32Array, cuboids: Sequence[Cuboid]) -> list[bool]:
+    """Whether any point of a scan is inside each box; most are found among every eighth point."""
+    places = _columns(points[::_SAMPLED])
+    hit = [_has_point(places, each) for each in cuboids]
+    if not all(hit):
+        places = _columns(points)
+        hit = [found or _has_point(places, each) for found, each in zip(hit, cuboids, strict=True)]
+    return hit
+
+
+def _columns(points: Float32Array) -> Float32Array:
+    """Return x, y, z as rows of their own, (3, N)."""
+    return np.ascontiguousarray(points[:, :3].T)
+
+
+def _has_point(places: Float32Array, cuboid: Cuboid) -> bool:
+    half = np.array(cuboid.size_lwh) / 2
+    x, y, _ = middle = cuboid.velo_T_box.translation
+    radius = float(np.linalg.norm(half))
+    near = np.flatnonzero(np.abs(places[0] - np.float32(x)) <= radius)
+    near = near[np.abs(places[1, near] - np.float32(y)) <= radius]
+    own = (places[:, near].T - middle) @ cuboid.velo_T_box.rotation
+    return bool((np.abs(own) <= half).all(axis=1).any())
+
+
+def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:
+    for index, (width, height) in frame.sizes.items():
+        camera = frame.calibration.cameras.get(index)
+        if camera is None:
+            continue
+        x, y = float(camera.p_rect[0, 2]), float(camera.p_rect[1, 2])
+        if abs(x / width - 0.5) > _MIDDLE or abs(y / height - 0.5) > _MIDDLE:
+            text = f'P{index}: the principal point {x:.0f} {y:.0f} is far from the middle of images'
+            yield Breach(f'{text} of {width}x{height}', frame.calibration_path)
+
+
+_FRAME, _WARNING = RuleScope.FRAME, RuleSeverity.WARNING
+
+FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
+    Rule(
+        'label-projection',
+        _WARNING,
+        _FRAME,
+        '3D boxes, projected by P2, overlap their 2D boxes (IoU of 0.3 at least)',
+        'check that calibration and labels are of this frame, and the order of the columns',
+        _find_projection,
+    ),
+    Rule(
+        'label-alpha',
+        _WARNING,
+        _FRAME,
+        'alpha is rotation_y less the direction to the object, to 0.2 rad',
+        'compute alpha = rotation_y - atan2(x, z)',
+        _find_alpha,
+    ),
+    Rule(
+        'label-outside',
+        _WARNING,
+        _FRAME,
+        '2D boxes are inside the image of camera 2',
+        'clip the box; check that the image was not resized or cropped',
+        _find_outside,
+    ),
+    Rule(
+        'label-points',
+        RuleSeverity.NOTE,
+        _FRAME,
+        'Points of the scan are inside each 3D box',
+        'usual for far and hidden objects; if most are listed, check the calibration',
+        _find_unscanned,
+    ),
+    Rule(
+        'calib-image',
+        _WARNING,
+        _FRAME,
+        'Principal points are near the middle of the image',
+        'give the calibration of these images; scale it if they were resized',
+        _find_off_middle,
+    ),
+)

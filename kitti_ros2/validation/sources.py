@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds what there is to check at a path: data sets with their recordings, and bags."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..bags.locate import METADATA, looks_like_bag
+from ..bags.mistaken import explain_file, explain_no_folder
+from ..kitti.find import absolute
+from ..kitti.layout_files import LAYOUTS
+from ..kitti.layouts import choose_recording
+from ..kitti.nearby import DataSet, data_sets_below, explain
+from ..model.containers import CONTAINERS
+from ..model.errors import AmbiguousLayoutError, Remedy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from ..options.read import ReadOptions
+
+
+class Found(NamedTuple):
+    """What there is at a path.
+
+    Attributes:
+        data_sets: Folders with recordings.
+        bags: Files and folders.
+        complete: Whether all folders below were searched.
+    """
+
+    data_sets: list[DataSet]
+    bags: list[Path]
+    complete: bool = True
+
+
+def find_sources(path: Path, options: ReadOptions) -> Found:
+    """Find the data sets and bags at a path, or below a folder that is none itself.
+
+    Args:
+        path: A KITTI folder, a folder of several, a bag, or a folder of bags.
+        options: A layout and a sequence, if only those are to be checked.
+
+    Raises:
+        KittiRos2Error: There is nothing to check; or the layout is ambiguous.
+        OSError: The folder cannot be read.
+    """
+    if not path.is_dir():
+        if path.exists() and looks_like_bag(path) and _is_bag_file(path):
+            return Found([], [path])
+        raise explain_file(path) if path.is_file() else explain(path)
+    if (path / METADATA).is_file():
+        return Found([], [path])
+    data_sets = _data_sets_at(path, options)
+    bags = list(_bags_in(path)) if options.layout is None else []
+    if data_sets or options.layout is not None:
+        if not data_sets:
+            raise explain_no_folder(path, explain(path), forced=True)
+        return Found(data_sets, bags)
+    below, complete = data_sets_below(path)
+    if not below and not bags:
+        raise explain_no_folder(path, explain(path), forced=False)
+    return Found(below, bags, complete)
+
+
+def _data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
+    folder = absolute(path)
+    layouts = LAYOUTS if options.layout is None else [options.layout]
+    found = [DataSet(folder, layout, LAYOUTS[layout].find(folder)) for layout in layouts]
+    found = [each for each in found if each.recordings]
+    if len(found) > 1:
+        names = [each.layout.value for each in found]
+        raise AmbiguousLayoutError(path, names).with_remedies(
+            *(Remedy(path, path, ('--layout', name)) for name in names)
+        )
+    if options.sequence is None:
+        return found
+    return [
+        each._replace(
+            recordings=[choose_recording(path, each.layout, each.recordings, options.sequence)]
+        )
+        for each in found
+    ]
+
+
+def _is_bag_file(path: Path) -> bool:
+    with path.open('rb') as file:
+        head = file.read(16)
+    known = any(head.startswith(each.magic) for each in CONTAINERS.values())
+    return known or any(path.match(glob) for each in CONTAINERS.values() for glob in each.globs)
+
+
+def _bags_in(folder: Path) -> Iterator[Path]:
+    """Yield the bags in a folder: files of their own, and rosbag2 directories.
+
+    Files named FOLDER_N are one bag, whose metadata.yaml is missing.
+    """
+    part = re.compile(rf'{re.escape(folder.name)}_\d+\.')
+    names = sorted(os.listdir(folder))  # noqa: PTH208 - names only
+    globs = [glob for each in CONTAINERS.values() for glob in each.globs]
+    files = [folder / name for name in names if any((folder / name).match(glob) for glob in globs)]
+    if files and all(part.match(each.name) for each in files):
+        yield folder
+    else:
+        yield from (each for each in files if each.is_file())
+    for name in names:
+        if (folder / name / METADATA).is_file():
+            yield folder / name
