@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..bags.locate import METADATA
-from ..model.losses import Loss
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from ..model.losses import Loss
     from ..rig.tf_tree import FrameTree
 
 Size = tuple[int, int]

@@ -73,14 +73,15 @@ def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
 
 def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
     found = file.calibration
-    rotations = {
+    rotations: dict[str, Float64Array | None] = {
         'R0_rect': found.r0_rect,
-        'Tr_velo_to_cam': found.cam0_T_velo and found.cam0_T_velo.rotation,
+        'Tr_velo_to_cam': None if found.cam0_T_velo is None else found.cam0_T_velo.rotation,
         'Tr_imu_to_velo': found.velo_T_imu.rotation,
     }
     for index, camera in found.cameras.items():
         rotations[f'R_rect_{index:02d}'] = camera.r_rect
-        rotations[f'R_{index:02d}'] = camera.cam_T_cam0 and camera.cam_T_cam0.rotation
+        if camera.cam_T_cam0 is not None:
+            rotations[f'R_{index:02d}'] = camera.cam_T_cam0.rotation
     for name, rotation in rotations.items():
         if rotation is not None:
             off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())

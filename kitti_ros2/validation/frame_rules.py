@@ -44,6 +44,7 @@ _BEYOND_PX = 2.0
 _MIDDLE = 0.25  # of the image's size
 _FARTHEST_M = 1000.0  # labels beyond have a finding of their own, and overflow
 _LABELLED_CAMERA = 2
+_NEAR_M = 40.0
 _SAMPLED = 8
 
 
@@ -142,16 +143,20 @@ def _find_unscanned(frame: FrameFiles) -> Iterator[Breach]:
     except ValueError:
         return
     objects: list[tuple[int | None, Cuboid]] = [
-        (line, cuboid_of(box, '', rect_t_velo)) for line, box in frame.solid
+        (line, cuboid_of(box, '', rect_t_velo)) for line, box in frame.solid if box.occluded <= 0
     ]
     objects += [(None, each) for each in frame.cuboids if min(each.size_lwh) > 0]
+    objects = [(line, each) for line, each in objects if _distance(each) < _NEAR_M]
     hit = any_inside(frame.points, [cuboid for _, cuboid in objects])
     for (line, cuboid), is_hit in zip(objects, hit, strict=True):
         if not is_hit:
-            distance = float(np.linalg.norm(cuboid.velo_T_box.translation))
             track = '' if cuboid.track_id is None else f' {cuboid.track_id}'
-            text = f'frame {frame.number}: {cuboid.kind}{track} at {distance:.0f} m'
+            text = f'frame {frame.number}: {cuboid.kind}{track} at {_distance(cuboid):.0f} m'
             yield Breach(f'{text}: no point of the scan is inside', frame.label_path, line)
+
+
+def _distance(cuboid: Cuboid) -> float:
+    return float(np.linalg.norm(cuboid.velo_T_box.translation))
 
 
 def any_inside(points: Float32Array, cuboids: Sequence[Cuboid]) -> list[bool]:
@@ -221,8 +226,8 @@ FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
         'label-points',
         RuleSeverity.NOTE,
         _FRAME,
-        'Points of the scan are inside each 3D box',
-        'usual for far and hidden objects; if most are listed, check the calibration',
+        'Points of the scan are inside each 3D box that is visible and within 40 m',
+        'usual for some objects; if most are listed, check the calibration',
         _find_unscanned,
     ),
     Rule(

@@ -69,7 +69,8 @@ class PacketTrack:
     @cached_property
     def steps_s(self) -> Float64Array:
         """(N - 1,) seconds between packets; NaN for gaps, and stamps that do not ascend."""
-        steps: Float64Array = np.diff(np.array(self.stamps_ns, np.int64)) / float(NS_PER_S)
+        steps: Float64Array = np.diff(np.array(self.stamps_ns, np.int64)).astype(np.float64)
+        steps /= NS_PER_S
         return np.where((steps > 0) & (steps <= _LONGEST_STEP_S), steps, np.nan)
 
 

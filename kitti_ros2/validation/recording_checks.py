@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from ..files.workers import ordered_map, worker_count
 from ..kitti import names
 from ..model.errors import KittiRos2Error
-from ..model.layouts import Layout
 from ..options.read import ReadOptions
 from .frame_checks import FrameChecks
 from .recording_rules import RECORDING_RULES, RecordingFacts
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
 
     from ..kitti.find import Candidate
     from ..kitti.recording import KittiRecording
+    from ..model.layouts import Layout
     from ..options.validating import ValidateOptions
     from .frame_checks import FrameResult
     from .report import FindingTally

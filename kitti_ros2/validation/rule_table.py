@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .bag_rules import BAG_RULES
 from .calib_rules import CALIBRATION_RULES
@@ -15,13 +15,15 @@ from .label_rules import LABEL_RULES
 from .message_rules import MESSAGE_RULES
 from .motion_rules import OXTS_RULES, POSE_RULES
 from .recording_rules import RECORDING_RULES
-from .rule import Rule
 from .scan_rules import SCAN_RULES
 from .set_rules import SET_RULES
 from .source_rules import SOURCE_RULES
 from .stamp_rules import STAMP_RULES
 from .topic_rules import TOPIC_RULES
 from .tracklet_rules import TRACKLET_RULES
+
+if TYPE_CHECKING:
+    from .rule import Rule
 
 FOLDER_RULES: tuple[Rule[Any], ...] = (
     *FILE_RULES,

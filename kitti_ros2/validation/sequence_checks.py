@@ -66,7 +66,8 @@ class SequenceChecks:
     def run(self, *, quick: bool) -> None:
         """Check the files; with quick their sizes only."""
         texts = {}
-        for path in self._recording.text_paths():
+        of_set = self._recording.layout.traits.frame_set  # lists of frames: see set_rules
+        for path in () if of_set else self._recording.text_paths():
             text = self._read(path, quick=quick)
             if text is not None:
                 texts[path] = text
