@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..messages.camera_info import LEFT_OF, rectified_offset
+from ..model.cameras import LEFT_OF, rectified_offset
 from ..model.geometry import Transform
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 

@@ -9,7 +9,6 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..bags.locate import METADATA, looks_like_bag
-from ..bags.mistaken import explain_file, explain_no_folder
 from ..kitti.find import absolute
 from ..kitti.layout_files import LAYOUTS
 from ..kitti.layouts import choose_recording
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from ..model.errors import KittiRos2Error
     from ..options.read import ReadOptions
 
 
@@ -52,18 +52,18 @@ def find_sources(path: Path, options: ReadOptions) -> Found:
     if not path.is_dir():
         if path.exists() and looks_like_bag(path) and _is_bag_file(path):
             return Found([], [path])
-        raise explain_file(path) if path.is_file() else explain(path)
+        raise _explain_file(path) if path.is_file() else explain(path)
     if (path / METADATA).is_file():
         return Found([], [path])
     data_sets = _data_sets_at(path, options)
     bags = list(_bags_in(path)) if options.layout is None else []
     if data_sets or options.layout is not None:
         if not data_sets:
-            raise explain_no_folder(path, explain(path), forced=True)
+            raise explain(path)
         return Found(data_sets, bags)
     below, complete = data_sets_below(path)
     if not below and not bags:
-        raise explain_no_folder(path, explain(path), forced=False)
+        raise explain(path)
     return Found(below, bags, complete)
 
 
@@ -85,6 +85,12 @@ def _data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
         )
         for each in found
     ]
+
+
+def _explain_file(path: Path) -> KittiRos2Error:
+    from ..bags.mistaken import explain_file  # noqa: PLC0415 - readers of bags, for errors only
+
+    return explain_file(path)
 
 
 def _is_bag_file(path: Path) -> bool:
