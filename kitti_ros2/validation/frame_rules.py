@@ -19,14 +19,13 @@ from ..model.boxes import (
     alpha_of,
     box_corners,
     clip_bounds,
-    cuboid_of,
     has_cuboid,
-    is_absurd,
     project_corners,
     wrap_angle,
 )
 from ..model.labels import rect_from_velo
 from ..model.matching import iou_2d
+from .places import Places, any_inside
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
 if TYPE_CHECKING:
@@ -45,7 +44,6 @@ _MIDDLE = 0.25  # of the image's size
 _FARTHEST_M = 1000.0  # labels beyond have a finding of their own, and overflow
 _LABELLED_CAMERA = 2
 _NEAR_M = 40.0
-_SAMPLED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ class FrameFiles:
             each
             for each in self.lines
             if has_cuboid(each.box)
-            and not is_absurd(each.box)
+            and min(each.box.size_hwl) > 0
             and max(map(abs, (*each.box.location, *each.box.size_hwl))) < _FARTHEST_M
         ]
 
@@ -136,52 +134,25 @@ def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
 
 
 def _find_unscanned(frame: FrameFiles) -> Iterator[Breach]:
-    if frame.points is None or not (frame.solid or frame.cuboids):
+    visible = [each for each in frame.solid if each.box.occluded <= 0]
+    if frame.points is None or not (visible or frame.cuboids):
         return
     try:
         rect_t_velo = rect_from_velo(frame.calibration)
     except ValueError:
         return
-    objects: list[tuple[int | None, Cuboid]] = [
-        (line, cuboid_of(box, '', rect_t_velo)) for line, box in frame.solid if box.occluded <= 0
-    ]
-    objects += [(None, each) for each in frame.cuboids if min(each.size_lwh) > 0]
-    objects = [(line, each) for line, each in objects if _distance(each) < _NEAR_M]
-    hit = any_inside(frame.points, [cuboid for _, cuboid in objects])
-    for (line, cuboid), is_hit in zip(objects, hit, strict=True):
-        if not is_hit:
-            track = '' if cuboid.track_id is None else f' {cuboid.track_id}'
-            text = f'frame {frame.number}: {cuboid.kind}{track} at {_distance(cuboid):.0f} m'
-            yield Breach(f'{text}: no point of the scan is inside', frame.label_path, line)
-
-
-def _distance(cuboid: Cuboid) -> float:
-    return float(np.linalg.norm(cuboid.velo_T_box.translation))
-
-
-def any_inside(points: Float32Array, cuboids: Sequence[Cuboid]) -> list[bool]:
-    """Whether any point of a scan is inside each box; most are found among every eighth point."""
-    places = _columns(points[::_SAMPLED])
-    hit = [_has_point(places, each) for each in cuboids]
-    if not all(hit):
-        places = _columns(points)
-        hit = [found or _has_point(places, each) for found, each in zip(hit, cuboids, strict=True)]
-    return hit
-
-
-def _columns(points: Float32Array) -> Float32Array:
-    """Return x, y, z as rows of their own, (3, N)."""
-    return np.ascontiguousarray(points[:, :3].T)
-
-
-def _has_point(places: Float32Array, cuboid: Cuboid) -> bool:
-    half = np.array(cuboid.size_lwh) / 2
-    x, y, _ = middle = cuboid.velo_T_box.translation
-    radius = float(np.linalg.norm(half))
-    near = np.flatnonzero(np.abs(places[0] - np.float32(x)) <= radius)
-    near = near[np.abs(places[1, near] - np.float32(y)) <= radius]
-    own = (places[:, near].T - middle) @ cuboid.velo_T_box.rotation
-    return bool((np.abs(own) <= half).all(axis=1).any())
+    places = Places.of_boxes([box for _, box in visible], rect_t_velo)
+    if frame.cuboids:
+        places = places.joined(Places.of_cuboids(frame.cuboids))
+    named: list[tuple[int | None, str]] = [(line, box.kind) for line, box in visible]
+    named += [(None, f'{each.kind} {each.identity}') for each in frame.cuboids]
+    distances = np.linalg.norm(places.middles, axis=1)
+    near = np.flatnonzero(distances < _NEAR_M)
+    hit = any_inside(frame.points, places.chosen(near))
+    for index in near[~hit].tolist():
+        line, name = named[index]
+        text = f'frame {frame.number}: {name} at {distances[index]:.0f} m'
+        yield Breach(f'{text}: no point of the scan is inside', frame.label_path, line)
 
 
 def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:
