@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 from ..bags.bag_files import OpenBag
 from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.message_source import BagMessages
 from ..messages.header import peek_header
 from ..messages.pixels import size_of
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error
-from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, FIX, IMAGE, IMU, TF_TYPES
+from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
 from ..rig.tf_tree import FrameTree, LinkTally
 from .bag_rules import BAG_RULES, BagFacts
-from .message_rules import CHECKED_TYPES, MESSAGE_RULES, CheckedMessage
+from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage
 from .report import CheckedSource
 from .rule import find_breaches
 from .source_rules import SOURCE_RULES, Unopened
@@ -27,12 +27,10 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from ..bags.reader import BagMessage, BagMessages
+    from ..bags.message_source import BagMessage
+    from ..messages.ros_types import Typestore
     from ..options.validating import ValidateOptions
     from .report import FindingTally
-
-_HEADED = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX})
-"""Types of sensors, which begin with a header."""
 
 
 def check_bag(
@@ -72,18 +70,21 @@ class _Pass:
         """Read the bag, and apply the rules."""
         located = self._bag.located
         try:
-            with open_messages(self._bag) as messages:
+            # As stored: of ROS 1 only the messages that are checked are converted.
+            with BagMessages([self._bag], as_stored=True) as messages:
                 if not self._options.quick:
                     self._read(messages, progress)
-                self._facts.losses = list(messages.losses)
+                self._facts.left_out = [loss.message for _, loss in messages.left_out]
+                self._facts.losses = [
+                    each for each in messages.losses if each not in self._facts.left_out
+                ]
                 self._facts.notes = [
                     each for each in messages.findings if each not in messages.losses
                 ]
-                self._facts.left_out = [loss for _, loss in messages.left_out]
         except BadBagError as error:
             self._tally.add(find_breaches(SOURCE_RULES, Unopened(self._bag.path, error)))
         index = self._bag.index
-        known = {*self._facts.losses, *self._facts.notes}
+        known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [*self._facts.notes, *(set(index.findings) - known)]
         self._facts.messages = index.total
         static, moving, changing = self._links.sorted()
@@ -111,26 +112,29 @@ class _Pass:
                 track = TopicTrack(self._bag.path, message.topic, latched, has_qos)
                 self._tracks[message.topic] = track
             track.log_ns.append(message.stamp_ns)
-            if message.msgtype in _HEADED:
-                self._enter_header(message, track)
             if message.msgtype in CHECKED_TYPES:
-                self._check(message, decode)
+                is_ros1 = messages.sources[message.topic].encoding == 'ros1'
+                self._check(message, decode, messages.typestore if is_ros1 else None)
             progress(done, expected)
 
-    def _enter_header(self, message: BagMessage, track: TopicTrack) -> None:
+    def _enter_header(self, message: BagMessage) -> None:
         try:
             stamp_ns, frame = peek_header(message.data)
         except ValueError:
             return  # it cannot be decoded either
-        track.header_ns.append(stamp_ns)
+        self._tracks[message.topic].header_ns.append(stamp_ns)
         self._facts.frames.setdefault(frame.lstrip('/'), message.topic)
 
-    def _check(self, message: BagMessage, decode: Decoder) -> None:
+    def _check(self, message: BagMessage, decode: Decoder, ros1: Typestore | None) -> None:
         value, error = None, ''
         try:
+            if ros1 is not None:
+                message = message._replace(data=ros1.ros1_to_cdr(message.data, message.msgtype))
+            if message.msgtype in HEADED_TYPES:
+                self._enter_header(message)
             value = decode(message)
-        except ValueError as failure:
-            error = str(failure)
+        except Exception as failure:  # noqa: BLE001 - converters may raise anything
+            error = ' '.join(str(failure).split())
         checked = CheckedMessage(
             self._bag.path,
             message.topic,

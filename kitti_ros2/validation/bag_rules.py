@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from ..model.losses import Loss
     from ..rig.tf_tree import FrameTree
 
 Size = tuple[int, int]
+_UNDEFINED = 'it is copied as it is'
 _FIXED = frozenset({'', 'map', 'odom', 'world', 'earth'})
 
 
@@ -41,7 +41,7 @@ class BagFacts:
     path: Path
     losses: Sequence[str] = ()
     notes: Sequence[str] = ()
-    left_out: Sequence[Loss] = ()
+    left_out: Sequence[str] = ()
     messages: int = 0
     tree: FrameTree | None = None
     changing: Sequence[tuple[str, str]] = ()
@@ -67,15 +67,15 @@ def _find_metadata(bag: BagFacts) -> Iterator[Breach]:
 
 
 def _find_notes(bag: BagFacts) -> Iterator[Breach]:
-    left_out = {each.message for each in bag.left_out}
     for text in bag.notes:
-        if METADATA not in text and text not in left_out:
+        if METADATA not in text and _UNDEFINED not in text:
             yield bag.breach(text)
 
 
 def _find_unreadable(bag: BagFacts) -> Iterator[Breach]:
-    for each in bag.left_out:
-        yield bag.breach(each.message)
+    undefined = (text.partition(';')[0] for text in bag.notes if _UNDEFINED in text)
+    for text in (*bag.left_out, *undefined):
+        yield bag.breach(text)
 
 
 def _find_empty(bag: BagFacts) -> Iterator[Breach]:

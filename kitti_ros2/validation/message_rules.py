@@ -12,14 +12,28 @@ import numpy as np
 from ..messages.camera_info import camera_model
 from ..messages.clouds import read_points
 from ..messages.pixels import picture_kind, pixels_of
-from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE, TF_TYPES
+from ..model.msgtypes import (
+    CAMERA_INFO,
+    CLOUD,
+    COMPRESSED,
+    FIX,
+    IMAGE,
+    IMU,
+    ODOMETRY,
+    POSE,
+    STRING,
+    TF_TYPES,
+    TWIST,
+)
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-CHECKED_TYPES = frozenset({CAMERA_INFO, CLOUD, IMAGE, COMPRESSED}) | TF_TYPES
+HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
+"""Types of sensors and poses, which begin with a header."""
+CHECKED_TYPES = HEADED_TYPES | TF_TYPES | {STRING}
 """Types of messages that are decoded."""
 _COEFFICIENTS = {
     'plumb_bob': {0, 4, 5},
