@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..files.png.header import parse_image
 from ..kitti.calib_file import parse_calibration
+from ..kitti.recording import no_calibration
 from ..kitti.store import STORE
 from ..model.errors import BadFileError
 from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
@@ -204,15 +205,15 @@ class FrameChecks:
             for stream in self._numbers
             if stream.camera is not None and number in self._numbers[stream]
         ]
-        calibration = result.try_read(
-            Stream.CALIBRATION, path, lambda: parse_calibration(text, path, path.name)
-        )
-        if calibration is not None:
-            file = CalibrationFile(calibration, path, cameras)
-            breaches = list(find_breaches(CALIBRATION_RULES, file))
-            result.found += breaches
-            if not breaches:
-                self._known[text] = calibration
+        try:
+            calibration = parse_calibration(text, path, path.name)
+        except BadFileError as error:
+            calibration = no_calibration(str(error))
+        file = CalibrationFile(calibration, path, cameras)
+        breaches = list(find_breaches(CALIBRATION_RULES, file))
+        result.found += breaches
+        if not breaches:
+            self._known[text] = calibration
         return calibration, path
 
     def _check_labels(

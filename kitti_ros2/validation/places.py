@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..model.samples import Float32Array
 
 _SAMPLED = 16
+_MARGIN_M = 0.05
+"""Labels have two decimals, and annotators draw boxes close to the points."""
 
 
 class Places(NamedTuple):
@@ -83,8 +85,8 @@ def any_inside(points: Float32Array, places: Places) -> npt.NDArray[np.bool_]:
 def _has_point(
     xyz: Float32Array, middle: Float64Array, rotation: Float64Array, half: Float64Array
 ) -> bool:
-    radius = np.float32(np.linalg.norm(half))
+    radius = np.float32(np.linalg.norm(half) + _MARGIN_M)
     near = np.flatnonzero(np.abs(xyz[0] - np.float32(middle[0])) <= radius)
     near = near[np.abs(xyz[1, near] - np.float32(middle[1])) <= radius]
     own = (xyz[:, near].T - middle) @ rotation
-    return bool((np.abs(own) <= half).all(axis=1).any())
+    return bool((np.abs(own) <= half + _MARGIN_M).all(axis=1).any())
