@@ -15,6 +15,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
 from ..rig.tf_tree import FrameTree, LinkTally
+from .bag_metadata import find_differences
 from .bag_rules import BAG_RULES, BagFacts
 from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage
 from .report import CheckedSource
@@ -85,7 +86,11 @@ class _Pass:
             self._tally.add(find_breaches(SOURCE_RULES, Unopened(self._bag.path, error)))
         index = self._bag.index
         known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
-        self._facts.notes = [*self._facts.notes, *(set(index.findings) - known)]
+        self._facts.notes = [
+            *self._facts.notes,
+            *(each for each in index.findings if each not in known),
+            *find_differences(self._bag.path, index),
+        ]
         self._facts.messages = index.total
         static, moving, changing = self._links.sorted()
         if static or moving:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..files.png.header import parse_image
 from ..kitti.calib_file import parse_calibration
 from ..kitti.recording import no_calibration
@@ -17,7 +19,13 @@ from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
 from ..model.streams import Stream
 from .calib_rules import CALIBRATION_RULES, CalibrationFile
 from .file_rules import FILE_RULES, DataFile
-from .frame_rules import FRAME_RULES, FrameFiles
+from .frame_rules import (
+    FRAME_RULES,
+    LABEL_FRAME_RULES,
+    SCAN_FRAME_RULES,
+    FrameFiles,
+    LabelledScan,
+)
 from .image_rules import IMAGE_RULES, ImageFile
 from .label_rules import LABEL_RULES, LabelFile, LabelLine
 from .rule import find_breaches
@@ -25,7 +33,7 @@ from .scan_rules import SCAN_RULES, ScanFile
 from .tracklet_rules import TRACKLET_RULES, TrackletFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
     from typing import TypeVar
 
@@ -120,8 +128,16 @@ class FrameChecks:
             return frozenset()
         return frozenset(labels.numbers.tolist())
 
-    def __call__(self, number: int) -> FrameResult:
-        """Check a frame."""
+    def __call__(self, numbers: Sequence[int]) -> list[FrameResult]:
+        """Check some frames, one after the other, and their labels together."""
+        with np.errstate(all='ignore'):  # files may hold any numbers
+            checked = [self._check(number) for number in numbers]
+            results = [result for result, _ in checked]
+            frames = [frame for _, frame in checked if frame is not None]
+            results[-1].found += find_breaches(LABEL_FRAME_RULES, frames)
+        return results
+
+    def _check(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
         result = FrameResult(number)
         points = self._check_scan(number, result)
         for stream in self._numbers:
@@ -130,20 +146,14 @@ class FrameChecks:
         self._check_packet(number, result)
         calibration, calibration_path = self._check_calibration(number, result)
         lines, cuboids, label_path = self._check_labels(number, result)
-        if self._recording.common_numbers and calibration is not None:
-            shapes = result.images.items()
-            frame = FrameFiles(
-                number,
-                calibration,
-                {stream.camera or 0: shape[:2] for stream, shape in shapes},
-                calibration_path,
-                label_path,
-                lines,
-                cuboids,
-                points,
-            )
-            result.found += find_breaches(FRAME_RULES, frame)
-        return result
+        if calibration is None or not self._recording.common_numbers:
+            return result, None
+        sizes = {stream.camera or 0: shape[:2] for stream, shape in result.images.items()}
+        frame = FrameFiles(number, calibration, sizes, calibration_path, label_path, lines, cuboids)
+        result.found += find_breaches(FRAME_RULES, frame)
+        if points is not None:
+            result.found += find_breaches(SCAN_FRAME_RULES, LabelledScan(frame, points))
+        return result, frame
 
     def _path(self, stream: Stream, number: int, result: FrameResult) -> Path | None:
         """Return the file of a stream if it is there and is to be read."""

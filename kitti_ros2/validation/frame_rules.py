@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Float32Array
     from .label_rules import LabelLine
 
+Size = tuple[int, int]
 _LEAST_IOU = 0.3
 _ALPHA_RAD = 0.2
 _BEYOND_PX = 2.0
@@ -48,7 +49,7 @@ _NEAR_M = 40.0
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """The parsed files of a frame.
+    """The parsed files of a frame, but for its scan.
 
     Attributes:
         number: Of the frame.
@@ -57,7 +58,6 @@ class FrameFiles:
         calibration_path, label_path: The files.
         lines: The labels.
         cuboids: Those of tracklets, in velo_link.
-        points: (N, 4) of its scan, None without one.
     """
 
     number: int
@@ -67,7 +67,6 @@ class FrameFiles:
     label_path: Path
     lines: Sequence[LabelLine] = ()
     cuboids: Sequence[Cuboid] = ()
-    points: Float32Array | None = None
 
     @cached_property
     def solid(self) -> list[LabelLine]:
@@ -88,35 +87,62 @@ class FrameFiles:
         return camera.p_rect if is_usable and camera is not None else None
 
 
-def _find_projection(frame: FrameFiles) -> Iterator[Breach]:
-    lines, size = frame.solid, frame.sizes.get(_LABELLED_CAMERA)
-    if not lines or frame.p_rect is None or size is None:
-        return
-    boxes = [each.box for each in lines]
+@dataclass(frozen=True, eq=False)
+class LabelledScan:
+    """A frame with the points of its scan, (N, 4)."""
+
+    frame: FrameFiles
+    points: Float32Array
+
+
+def _find_projection(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
+    groups: dict[tuple[int, Size], list[FrameFiles]] = {}
+    for frame in frames:
+        size = frame.sizes.get(_LABELLED_CAMERA)
+        if frame.solid and frame.p_rect is not None and size is not None:
+            groups.setdefault((id(frame.p_rect), size), []).append(frame)
+    for (_, size), alike in groups.items():
+        p_rect = alike[0].p_rect
+        if p_rect is not None:
+            yield from _find_apart(alike, p_rect, size)
+
+
+def _find_apart(frames: Sequence[FrameFiles], p_rect: Float64Array, size: Size) -> Iterator[Breach]:
+    """Find 3D boxes away from their 2D boxes, in frames of one projection."""
+    solid = [(frame.label_path, each) for frame in frames for each in frame.solid]
+    boxes = [each.box for _, each in solid]
     corners = box_corners(
         [box.location for box in boxes],
         [box.size_hwl for box in boxes],
         [box.rotation_y for box in boxes],
     )
-    bounds, _ = clip_bounds(project_corners(corners, frame.p_rect), size)
-    for (line, box), projected in zip(lines, bounds.tolist(), strict=True):
+    bounds, _ = clip_bounds(project_corners(corners, p_rect), size)
+    for (path, (line, box)), projected in zip(solid, bounds.tolist(), strict=True):
         left, top, right, bottom = box.box_2d
         overlap = iou_2d((projected[0], projected[1], projected[2], projected[3]), box.box_2d)
         if right > left and bottom > top and overlap < _LEAST_IOU:
             text = f'{box.kind}: the projected 3D box overlaps the 2D box by {overlap:.2f} (IoU)'
-            yield Breach(text, frame.label_path, line)
+            yield Breach(text, path, line)
 
 
-def _find_alpha(frame: FrameFiles) -> Iterator[Breach]:
-    known = [each for each in frame.solid if each.box.alpha != -10]
-    if not known or frame.calibration.independent_cameras:
+def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
+    known = [
+        (frame.label_path, each)
+        for frame in frames
+        if not frame.calibration.independent_cameras
+        for each in frame.solid
+        if each.box.alpha != -10
+    ]
+    if not known:
         return
-    expected = alpha_of([box.location for _, box in known], [box.rotation_y for _, box in known])
-    off = wrap_angle(np.array([box.alpha for _, box in known]) - expected)
-    for (line, box), error, angle in zip(known, off.tolist(), expected.tolist(), strict=True):
-        if abs(error) > _ALPHA_RAD:
-            text = f'{box.kind}: alpha is {box.alpha:g}; location and rotation_y make {angle:.2f}'
-            yield Breach(text, frame.label_path, line)
+    boxes = [each.box for _, each in known]
+    expected = alpha_of([box.location for box in boxes], [box.rotation_y for box in boxes])
+    off = wrap_angle(np.array([box.alpha for box in boxes]) - expected)
+    for index in np.flatnonzero(np.abs(off) > _ALPHA_RAD).tolist():
+        path, (line, box) = known[index]
+        angle = f'{expected[index]:.2f}'
+        text = f'{box.kind}: alpha is {box.alpha:g}; location and rotation_y make {angle}'
+        yield Breach(text, path, line)
 
 
 def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
@@ -133,9 +159,10 @@ def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
             yield Breach(text, frame.label_path, line)
 
 
-def _find_unscanned(frame: FrameFiles) -> Iterator[Breach]:
+def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
+    frame = scan.frame
     visible = [each for each in frame.solid if each.box.occluded <= 0]
-    if frame.points is None or not (visible or frame.cuboids):
+    if not (visible or frame.cuboids):
         return
     try:
         rect_t_velo = rect_from_velo(frame.calibration)
@@ -148,7 +175,7 @@ def _find_unscanned(frame: FrameFiles) -> Iterator[Breach]:
     named += [(None, f'{each.kind} {each.identity}') for each in frame.cuboids]
     distances = np.linalg.norm(places.middles, axis=1)
     near = np.flatnonzero(distances < _NEAR_M)
-    hit = any_inside(frame.points, places.chosen(near))
+    hit = any_inside(scan.points, places.chosen(near))
     for index in near[~hit].tolist():
         line, name = named[index]
         text = f'frame {frame.number}: {name} at {distances[index]:.0f} m'
@@ -168,7 +195,7 @@ def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:
 
 _FRAME, _WARNING = RuleScope.FRAME, RuleSeverity.WARNING
 
-FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
+LABEL_FRAME_RULES: tuple[Rule[Sequence[FrameFiles]], ...] = (
     Rule(
         'label-projection',
         _WARNING,
@@ -185,14 +212,9 @@ FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
         'compute alpha = rotation_y - atan2(x, z)',
         _find_alpha,
     ),
-    Rule(
-        'label-outside',
-        _WARNING,
-        _FRAME,
-        '2D boxes are inside the image of camera 2',
-        'clip the box; check that the image was not resized or cropped',
-        _find_outside,
-    ),
+)
+"""Rules that see several frames at once: numpy takes as long for one as for ten."""
+SCAN_FRAME_RULES: tuple[Rule[LabelledScan], ...] = (
     Rule(
         'label-points',
         RuleSeverity.NOTE,
@@ -200,6 +222,16 @@ FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
         'Points of the scan are inside each 3D box that is visible and within 40 m',
         'usual for some objects; if most are listed, check the calibration',
         _find_unscanned,
+    ),
+)
+FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
+    Rule(
+        'label-outside',
+        _WARNING,
+        _FRAME,
+        '2D boxes are inside the image of camera 2',
+        'clip the box; check that the image was not resized or cropped',
+        _find_outside,
     ),
     Rule(
         'calib-image',

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..files.workers import ordered_map, worker_count
 from ..kitti import names
 from ..model.errors import KittiRos2Error
@@ -81,17 +83,23 @@ class _Check:
     def run(self, progress: Callable[[int, int], None]) -> tuple[CheckedSource, list[int]]:
         """Check everything once."""
         sequence = SequenceChecks(self._facts)
-        sequence.run(quick=self._options.quick)
+        with np.errstate(all='ignore'):  # files may hold any numbers
+            sequence.run(quick=self._options.quick)
         path = sequence.calibration_path
         frames = FrameChecks(self._recording, self._options, path, sequence.labels)
         numbers = frames.numbers
-        for done, result in enumerate(ordered_map(frames, numbers, worker_count(), _BATCH), 1):
-            self._enter(result)
-            if result.packet is not None:
-                sequence.packets[result.number] = result.packet
+        batches = [numbers[at : at + _BATCH] for at in range(0, len(numbers), _BATCH)]
+        done = 0
+        for results in ordered_map(frames, batches, worker_count()):
+            for result in results:
+                self._enter(result)
+                if result.packet is not None:
+                    sequence.packets[result.number] = result.packet
+            done += len(results)
             progress(done, len(numbers))
-        if not self._options.quick:
-            sequence.check_packets()
+        with np.errstate(all='ignore'):
+            if not self._options.quick:
+                sequence.check_packets()
         self._tally.add(sequence.found)
         self._tally.add(find_breaches(RECORDING_RULES, self._facts))
         source = CheckedSource(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .calib_rules import CALIBRATION_RULES
 from .file_rules import FILE_RULES
-from .frame_rules import FRAME_RULES
+from .frame_rules import FRAME_RULES, LABEL_FRAME_RULES, SCAN_FRAME_RULES
 from .image_rules import IMAGE_RULES
 from .label_rules import LABEL_RULES
 from .motion_rules import OXTS_RULES, POSE_RULES
@@ -32,6 +32,8 @@ FOLDER_RULES: tuple[Rule[Any], ...] = (
     *CALIBRATION_RULES,
     *LABEL_RULES,
     *TRACKLET_RULES,
+    *LABEL_FRAME_RULES,
+    *SCAN_FRAME_RULES,
     *FRAME_RULES,
     *STAMP_RULES,
     *OXTS_RULES,

@@ -21,6 +21,7 @@ from kitti_ros2.messages.topics import own_topics
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import table as declared
 from kitti_ros2.options.messages import Preset
+from kitti_ros2.validation.rule_table import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
 import tables
@@ -133,6 +134,11 @@ def test_containers_are_those_of_the_table():
     assert [row[0] for row in rows_of(tables.containers())[2:]] == [
         f'`{name}`' for name in CONTAINERS
     ]
+
+
+def test_rules_are_those_of_the_table():
+    listed = [row[0] for kind in ('folders', 'bags') for row in rows_of(tables.rules(kind))[2:]]
+    assert listed == [f'`{name}`' for name in rules_by_id(bags=True)]
 
 
 def test_parameters_services_and_policies_are_those_of_the_node():

@@ -109,6 +109,10 @@ def first_word(value: str):
     return lambda words: [value, *words[1:]]
 
 
+def other_place(root: Path, _: int) -> Path:
+    return set_key(root / DATE / 'calib_cam_to_cam.txt', 'T_03', first_word('-1')).parent
+
+
 def sequence(name: str):
     return lambda root, _: root / 'sequences/00' / name
 
@@ -209,7 +213,7 @@ _RAW = (
     ('file of calibration missing', 'calib-missing', dated('calib_imu_to_velo.txt', gone)),
     ('K is text', 'calib-value', dated('calib_cam_to_cam.txt', set_key, 'K_02', first_word('x'))),
     ('P_rect of another calibration', 'calib-contradiction',
-     lambda root, n: dated('calib_cam_to_cam.txt', set_key, 'T_03', first_word('-1'))(root, n).parent),
+     other_place),
 )  # fmt: skip
 _ODOMETRY = (
     ('time is text', 'stamps-line', of(sequence('times.txt'), edit_line, 2, lambda _: 'later')),

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -110,9 +110,7 @@ def write(path: Path, messages: list[Written], storage: str = 'mcap', latched: b
         for topic, stamp_ns, message in messages:
             if topic not in ids:
                 static = latched and topic == '/tf_static'
-                ids[topic] = writer.add_channel(
-                    Channel(topic, message.__msgtype__, latched=static)
-                )
+                ids[topic] = writer.add_channel(Channel(topic, message.__msgtype__, latched=static))
             data = message if isinstance(message, bytes) else join(serialize(message))
             writer.write(ids[topic], stamp_ns, [data])
         return writer.path
@@ -285,8 +283,13 @@ def test_metadata_that_disagrees(tmp_path):
     count = 1 + 5 * ROUNDS
     metadata.write_text(text.replace(f'message_count: {count}\n', 'message_count: 7\n', 1))
     assert rules(path) == {'bag-metadata'}
-    metadata.write_text(text.replace('name: /imu', 'name: /gps'))
-    assert rules(path) == {'bag-metadata'}
+    for right, wrong in (
+        ('name: /imu', 'name: /gps'),
+        ('sensor_msgs/msg/Imu', 'std_msgs/msg/String'),
+        (f'nanoseconds_since_epoch: {START_NS}', f'nanoseconds_since_epoch: {START_NS - 10**9}'),
+    ):
+        metadata.write_text(text.replace(right, wrong))
+        assert rules(path) == {'bag-metadata'}
     metadata.unlink()
     assert rules(path) == {'bag-metadata'}
     metadata.write_text('[')
@@ -308,7 +311,9 @@ def write_mcap(path: Path, schema: tuple[str, str, bytes], encoding: str) -> Pat
 def test_types_that_are_unknown(tmp_path):
     json = write_mcap(tmp_path / 'a.mcap', ('A', 'jsonschema', b'{}'), 'json')
     assert rules(json) >= {'bag-schema'}
-    unknown = write_mcap(tmp_path / 'b.mcap', ('my_msgs/msg/A', 'ros2msg', b'other_msgs/B b'), 'cdr')
+    unknown = write_mcap(
+        tmp_path / 'b.mcap', ('my_msgs/msg/A', 'ros2msg', b'other_msgs/B b'), 'cdr'
+    )
     assert rules(unknown) == {'bag-schema'}
 
 
@@ -319,7 +324,14 @@ def test_a_definition_that_cannot_be_read_is_a_note(tmp_path):
 
 def test_every_rule_has_a_test():
     tested = {rule for _, rule, _ in FAULTS}
-    tested |= {'bag-latched', 'image-decode', 'bag-damage', 'bag-metadata', 'bag-schema', 'bag-note'}
+    tested |= {
+        'bag-latched',
+        'image-decode',
+        'bag-damage',
+        'bag-metadata',
+        'bag-schema',
+        'bag-note',
+    }
     assert set(rules_by_id(bags=True)) - {each.id for each in FOLDER_RULES} == tested
 
 

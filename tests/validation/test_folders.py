@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import object_faults
 import pytest
@@ -18,6 +18,9 @@ from kitti_ros2.synthetic import write_synthetic
 from kitti_ros2.validation.rule_table import FOLDER_RULES
 
 from builders import SMALL  # isort: skip
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FAULTS = (*object_faults.FAULTS, *sequence_faults.FAULTS)
 FRAMES = 70

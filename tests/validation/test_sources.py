@@ -92,7 +92,7 @@ def test_holes_are_warnings_with_their_numbers(recordings, layout, tmp_path):
         assert report.ok
 
 
-def test_a_recording_that_cannot_be_opened_is_an_error(root, tmp_path, monkeypatch):
+def test_a_recording_that_cannot_be_opened_is_an_error(root, tmp_path):
     copy = tmp_path / 'odometry'
     shutil.copytree(root / 'odometry', copy)
     shutil.rmtree(copy / 'sequences/01/velodyne')
