@@ -75,7 +75,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             f' this is layout {layout.value}'
         )
     if not candidates:
-        raise _not_of_layout(path, layout)
+        raise not_of_layout(path, layout)
     chosen = choose_recording(path, layout, candidates, options.sequence)
     recording = chosen.open(options)
     if not recording.streams:
@@ -99,7 +99,7 @@ def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
     return {layout: candidates for layout, candidates in found.items() if candidates}
 
 
-def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
+def not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     """Return the error for a path without a recording of the requested layout."""
     fits = _find_all(path)
     if not fits:

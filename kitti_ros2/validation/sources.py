@@ -8,10 +8,10 @@ import os
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..bags.locate import METADATA, looks_like_bag
+from ..bags.locate import METADATA
 from ..kitti.find import absolute
 from ..kitti.layout_files import LAYOUTS
-from ..kitti.layouts import choose_recording
+from ..kitti.layouts import choose_recording, not_of_layout
 from ..kitti.nearby import DataSet, data_sets_below, explain
 from ..model.containers import CONTAINERS
 from ..model.errors import AmbiguousLayoutError, Remedy
@@ -50,16 +50,16 @@ def find_sources(path: Path, options: ReadOptions) -> Found:
         OSError: The folder cannot be read.
     """
     if not path.is_dir():
-        if path.exists() and looks_like_bag(path) and _is_bag_file(path):
+        if path.is_file() and _is_bag_file(path):  # opening a pipe would wait
             return Found([], [path])
         raise _explain_file(path) if path.is_file() else explain(path)
     if (path / METADATA).is_file():
         return Found([], [path])
     data_sets = _data_sets_at(path, options)
     bags = list(_bags_in(path)) if options.layout is None else []
-    if data_sets or options.layout is not None:
-        if not data_sets:
-            raise explain(path)
+    if options.layout is not None and not data_sets:
+        raise not_of_layout(path, options.layout)
+    if data_sets:
         return Found(data_sets, bags)
     below, complete = data_sets_below(path)
     if not below and not bags:
