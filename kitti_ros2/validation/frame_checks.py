@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     T = TypeVar('T')
 
 
+_MOST_KNOWN = 64
+"""Calibrations that are kept for frames with equal files."""
+
+
 @dataclass
 class FrameResult:
     """What was found in the files of a frame.
@@ -222,7 +226,7 @@ class FrameChecks:
         file = CalibrationFile(calibration, path, cameras)
         breaches = list(find_breaches(CALIBRATION_RULES, file))
         result.found += breaches
-        if not breaches:
+        if not breaches and len(self._known) < _MOST_KNOWN:
             self._known[text] = calibration
         return calibration, path
 

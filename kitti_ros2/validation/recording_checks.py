@@ -117,6 +117,6 @@ class _Check:
         self._files += result.files
         self._size_bytes += result.size_bytes
         if result.points is not None:
-            self._facts.points[result.number] = result.points
+            self._facts.enter_scan(result.number, result.points)
         for stream, shape in result.images.items():
-            self._facts.images.setdefault(stream, {})[result.number] = shape
+            self._facts.enter_image(stream, result.number, shape)

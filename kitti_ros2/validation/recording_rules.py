@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..model.text import some_of
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from ..kitti.recording import KittiRecording
     from ..model.losses import Loss
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _FEW_POINTS = 0.5  # of the median; KITTI's scans have 113,000 to 127,000 points
 _LEAST_SCANS = 3
 
+T = TypeVar('T')
 ImageShape = tuple[int, int, int]
 """Width, height and channels."""
 
@@ -34,15 +36,25 @@ class RecordingFacts:
 
     Attributes:
         recording: The recording, open.
-        points: Number of points by number of the scan.
-        images: The shape of images by stream and number.
+        scans, points: The numbers of the scans, and how many points each has.
+        images: The numbers of the images of each shape, by stream.
         reported: Beginnings of the reader's losses that other rules report.
     """
 
     recording: KittiRecording
-    points: dict[int, int] = field(default_factory=dict)
-    images: dict[Stream, dict[int, ImageShape]] = field(default_factory=dict)
+    scans: array[int] = field(default_factory=lambda: array('q'))
+    points: array[int] = field(default_factory=lambda: array('q'))
+    images: dict[Stream, dict[ImageShape, array[int]]] = field(default_factory=dict)
     reported: set[str] = field(default_factory=set)
+
+    def enter_scan(self, number: int, points: int) -> None:
+        """Enter the number of a scan's points."""
+        self.scans.append(number)
+        self.points.append(points)
+
+    def enter_image(self, stream: Stream, number: int, shape: ImageShape) -> None:
+        """Enter the shape of an image."""
+        self.images.setdefault(stream, {}).setdefault(shape, array('q')).append(number)
 
     def losses(self) -> Iterator[tuple[Loss, bool]]:
         """Yield the losses that no other rule reports; whether files are just not there."""
@@ -93,11 +105,11 @@ def _find_unnumbered(facts: RecordingFacts) -> Iterator[Breach]:
 def _find_sparse(facts: RecordingFacts) -> Iterator[Breach]:
     if len(facts.points) < _LEAST_SCANS:
         return
-    usual = float(np.median(list(facts.points.values())))
-    for number, points in sorted(facts.points.items()):
-        if points < _FEW_POINTS * usual:
-            text = f'{points} points; the median of the scans is {usual:.0f}'
-            yield Breach(text, facts.recording.path(Stream.SCAN, number))
+    counts = np.array(facts.points, np.int64)
+    usual = float(np.median(counts))
+    for index in np.flatnonzero(counts < _FEW_POINTS * usual).tolist():
+        text = f'{counts[index]} points; the median of the scans is {usual:.0f}'
+        yield Breach(text, facts.recording.path(Stream.SCAN, facts.scans[index]))
 
 
 def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
@@ -105,22 +117,30 @@ def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
         return
     for stream, shapes in facts.images.items():
         camera = facts.recording.calibration(0).cameras.get(stream.camera or 0)
+        usual = _most_common({shape: shape[:2] for shape in shapes}, shapes)
         stated = None if camera is None else camera.size
-        ((usual, _),) = Counter(shape[:2] for shape in shapes.values()).most_common(1)
         expected, source = (usual, 'other images') if stated is None else (stated, 'calibration')
-        for number, (width, height, _) in sorted(shapes.items()):
-            if (width, height) != expected:
+        for (width, height, _), numbers in shapes.items():
+            for number in numbers if (width, height) != expected else ():
                 text = f'{width}x{height}; {source}: {expected[0]}x{expected[1]}'
                 yield Breach(text, facts.recording.path(stream, number))
 
 
 def _find_other_channels(facts: RecordingFacts) -> Iterator[Breach]:
     for stream, shapes in facts.images.items():
-        ((usual, _),) = Counter(shape[2] for shape in shapes.values()).most_common(1)
-        for number, (_, _, channels) in sorted(shapes.items()):
-            if channels != usual:
+        usual = _most_common({shape: shape[2] for shape in shapes}, shapes)
+        for (_, _, channels), numbers in shapes.items():
+            for number in numbers if channels != usual else ():
                 text = f'{channels} channels; most images of the camera have {usual}'
                 yield Breach(text, facts.recording.path(stream, number))
+
+
+def _most_common(kinds: Mapping[ImageShape, T], shapes: Mapping[ImageShape, array[int]]) -> T:
+    """Return the kind of most images."""
+    counts: Counter[T] = Counter()
+    for shape, numbers in shapes.items():
+        counts[kinds[shape]] += len(numbers)
+    return counts.most_common(1)[0][0]
 
 
 def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
