@@ -10,14 +10,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..validation.report import ValidationFinding, ValidationReport
     from ..validation.validate import validate
 
 _MODULES: dict[str, str] = {
     'validate': 'validation.validate',
+    'ValidationFinding': 'validation.report',
+    'ValidationReport': 'validation.report',
 }
 
 __all__: list[str] = [
     'validate',
+    'ValidationFinding',
+    'ValidationReport',
 ]
 
 
