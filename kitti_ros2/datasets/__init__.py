@@ -20,9 +20,9 @@ _MODULES: dict[str, str] = {
 }
 
 __all__: list[str] = [
-    'validate',
     'ValidationFinding',
     'ValidationReport',
+    'validate',
 ]
 
 
