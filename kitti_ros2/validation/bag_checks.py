@@ -82,8 +82,8 @@ class _Pass:
                 self._facts.notes = [
                     each for each in messages.findings if each not in messages.losses
                 ]
-        except BadBagError as error:
-            self._tally.add(find_breaches(SOURCE_RULES, Unopened(self._bag.path, error)))
+        except BadBagError as error:  # none of its messages can be read
+            self._facts.left_out = [str(error)]
         index = self._bag.index
         known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [

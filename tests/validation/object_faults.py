@@ -140,7 +140,7 @@ def listed(name: str, line: str):
 
 def listed_twice(root: Path, n: int) -> Path:  # noqa: ARG001
     path = splits(root, 'train')
-    return add_line(path, path.read_text().split()[-1])
+    return add_line(path, path.read_text().split()[0])
 
 
 def shifted(points: np.ndarray) -> np.ndarray:

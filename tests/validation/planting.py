@@ -97,7 +97,7 @@ def remove(path: Path) -> Path:
 
 def flip(path: Path, at: int) -> Path:
     data = bytearray(path.read_bytes())
-    data[at] ^= 0x10
+    data[at] ^= 0xC0
     path.write_bytes(data)
     return path
 

@@ -105,6 +105,17 @@ def no_stamps(root: Path, _: int) -> Path:
     return drive(root, '')
 
 
+def text_scans(root: Path, n: int) -> Path:
+    """Scans as text, as extracts have them; one with three numbers a line."""
+    folder = data('velodyne_points', '')(root, n).parent
+    for path in list(folder.iterdir()):
+        path.unlink()
+        path.with_suffix('.txt').write_text('1 2 3 0.5\n')
+    path = data('velodyne_points', '.txt')(root, n)
+    path.write_text('1 2 3\n')
+    return path
+
+
 def first_word(value: str):
     return lambda words: [value, *words[1:]]
 
@@ -207,6 +218,7 @@ _RAW = (
     ('gravity removed', 'oxts-gravity', every_packet(13, '0.01'), (), True),
     ('speed of 1000 m/s', 'oxts-extreme', column(7, '1000')),
     ('packet missing', 'frames-missing', of(data('oxts', '.txt'), remove)),
+    ('scan of three numbers a line', 'scan-file', text_scans, (), True),
     ('image of another size', 'image-size', of(data('image_00', '.png'), write_blank, (30, 20), 0)),
     ('tracklets cut', 'data-unusable', whole('tracklet_labels.xml', cut, 400), (), True),
     ('tracklet of negative height', 'tracklet-size', negative_height),
