@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from ..validation.report import RuleFindings, ValidationReport
+    from ..validation.results import RuleFindings, ValidationReport
 
 _SHOWN_PLACES = 3
 _SHOWN_SOURCES = 12

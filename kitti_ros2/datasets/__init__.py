@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..validation.report import ValidationFinding, ValidationReport
+    from ..validation.results import ValidationFinding, ValidationReport
     from ..validation.validate import validate
 
 _MODULES: dict[str, str] = {
     'validate': 'validation.validate',
-    'ValidationFinding': 'validation.report',
-    'ValidationReport': 'validation.report',
+    'ValidationFinding': 'validation.results',
+    'ValidationReport': 'validation.results',
 }
 
 __all__: list[str] = [

@@ -18,7 +18,7 @@ from ..rig.tf_tree import FrameTree, LinkTally
 from .bag_metadata import find_differences
 from .bag_rules import BAG_RULES, BagFacts
 from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage
-from .report import CheckedSource
+from .results import CheckedSource
 from .rule import find_breaches
 from .source_rules import SOURCE_RULES, Unopened
 from .topic_rules import TOPIC_RULES, TopicTrack
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..bags.message_source import BagMessage
     from ..messages.ros_types import Typestore
     from ..options.validating import ValidateOptions
-    from .report import FindingTally
+    from .results import FindingTally
 
 
 def check_bag(
@@ -50,13 +50,13 @@ def check_bag(
     """
     try:
         with OpenBag(path) as bag:
-            return _Pass(bag, options, tally).run(progress)
+            return _BagPass(bag, options, tally).run(progress)
     except (KittiRos2Error, OSError) as error:
         tally.add(find_breaches(SOURCE_RULES, Unopened(path, error)))
         return CheckedSource(path, 'bag', path.name, 0, 0, 0, is_bag=True)
 
 
-class _Pass:
+class _BagPass:
     """One pass over an open bag."""
 
     def __init__(self, bag: OpenBag, options: ValidateOptions, tally: FindingTally) -> None:

@@ -14,7 +14,7 @@ from ..model.errors import KittiRos2Error
 from ..options.read import ReadOptions
 from .frame_checks import FrameChecks
 from .recording_rules import RECORDING_RULES, RecordingFacts
-from .report import CheckedSource
+from .results import CheckedSource
 from .rule import find_breaches
 from .sequence_checks import SequenceChecks
 from .source_rules import SOURCE_RULES, Unopened
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..model.layouts import Layout
     from ..options.validating import ValidateOptions
     from .frame_checks import FrameResult
-    from .report import FindingTally
+    from .results import FindingTally
 
 _BATCH = 8
 """Frames that a thread takes at a time."""

@@ -8,12 +8,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..kitti import names
-from ..kitti.odometry import OdometryRecording
 from ..kitti.poses_file import parse_poses
 from ..kitti.stamps_file import parse_times, parse_timestamps
 from ..kitti.store import STORE
 from ..model.errors import BadFileError, describe_error
-from ..model.layouts import Layout
 from ..model.samples import OxtsPacket
 from ..model.streams import Stream
 from .calib_rules import CALIBRATION_RULES, CalibrationFile
@@ -57,11 +55,7 @@ class SequenceChecks:
     @property
     def calibration_path(self) -> Path:
         """The file of the calibration, or the folder of several."""
-        if self._recording.layout is Layout.TRACKING:
-            return self._recording.path(Stream.CALIBRATION, 0)
-        if isinstance(self._recording, OdometryRecording):
-            return self._recording.sequence / names.ODOMETRY_CALIB
-        return self._recording.root
+        return self._recording.path(Stream.CALIBRATION, 0)
 
     def run(self, *, quick: bool) -> None:
         """Check the files; with quick their sizes only."""

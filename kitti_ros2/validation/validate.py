@@ -14,7 +14,7 @@ from ..options.read import ReadOptions
 from ..options.table import VALIDATE
 from ..options.validating import ValidateOptions
 from .recording_checks import check_recording
-from .report import FindingTally
+from .results import FindingTally
 from .rule import find_breaches
 from .rule_table import rules_by_id
 from .set_rules import SET_RULES, SplitLists
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..kitti.nearby import DataSet
-    from .report import CheckedSource, ValidationReport
+    from .results import CheckedSource, ValidationReport
 
     AnyPath = str | os.PathLike[str]
     Progress = Callable[[int, int], None]

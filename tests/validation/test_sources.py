@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
 
 import pytest
 from folder_and_bag import make_bag, make_holes
@@ -15,28 +14,28 @@ from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
 from kitti_ros2.model.errors import KittiRos2Error, MissingSourceError, UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.synthetic import write_synthetic
 from kitti_ros2.validation import rule, sources
-from kitti_ros2.validation.report import FindingTally
+from kitti_ros2.validation.results import FindingTally
 from kitti_ros2.validation.rule_table import rules_by_id
 
-from builders import SMALL, one_line  # isort: skip
-
-TINY = replace(SMALL, frames=3, image_size=(62, 19), lidar_columns=24)
+from builders import one_line  # isort: skip
 
 
 @pytest.fixture(scope='module')
-def root(tmp_path_factory):
+def root(recordings, tmp_path_factory):
     """Two drives of a date, two sequences, two splits, and a bag."""
     root = tmp_path_factory.mktemp('root')
-    drive = write_synthetic(root / 'raw', Layout.RAW, TINY)
+    for layout, path in recordings.items():
+        whole = path.parent if layout is Layout.RAW else path
+        below = whole.name if layout is Layout.RAW else ''
+        shutil.copytree(whole, root / layout.value / below)
+    drive = root / 'raw' / recordings[Layout.RAW].parent.name / recordings[Layout.RAW].name
     shutil.copytree(drive, drive.with_name('2011_09_26_drive_0002_sync'))
-    odometry = write_synthetic(root / 'odometry', Layout.ODOMETRY, TINY)
+    odometry = root / 'odometry'
     shutil.copytree(odometry / 'sequences/00', odometry / 'sequences/01')
     shutil.copy(odometry / 'poses/00.txt', odometry / 'poses/01.txt')
-    split = write_synthetic(root / 'object', Layout.OBJECT, TINY) / 'training'
+    split = root / 'object' / 'training'
     shutil.copytree(split, split.with_name('testing'))
-    write_synthetic(root / 'tracking', Layout.TRACKING, TINY)
     make_bag(drive, root / 'bags', 'mcap')
     return root
 
@@ -131,7 +130,7 @@ def test_a_part_of_a_data_set_names_the_whole(root):
 
 
 def test_findings_are_counted_beyond_those_that_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr('kitti_ros2.validation.report.MOST_KEPT', 10)
+    monkeypatch.setattr('kitti_ros2.validation.results.MOST_KEPT', 10)
     tally = FindingTally(rules_by_id(bags=False))
     tally.add(('scan-size', rule.Breach(f'{number}', tmp_path)) for number in range(25))
     tally.add([('scan-size', rule.Breach('3', tmp_path))])

@@ -20,7 +20,7 @@ def validate(
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Check every file of KITTI folders and bags, alone and against the others.
+    """Check every file of KITTI folders and bags.
 
     All drives, sequences and splits at PATH are checked. Errors (exit code 1) are wrong or
     unreadable data, warnings suspicious or missing data. Findings have file, line and remedy.
