@@ -24,6 +24,7 @@ from kitti_ros2.messages.transforms import static_links
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.synthetic.rig import make_calibration
+from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -267,6 +268,17 @@ def _level(name: str, levels: range | None) -> str:
     return name if levels is None else f'{name} ({levels[0]} to {levels[-1]})'
 
 
+def rules(kind: str) -> str:
+    """Return the rules of validate, about folders or bags."""
+    of_folders = {each.id for each in FOLDER_RULES}
+    rows = [
+        (_code(each.id), each.severity.value, each.scope.value, each.checks, each.remedy)
+        for each in rules_by_id(bags=True).values()
+        if (each.id in of_folders) is (kind == 'folders')
+    ]
+    return table(('rule', 'severity', 'scope', 'holds in valid data', 'otherwise'), rows)
+
+
 def source_file(name: str) -> str:
     """Return a file of the repository as a block, without its licence header."""
     text = (ROOT / name).read_text('utf-8')
@@ -310,6 +322,7 @@ TABLES: dict[str, Callable[..., str]] = {
     'plan': plan_keys,
     'policies': policies,
     'renamed-topics': renamed_topics,
+    'rules': rules,
     'services': services,
     'topics': topics,
 }

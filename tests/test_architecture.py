@@ -36,10 +36,11 @@ _IMPORTS = {
     'bridge': 'model options messages player',
     'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',
-    'fetch': 'model files options kitti',
+    'validation': 'model files options kitti messages bags rig',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',
-    'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch',
+    'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
+    ' validation',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)

@@ -24,6 +24,7 @@ from .commands.split import split
 from .commands.stats import stats
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
+from .commands.validate import validate
 from .commands.view import view
 from .completion import VARIABLE, answering, complete_at_first_tab, completion_words
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
@@ -114,6 +115,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'to-kitti': to_kitti,
     'recover': recover,
     'info': info,
+    'validate': validate,
     'view': view,
     'report': report,
     'crop': crop,

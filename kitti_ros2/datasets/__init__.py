@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..fetch.download import download
     from ..fetch.extract import extract
+    from ..validation.results import ValidationFinding, ValidationReport
+    from ..validation.validate import validate
     from .cropping import crop
     from .set_statistics import SetStatistics, statistics
     from .splitting import SplitReport, split
@@ -19,14 +21,28 @@ if TYPE_CHECKING:
 _MODULES: dict[str, str] = {
     'SetStatistics': 'datasets.set_statistics',
     'SplitReport': 'datasets.splitting',
+    'ValidationFinding': 'validation.results',
+    'ValidationReport': 'validation.results',
     'crop': 'datasets.cropping',
     'download': 'fetch.download',
     'extract': 'fetch.extract',
     'split': 'datasets.splitting',
     'statistics': 'datasets.set_statistics',
+    'validate': 'validation.validate',
 }
 
-__all__ = ['SetStatistics', 'SplitReport', 'crop', 'download', 'extract', 'split', 'statistics']
+__all__ = [
+    'SetStatistics',
+    'SplitReport',
+    'ValidationFinding',
+    'ValidationReport',
+    'crop',
+    'download',
+    'extract',
+    'split',
+    'statistics',
+    'validate',
+]
 
 
 def __getattr__(name: str) -> object:

@@ -45,6 +45,11 @@ def _guess(path: Path) -> tuple[Layout, list[Candidate]]:
     fits = _find_all(path)
     if not fits:
         raise _explain(path)
+    return _only(path, fits)
+
+
+def _only(path: Path, fits: dict[Layout, list[Candidate]]) -> tuple[Layout, list[Candidate]]:
+    """Return the one layout that a path fits."""
     if len(fits) > 1:
         raise AmbiguousLayoutError(path, [layout.value for layout in fits]).with_remedies(
             *(Remedy(path, path, ('--layout', layout.value)) for layout in fits)
@@ -74,7 +79,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             f'{path}: real time is for the object layout, whose frames have no stamps of their own;'
             f' this is layout {layout.value}'
         )
-    chosen = _choose(path, layout, candidates, options.sequence)
+    chosen = choose_recording(path, layout, candidates, options.sequence)
     recording = open_candidate(path, layout, chosen, options)
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout.traits.frame_set and others and options.sequence is None:
@@ -122,17 +127,35 @@ def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
         UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
     """
-    from .nearby import DataSet, data_sets_below  # noqa: PLC0415 - for whole sets only
+    from .nearby import data_sets_below  # noqa: PLC0415 - for whole sets only
 
-    if options.layout is None and options.sequence is None and not _find_all(path):
+    found = data_sets_at(path, options)
+    if not found and options.layout is None:
         found, complete = data_sets_below(path) if path.is_dir() else ([], True)
         if not complete:
             raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
-        if found:
-            return found
-    layout, candidates = _candidates(path, options)
+    if not found:
+        raise _explain(path) if options.layout is None else not_of_layout(path, options.layout)
+    return found
+
+
+def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
+    """Find the data set at a path itself, of the requested or the detected layout.
+
+    Raises:
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        UsageError: The chosen recording does not exist.
+    """
+    from .nearby import DataSet  # noqa: PLC0415 - for whole sets only
+
+    fits = _find_all(path)
+    if options.layout is not None:
+        fits = {layout: found for layout, found in fits.items() if layout is options.layout}
+    if not fits:
+        return []
+    layout, candidates = _only(path, fits)
     if options.sequence is not None:
-        candidates = [_choose(path, layout, candidates, options.sequence)]
+        candidates = [choose_recording(path, layout, candidates, options.sequence)]
     return [DataSet(path, layout, candidates)]
 
 
@@ -143,7 +166,7 @@ def _candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidat
     folder = absolute(path)
     candidates = LAYOUTS[options.layout].find(folder) if folder.is_dir() else []
     if not candidates:
-        raise _not_of_layout(path, options.layout)
+        raise not_of_layout(path, options.layout)
     return options.layout, candidates
 
 
@@ -169,7 +192,7 @@ def _explain(path: Path) -> NotKittiError:
     return explain(path)
 
 
-def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
+def not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     """Return the error for a path without a recording of the requested layout."""
     fits = _find_all(path)
     if not fits:
@@ -179,9 +202,15 @@ def _not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     return NotKittiError(path, f'no {layout.value} recording', [], advice)
 
 
-def _choose(
+def choose_recording(
     path: Path, layout: Layout, candidates: list[Candidate], asked: str | None
 ) -> Candidate:
+    """Return the candidate of a name, or the only one.
+
+    Raises:
+        AmbiguousSequenceError: There are several, and no name is given.
+        UsageError: None has the name, or several have.
+    """
     known = [candidate.name for candidate in candidates]
     if asked is not None:
         matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]

@@ -144,4 +144,6 @@ class OdometryRecording(KittiRecording):
 
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""
+        if stream is Stream.CALIBRATION:
+            return self.sequence / names.ODOMETRY_CALIB
         return self._poses_path if stream is Stream.POSE else super().path(stream, number)

@@ -45,6 +45,11 @@ class RecordingIndex:
         """Losses of passes over many samples so far; see model.recording."""
         return list(self._late_losses.values())
 
+    @property
+    def listings(self) -> Mapping[Stream, Listing]:
+        """The folders of numbered files, with or without stamps, by stream."""
+        return self._listings
+
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""
         listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)

@@ -20,24 +20,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..model.cameras import LEFT_OF, rectified_offset
 from ..model.geometry import Transform
 from .header import make_header
 from .ros_types import CameraInfo, RegionOfInterest
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
-    from ..model.samples import Calibration, CameraCalibration
+    from ..model.samples import Calibration
 
 _SINGULAR = 1e-9
 _ROTATION = 1e-3
 _LARGEST = 1e9
-LEFT_OF = {1: 0, 3: 2}
-"""The left camera of each right camera's stereo pair."""
-
-
-def rectified_offset(camera: CameraCalibration) -> Float64Array:
-    """Return (3,) metres t = K^-1 P[:, 3]: p of the rectified camera 0 is p + t in this camera."""
-    return np.asarray(np.linalg.solve(camera.p_rect[:, :3], camera.p_rect[:, 3]), np.float64)
 
 
 def image_frame_camera(calibration: Calibration, index: int) -> int:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model.cameras import rectified_offset
 from ..model.geometry import Transform
-from .camera_info import rectified_offset
 from .header import make_header, make_quaternion, make_vector3, vector_of
 from .ros_types import TFMessage, TransformMsg, TransformStamped
 

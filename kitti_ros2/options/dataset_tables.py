@@ -14,6 +14,7 @@ from .read import ReadOptions
 from .split import SplitOptions
 from .statistics import StatisticsOptions
 from .table import SOURCE
+from .validating import ValidateOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,6 +26,7 @@ DOWNLOAD = (
     *options_of(DownloadOptions),
     *(each for each in EXTRACT if each.name != 'remove_archives'),
 )
+VALIDATE = (*SOURCE, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *SOURCE)
 CROP = (
     *options_of(CropOptions),

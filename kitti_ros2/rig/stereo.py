@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..messages.camera_info import LEFT_OF
+from ..model.cameras import LEFT_OF
 from ..model.geometry import Transform
 
 if TYPE_CHECKING:

@@ -95,6 +95,27 @@ class FrameTree:
         found = self._join(_plain(target), _plain(source))
         return found if isinstance(found, Transform) else None
 
+    @property
+    def roots(self) -> list[str]:
+        """The frames without a parent."""
+        return sorted(frame for frame in self.frames if not self._parents.get(frame))
+
+    def faults(self) -> list[str]:
+        """Describe the frames with several parents, and the circles."""
+        found = [
+            f'{child} has several parents, {" and ".join(sorted(above))}'
+            for child, above in sorted(self._parents.items())
+            if len(above) > 1
+        ]
+        circles: set[frozenset[str]] = set()
+        for frame in sorted(self.frames):
+            line = self._ancestors(frame)
+            circle = line[line.index(line[-1]) :] if _is_circle(line) else []
+            if circle and frozenset(circle) not in circles:
+                circles.add(frozenset(circle))
+                found.append(f'{" <- ".join(circle)} is a circle')
+        return found
+
     def _join(self, target: str, source: str) -> Transform | str:
         """Return target_T_source, or the reason why there is none."""
         if target == source:

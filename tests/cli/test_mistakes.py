@@ -58,6 +58,7 @@ def command_in(line: str) -> list[str]:
 COMMANDS = [
     ('to-bag {src} {tmp}/o.mcap -q', 'to-bag {new} {tmp}/o.mcap -q'),
     ('info {src} --json', 'info {new} --json'),
+    ('validate {src} --json', 'validate {new} --json'),
     ('view {src} -o {tmp}/o.png --mode bev', 'view {new} -o {tmp}/o.png --mode bev'),
     ('view {src} --rerun --save {tmp}/o.rrd', 'view {new} --rerun --save {tmp}/o.rrd'),
     ('report {src} --out={tmp}/o.html -q', 'report {new} --out={tmp}/o.html -q'),
@@ -118,35 +119,35 @@ def test_the_folder_above(recordings, tmp_path, capsys, words):
     assert command_in(line)[1] == f'{src}/object'
 
 
-@pytest.mark.parametrize('command', ['to-bag', 'info', 'to-kitti', 'recover'])
+@pytest.mark.parametrize('command', ['to-bag', 'info', 'validate', 'to-kitti', 'recover'])
 def test_an_archive(recordings, tmp_path, capsys, command):
     path = tmp_path / 'my downloads' / 'data.zip'
     path.parent.mkdir()
     with ZipFile(path, 'w') as made:
         for file in (recordings[Layout.OBJECT] / 'training').rglob('*.*'):
             made.write(file, file.relative_to(recordings[Layout.OBJECT]))
-    out = [] if command == 'info' else [str(tmp_path / 'o.mcap')]
+    out = [] if command in {'info', 'validate'} else [str(tmp_path / 'o.mcap')]
     line = complain([command, str(path), *out], capsys)
     unpacked = path.parent / 'training'
     extract, last = line[line.index('kitti-ros2 extract') :].split(' && ')
     assert extract == f"kitti-ros2 extract '{path}' '{path.parent}'"
     assert last.startswith(f"kitti-ros2 {command} '{unpacked}'")
     assert main([*command_in(extract), '-q']) == 0
-    assert (main(command_in(line)) == 0) == (command in {'to-bag', 'info'})
+    assert (main(command_in(line)) == 0) == (command in {'to-bag', 'info', 'validate'})
 
 
-@pytest.mark.parametrize('command', ['to-bag', 'info', 'to-kitti', 'recover'])
+@pytest.mark.parametrize('command', ['to-bag', 'info', 'validate', 'to-kitti', 'recover'])
 def test_a_damaged_archive(tmp_path, capsys, command):
     (tmp_path / 'a.zip').write_bytes(b'PK cut')
-    out = [] if command == 'info' else [tmp_path / 'o']
+    out = [] if command in {'info', 'validate'} else [tmp_path / 'o']
     said = complain([command, tmp_path / 'a.zip', *out], capsys)
     assert said.endswith('is an archive that is damaged or incomplete; download it again')
 
 
-@pytest.mark.parametrize('command', ['to-bag', 'info', 'to-kitti', 'recover'])
+@pytest.mark.parametrize('command', ['to-bag', 'info', 'validate', 'to-kitti', 'recover'])
 def test_any_other_file(tmp_path, capsys, command):
     (tmp_path / 'a.pdf').write_bytes(b'%PDF')
-    out = [] if command == 'info' else [tmp_path / 'o']
+    out = [] if command in {'info', 'validate'} else [tmp_path / 'o']
     said = complain([command, tmp_path / 'a.pdf', *out], capsys)
     assert f'{tmp_path}/a.pdf: is a file' in said
     assert 'expected a' in said

@@ -19,8 +19,10 @@ from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import own_topics
 from kitti_ros2.model.containers import CONTAINERS
+from kitti_ros2.options import dataset_tables
 from kitti_ros2.options import table as declared
 from kitti_ros2.options.messages import Preset
+from kitti_ros2.validation.rule_table import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
 import tables
@@ -73,10 +75,11 @@ def test_a_command_has_each_option_with_its_default(name):
         'play': declared.PLAY,
         'to-kitti': declared.TO_KITTI,
         'view': declared.VIEW,
-        'crop': declared.CROP,
+        'crop': dataset_tables.CROP,
         'info': declared.SOURCE,
+        'validate': dataset_tables.VALIDATE,
         'report': declared.SOURCE,
-        'stats': declared.STATS,
+        'stats': dataset_tables.STATS,
     }.get(name, ())
     for parameter in get_command([name]).commands[name].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]
@@ -134,6 +137,11 @@ def test_containers_are_those_of_the_table():
     assert [row[0] for row in rows_of(tables.containers())[2:]] == [
         f'`{name}`' for name in CONTAINERS
     ]
+
+
+def test_rules_are_those_of_the_table():
+    listed = [row[0] for kind in ('folders', 'bags') for row in rows_of(tables.rules(kind))[2:]]
+    assert listed == [f'`{name}`' for name in rules_by_id(bags=True)]
 
 
 def test_parameters_services_and_policies_are_those_of_the_node():

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast validate reads an object set, against cat of the same files, and whether memory grows.
+
+    python benchmarks/validate.py SRC [--frames N] [--repeat N] [--dir DIR]
+
+SRC is an object set with a split training. Its frames are repeated as hard links, N of them, on the
+disk of SRC by default; all are in the page cache after the first round.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from itertools import cycle
+from pathlib import Path
+from statistics import median
+
+from yardsticks import COMMAND, make_parser, report, seconds, tree_bytes
+
+from kitti_ros2.datasets import validate
+
+FOLDERS = {'image_2': '.png', 'velodyne': '.bin', 'calib': '.txt', 'label_2': '.txt'}
+SHORT = 100
+
+
+def link_frames(source: Path, out: Path, frames: int) -> Path:
+    """Make an object set whose frames are hard links to those of a split."""
+    numbers = sorted(path.stem for path in (source / 'velodyne').glob('*.bin'))
+    for folder, suffix in FOLDERS.items():
+        (out / 'training' / folder).mkdir(parents=True)
+        for number, stem in zip(range(frames), cycle(numbers), strict=False):
+            target = out / 'training' / folder / f'{number:06d}{suffix}'
+            target.hardlink_to(source / folder / f'{stem}{suffix}')
+    return out
+
+
+def cat(folder: Path) -> None:
+    """Read all files of a folder."""
+    command = 'find "$0" -type f -print0 | sort -z | xargs -0 cat > /dev/null'
+    subprocess.run(['sh', '-c', command, str(folder)], check=True)
+
+
+def peak_mb(folder: Path) -> float:
+    """Peak memory of the command."""
+    child = os.posix_spawn(COMMAND[0], [*COMMAND, 'validate', '-q', str(folder)], os.environ)
+    _, status, usage = os.wait4(child, 0)
+    if os.waitstatus_to_exitcode(status):
+        raise SystemExit(f'validate {folder} failed')
+    return usage.ru_maxrss / 1000
+
+
+def run_command(folder: Path) -> None:
+    """Run the command, start included."""
+    subprocess.run([*COMMAND, 'validate', '-q', str(folder)], check=True)
+
+
+def main() -> None:
+    """Measure."""
+    parser = make_parser(__doc__)
+    parser.add_argument('src', type=Path)
+    parser.add_argument('--frames', type=int, default=1000)
+    parser.add_argument('--repeat', type=int, default=5)
+    parser.add_argument('--dir', type=Path, help='where to link; on the disk of SRC')
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=given.dir) as name:
+        folder = Path(name)
+        copy = shutil.copytree(given.src / 'training', folder / 'source')
+        many = link_frames(copy, folder / 'many', given.frames)
+        few = link_frames(copy, folder / 'few', SHORT)
+        size = tree_bytes(many)
+        rounds = [
+            (
+                seconds(lambda: cat(many)),
+                seconds(lambda: validate(many)),
+                seconds(lambda: run_command(many)),
+            )
+            for _ in range(given.repeat)
+        ]
+        read, library, command = (median(times) for times in zip(*rounds, strict=True))
+        report('cat, MB/s', size / read / 1e6, '', f'{given.frames} frames, {size / 1e6:.0f} MB')
+        report('validate, MB/s', size / library / 1e6, '')
+        report('validate / cat', read / library, '>= 0.6')
+        report('the command, start included / cat', read / command, '')
+        peak = peak_mb(few)
+        report(f'peak memory, {SHORT} frames, MB', peak, '')
+        report(f'{given.frames} frames / {SHORT}', peak_mb(many) / peak, '<= 1.1')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command validate."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .declared import JsonOption, QuietOption, chosen, takes
+
+
+@takes('VALIDATE', of='dataset_tables')
+def validate(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar='PATH...', help='KITTI folders, folders of several, or bags'),
+    ],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Check every file of KITTI folders and bags.
+
+    All drives, sequences and splits at PATH are checked. Errors (exit code 1) are wrong or
+    unreadable data, warnings suspicious or missing data. Findings have file, line and remedy.
+
+    Examples:
+      kitti-ros2 validate object
+      kitti-ros2 validate 2011_09_26 drive_0005.mcap --json
+    """
+    from ..validate import run_validate
+
+    return run_validate(paths, chosen(given), json=json, quiet=quiet)

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 validate."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from ..model.text import one_line
+from ..validation.validate import validate
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
+from .memory import keep_freed_memory, keep_imports
+from .progress import step_progress
+from .text import complain, format_bytes, format_count, format_path
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from ..validation.results import RuleFindings, ValidationReport
+
+_SHOWN_PLACES = 3
+_SHOWN_SOURCES = 12
+_SHOWN_ERRORS = 20
+_STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
+
+
+def run_validate(
+    paths: Sequence[Path], given: Mapping[str, Any], *, json: bool, quiet: bool
+) -> int:
+    """Check KITTI folders and bags, and print the findings by rule.
+
+    Args:
+        paths: The folders and bags.
+        given: Options by name.
+        json: Whether to print JSON instead of text.
+        quiet: Print errors only.
+
+    Returns:
+        The exit code: 1 with errors.
+    """
+    keep_imports()
+    keep_freed_memory()
+    started = time.monotonic()
+    with step_progress('', show=not quiet) as progress:
+        report = validate(paths, progress=progress, **given)
+    elapsed = time.monotonic() - started
+    if json:
+        print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
+    elif not quiet:
+        _print_report(report, elapsed)
+    if report.ok:
+        return EXIT_OK
+    if quiet:
+        _complain_of_errors(report)
+    complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
+    return EXIT_LOSSES
+
+
+def _print_report(report: ValidationReport, elapsed: float) -> None:
+    """Print sources, and the findings by rule, for a terminal of 80 columns."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for source in report.sources[:_SHOWN_SOURCES]:
+        noun = 'message' if source.is_bag else 'frame'
+        parts = [format_count(source.count, noun), format_count(source.files, 'file')]
+        line = f'{format_path(source.path)}  {source.kind}: {", ".join(parts)}'
+        console.print(one_line(line), style='bold', markup=False)
+    if len(report.sources) > _SHOWN_SOURCES:
+        console.print(f'... and {len(report.sources) - _SHOWN_SOURCES} more', markup=False)
+    for group in report.rules:
+        console.print()
+        _print_group(console, group)
+    console.print()
+    size = sum(source.size_bytes for source in report.sources)
+    files = sum(source.files for source in report.sources)
+    console.print(
+        f'{_count(report)} in {format_count(files, "file")}, {format_bytes(size)};'
+        f' took {elapsed:.1f} s ({size / elapsed / 1e6:.0f} MB/s)',
+        markup=False,
+    )
+
+
+def _print_group(console: Any, group: RuleFindings) -> None:  # noqa: ANN401 - rich's console
+    head = f'{group.severity} {group.rule} ({group.count:,}): {group.checks}'
+    console.print(one_line(head), style=_STYLES[group.severity], markup=False)
+    for finding in group.findings[:_SHOWN_PLACES]:
+        line = '' if finding.line is None else f':{finding.line}'
+        place = f'{format_path(finding.path)}{line}'
+        console.print('  ' + one_line(f'{place}: {finding.message}'), markup=False)
+    if group.count > _SHOWN_PLACES:
+        console.print(f'  ... and {group.count - _SHOWN_PLACES:,} more', markup=False)
+    console.print(f'  -> {group.remedy}', markup=False)
+
+
+def _complain_of_errors(report: ValidationReport) -> None:
+    errors = [each for each in report.findings if each.severity == 'error']
+    for each in errors[:_SHOWN_ERRORS]:
+        complain(f'{each.severity} {each.rule}: {each.place}: {each.message} ({each.remedy})')
+    if report.errors > _SHOWN_ERRORS:
+        complain(f'... and {report.errors - _SHOWN_ERRORS:,} more; --json lists them')
+
+
+def _count(report: ValidationReport) -> str:
+    counts = (report.errors, 'error'), (report.warnings, 'warning'), (report.notes, 'note')
+    return ', '.join(format_count(count, noun) for count, noun in counts)

@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of a bag in one pass over its messages."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..bags.bag_files import OpenBag
+from ..bags.decoding import Decoder
+from ..bags.message_source import BagMessages
+from ..messages.header import peek_header
+from ..messages.pixels import size_of
+from ..model.containers import CONTAINERS
+from ..model.errors import BadBagError, KittiRos2Error
+from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
+from ..rig.tf_tree import FrameTree, LinkTally
+from .bag_metadata import find_differences
+from .bag_rules import BAG_RULES, BagFacts
+from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage
+from .results import CheckedSource
+from .rule import find_breaches
+from .source_rules import SOURCE_RULES, Unopened
+from .topic_rules import TOPIC_RULES, TopicTrack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+    from ..bags.message_source import BagMessage
+    from ..messages.ros_types import Typestore
+    from ..options.validating import ValidateOptions
+    from .results import FindingTally
+
+
+def check_bag(
+    path: Path,
+    options: ValidateOptions,
+    tally: FindingTally,
+    progress: Callable[[int, int], None],
+) -> CheckedSource:
+    """Check a bag.
+
+    Args:
+        path: A file or folder.
+        options: How much is read.
+        tally: Breaches are entered there.
+        progress: Called with the messages done, and the number expected.
+    """
+    try:
+        with OpenBag(path) as bag:
+            return _BagPass(bag, options, tally).run(progress)
+    except (KittiRos2Error, OSError) as error:
+        tally.add(find_breaches(SOURCE_RULES, Unopened(path, error)))
+        return CheckedSource(path, 'bag', path.name, 0, 0, 0, is_bag=True)
+
+
+class _BagPass:
+    """One pass over an open bag."""
+
+    def __init__(self, bag: OpenBag, options: ValidateOptions, tally: FindingTally) -> None:
+        self._bag = bag
+        self._options = options
+        self._tally = tally
+        self._facts = BagFacts(bag.path)
+        self._tracks: dict[str, TopicTrack] = {}
+        self._links = LinkTally()
+
+    def run(self, progress: Callable[[int, int], None]) -> CheckedSource:
+        """Read the bag, and apply the rules."""
+        located = self._bag.located
+        try:
+            # As stored: of ROS 1 only the messages that are checked are converted.
+            with BagMessages([self._bag], as_stored=True) as messages:
+                if not self._options.quick:
+                    self._read(messages, progress)
+                self._facts.left_out = [loss.message for _, loss in messages.left_out]
+                self._facts.losses = [
+                    each for each in messages.losses if each not in self._facts.left_out
+                ]
+                self._facts.notes = [
+                    each for each in messages.findings if each not in messages.losses
+                ]
+        except BadBagError as error:  # none of its messages can be read
+            self._facts.left_out = [str(error)]
+        index = self._bag.index
+        known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
+        self._facts.notes = [
+            *self._facts.notes,
+            *(each for each in index.findings if each not in known),
+            *find_differences(self._bag.path, index),
+        ]
+        self._facts.messages = index.total
+        static, moving, changing = self._links.sorted()
+        if static or moving:
+            self._facts.tree = FrameTree(static, moving)
+            self._facts.changing = changing
+        for track in self._tracks.values():
+            self._tally.add(find_breaches(TOPIC_RULES, track))
+        self._tally.add(find_breaches(BAG_RULES, self._facts))
+        size = sum(file.stat().st_size for file in located.files)
+        name = self._bag.path.name
+        count = len(located.files)
+        return CheckedSource(
+            self._bag.path, located.container, name, index.total, count, size, is_bag=True
+        )
+
+    def _read(self, messages: BagMessages, progress: Callable[[int, int], None]) -> None:
+        decode = Decoder(messages.typestore)
+        has_qos = CONTAINERS[self._bag.located.storage].in_rosbag2
+        expected = messages.expected
+        for done, message in enumerate(messages, 1):
+            track = self._tracks.get(message.topic)
+            if track is None:
+                latched = message.topic in messages.latched
+                track = TopicTrack(self._bag.path, message.topic, latched, has_qos)
+                self._tracks[message.topic] = track
+            track.log_ns.append(message.stamp_ns)
+            if message.msgtype in CHECKED_TYPES:
+                is_ros1 = messages.sources[message.topic].encoding == 'ros1'
+                self._check(message, decode, messages.typestore if is_ros1 else None)
+            progress(done, expected)
+
+    def _enter_header(self, message: BagMessage) -> None:
+        try:
+            stamp_ns, frame = peek_header(message.data)
+        except ValueError:
+            return  # it cannot be decoded either
+        self._tracks[message.topic].header_ns.append(stamp_ns)
+        self._facts.frames.setdefault(frame.lstrip('/'), message.topic)
+
+    def _check(self, message: BagMessage, decode: Decoder, ros1: Typestore | None) -> None:
+        value, error = None, ''
+        try:
+            if ros1 is not None:
+                message = message._replace(data=ros1.ros1_to_cdr(message.data, message.msgtype))
+            if message.msgtype in HEADED_TYPES:
+                self._enter_header(message)
+            value = decode(message)
+        except Exception as failure:  # noqa: BLE001 - converters may raise anything
+            error = ' '.join(str(failure).split())
+        checked = CheckedMessage(
+            self._bag.path,
+            message.topic,
+            message.msgtype,
+            message.stamp_ns,
+            value,
+            error,
+            self._options.decode,
+        )
+        self._tally.add(find_breaches(MESSAGE_RULES, checked))
+        if value is not None:
+            self._enter(message, value)
+
+    def _enter(self, message: BagMessage, value: Any) -> None:  # noqa: ANN401 - of the bag's types
+        if message.msgtype in TF_TYPES:
+            self._links.add(value, still=message.topic.endswith('tf_static'))
+        elif message.msgtype == CAMERA_INFO:
+            self._facts.cameras[message.topic] = int(value.width), int(value.height)
+        elif message.msgtype in {IMAGE, COMPRESSED} and message.topic not in self._facts.images:
+            size = size_of(value)
+            if size is not None:
+                self._facts.images[message.topic] = size
