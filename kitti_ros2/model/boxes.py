@@ -250,7 +250,8 @@ def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
 
 def inside_cuboid(points: npt.ArrayLike, cuboid: Cuboid) -> npt.NDArray[np.bool_]:
     """Return (N,) whether (N, 3) points in velo_link are in a box, its faces included."""
-    places = cuboid.velo_T_box.inverse().apply(points)
+    with np.errstate(invalid='ignore'):  # points without finite coordinates are outside
+        places = cuboid.velo_T_box.inverse().apply(points)
     inside = np.abs(places) <= np.array(cuboid.size_lwh) / 2
     return np.asarray(inside.all(axis=1))
 

@@ -29,6 +29,7 @@ Span: TypeAlias = tuple[float, float]
 LASERS = 64
 """Of KITTI's scanner, a Velodyne HDL-64E."""
 _FEWER_LASERS = (32, 16)
+_LEAST_VOXEL_M = 0.001
 _FOLDER = re.compile(r'velodyne[\w.-]*', re.ASCII)
 _DATA_SET = 'Data set'
 
@@ -161,8 +162,10 @@ class CropOptions:
                 raise UsageError(f'the {name} {span[0]:g}:{span[1]:g} is empty; expected MIN:MAX')
         if self.lasers not in (None, *_FEWER_LASERS):
             raise UsageError(f'{self.lasers} lasers; expected {_FEWER_LASERS[0]} or 16 of {LASERS}')
-        if self.voxel_m is not None and not (math.isfinite(self.voxel_m) and self.voxel_m > 0):
-            raise UsageError(f'a voxel of {self.voxel_m:g} m; expected a positive size such as 0.1')
+        if self.voxel_m is not None and not _LEAST_VOXEL_M <= self.voxel_m < math.inf:
+            raise UsageError(
+                f'a voxel of {self.voxel_m:g} m; expected at least {_LEAST_VOXEL_M:g}, such as 0.1'
+            )
         if self.folder is not None and not _FOLDER.fullmatch(self.folder):
             raise UsageError(
                 f'the folder {self.folder!r} is no name for scans; expected a name such as'

@@ -475,6 +475,19 @@ def test_labels_without_points_are_dropped(labelled, tmp_path):
     assert 'frames 0-1, 3-4' in note
 
 
+def test_points_without_coordinates_are_in_no_box(labelled, tmp_path):
+    path = labelled / 'training/velodyne/000000.bin'
+    points = points_in(path.read_bytes()).copy()
+    points[:, 0], points[::2, 1] = np.inf, np.nan
+    path.write_bytes(points.tobytes())
+    with warnings.catch_warnings():
+        warnings.simplefilter('error', RuntimeWarning)
+        cut(labelled, tmp_path / 'out', empty_labels='drop')
+    assert (tmp_path / 'out/training/velodyne/000000.bin').samefile(path)
+    made = (tmp_path / 'out/training/label_2/000000.txt').read_text().splitlines()
+    assert [line.split()[0] for line in made] == ['DontCare', 'Van', 'no']
+
+
 def test_labels_without_points_are_dropped_beside_too(labelled, tmp_path):
     options = {'range': ':40', 'empty_labels': 'drop'}
     cut(labelled, tmp_path / 'a', **options)
