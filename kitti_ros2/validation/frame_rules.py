@@ -143,7 +143,7 @@ def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
     for index in np.flatnonzero(np.abs(off) > _ALPHA_RAD).tolist():
         path, (line, box) = known[index]
         angle = f'{expected[index]:.2f}'
-        text = f'{box.kind}: alpha is {box.alpha:g}; location and rotation_y make {angle}'
+        text = f'{box.class_name}: alpha is {box.alpha:g}; location and rotation_y make {angle}'
         yield Breach(text, path, line)
 
 
