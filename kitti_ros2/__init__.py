@@ -39,6 +39,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .model.lazy_names import lazy_names
+
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .api.calibration import *
     from .api.calibration_files import *
@@ -130,27 +132,22 @@ __all__ = [
 ]
 
 
-def _load(name: str) -> object:
-    """Import a public name when it is used first: the command line needs none of them."""
-    from importlib import import_module  # noqa: PLC0415
+_load = lazy_names(__name__, _MODULES)
 
-    if name == '__version__':
-        from importlib import metadata  # noqa: PLC0415
 
-        try:
-            return metadata.version(__name__)
-        except metadata.PackageNotFoundError:
-            return '0+not-installed'
-    if name not in _MODULES:
-        message = f'module {__name__!r} has no attribute {name!r}'
-        raise AttributeError(message)
-    found = getattr(import_module(f'.{_MODULES[name]}', __name__), name)
-    globals()[name] = found
-    return found
+def _load_or_version(name: str) -> object:
+    if name != '__version__':
+        return _load(name)
+    from importlib import metadata  # noqa: PLC0415 - 22 ms
+
+    try:
+        return metadata.version(__name__)
+    except metadata.PackageNotFoundError:
+        return '0+not-installed'
 
 
 if not TYPE_CHECKING:  # a type checker would accept any name
-    __getattr__ = _load
+    __getattr__ = _load_or_version
 
 
 def __dir__() -> list[str]:

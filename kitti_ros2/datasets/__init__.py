@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from ..fetch.download import download
-    from ..fetch.extract import extract
-    from ..validation.results import ValidationFinding, ValidationReport
-    from ..validation.validate import validate
-    from .cropping import crop
-    from .set_statistics import SetStatistics, statistics
-    from .splitting import SplitReport, split
+from ..model.lazy_names import lazy_names
+
+if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
+    from ..fetch.download import *
+    from ..fetch.extract import *
+    from ..validation.results import *
+    from ..validation.validate import *
+    from .cropping import *
+    from .set_statistics import *
+    from .splitting import *
 
 _MODULES: dict[str, str] = {
     'SetStatistics': 'datasets.set_statistics',
@@ -45,15 +47,8 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    from importlib import import_module  # noqa: PLC0415
-
-    if name not in _MODULES:
-        message = f'module {__name__!r} has no attribute {name!r}'
-        raise AttributeError(message)
-    found = getattr(import_module(f'..{_MODULES[name]}', __name__), name)
-    globals()[name] = found
-    return found
+if not TYPE_CHECKING:  # a type checker would accept any name
+    __getattr__ = lazy_names(__name__, _MODULES)
 
 
 def __dir__() -> list[str]:

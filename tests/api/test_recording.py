@@ -13,6 +13,7 @@ import subprocess
 import sys
 import warnings
 import weakref
+from importlib.util import resolve_name
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,7 @@ import pytest
 from folder_and_bag import BAGS, make_bag, make_holes
 
 import kitti_ros2
+from kitti_ros2 import datasets
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -251,23 +253,33 @@ def test_importing_is_lazy():
     modules = done.stdout.split()
     assert 'kitti_ros2' in modules
     assert not {'numpy', 'cv2', 'rosbags', 'yaml', 'typer'} & set(modules)
-    assert [name for name in modules if name.startswith('kitti_ros2.')] == []
+    ours = [name for name in modules if name.startswith('kitti_ros2.')]
+    assert ours == ['kitti_ros2.model', 'kitti_ros2.model.lazy_names']
 
 
-def test_public_names_are_the_same_for_python_and_for_type_checkers():
-    tree = ast.parse(Path(kitti_ros2.__file__).read_text(encoding='utf-8'))
+packages = pytest.mark.parametrize(
+    'package', [kitti_ros2, datasets], ids=lambda each: each.__name__
+)
+
+
+@packages
+def test_public_names_are_the_same_for_python_and_for_type_checkers(package):
+    tree = ast.parse(Path(package.__file__).read_text(encoding='utf-8'))
     starred = [
-        node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level
+        resolve_name('.' * node.level + node.module, package.__name__).removeprefix('kitti_ros2.')
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.names[0].name == '*'
     ]
-    assert kitti_ros2.__all__ == list(kitti_ros2._MODULES)
-    assert starred == sorted(set(kitti_ros2._MODULES.values()))
-    for name, module in kitti_ros2._MODULES.items():
-        assert getattr(kitti_ros2, name).__module__ == f'kitti_ros2.{module}'
+    assert package.__all__ == list(package._MODULES)
+    assert sorted(starred) == sorted(set(package._MODULES.values()))
+    for name, module in package._MODULES.items():
+        assert getattr(package, name).__module__ == f'kitti_ros2.{module}'
 
 
-def test_every_public_name_is_there_and_documented():
-    for name in kitti_ros2.__all__:
-        assert getattr(kitti_ros2, name).__doc__, name
-    assert set(kitti_ros2.__all__) <= set(dir(kitti_ros2))
+@packages
+def test_every_public_name_is_there_and_documented(package):
+    for name in package.__all__:
+        assert getattr(package, name).__doc__, name
+    assert set(package.__all__) <= set(dir(package))
     with pytest.raises(AttributeError, match='nothing'):
-        kitti_ros2.nothing  # noqa: B018
+        package.nothing  # noqa: B018
