@@ -12,7 +12,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from ..kitti import names
-from ..model.boxes import cuboid_of, has_cuboid, inside_cuboid, is_absurd
+from ..model.boxes import count_points, cuboid_of, has_cuboid, is_absurd
 from ..model.labels import rect_from_velo
 
 if TYPE_CHECKING:
@@ -35,11 +35,8 @@ def empty_rows(labels: FrameLabels, calibration: Calibration, points: Float32Arr
     if not solid:
         return []
     rect_t_velo = rect_from_velo(calibration)
-    return [
-        row
-        for row, box in solid
-        if not inside_cuboid(points[:, :3], cuboid_of(box, '', rect_t_velo)).any()
-    ]
+    counts = count_points([cuboid_of(box, '', rect_t_velo) for _, box in solid], points)
+    return [row for (row, _), count in zip(solid, counts, strict=True) if not count]
 
 
 def without_rows(text: str, rows: Collection[int]) -> str:

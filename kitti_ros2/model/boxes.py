@@ -248,14 +248,6 @@ def cuboid_of(box: Box, identity: str, rect_T_velo: Transform) -> Cuboid:
     )
 
 
-def inside_cuboid(points: npt.ArrayLike, cuboid: Cuboid) -> npt.NDArray[np.bool_]:
-    """Return (N,) whether (N, 3) points in velo_link are in a box, its faces included."""
-    with np.errstate(invalid='ignore'):  # points without finite coordinates are outside
-        places = cuboid.velo_T_box.inverse().apply(points)
-    inside = np.abs(places) <= np.array(cuboid.size_lwh) / 2
-    return np.asarray(inside.all(axis=1))
-
-
 def box_of(
     cuboid: Cuboid, rect_T_velo: Transform
 ) -> tuple[Float64Array, tuple[float, float, float], float]:

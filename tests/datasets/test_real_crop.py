@@ -12,7 +12,7 @@ from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.datasets import crop
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.scan import rings
-from kitti_ros2.model.boxes import inside_cuboid
+from kitti_ros2.model.boxes import count_points
 from kitti_ros2.model.labels import cuboids_of
 from kitti_ros2.model.streams import Stream
 
@@ -83,9 +83,8 @@ def test_points_in_labelled_boxes(real_kitti):
         points = recording.read(Stream.SCAN, number).points[:, :3]
         labels = recording.read(Stream.LABELS, number)
         cuboids = cuboids_of(labels, recording.calibration(number))
-        found.append(
-            [(each.class_name, int(inside_cuboid(points, each).sum())) for each in cuboids]
-        )
+        classes = [each.class_name for each in cuboids]
+        found.append([*zip(classes, count_points(cuboids, points), strict=True)])
     assert found == [
         [('Pedestrian', 376)],
         [('Truck', 70), ('Car', 9), ('Cyclist', 18)],
