@@ -430,7 +430,7 @@ def test_a_right_camera_without_a_left_one_is_taken_as_it_is():
     true = project(right_model('right').p, LEFT_T_LIDAR.apply(POINTS))
     np.testing.assert_allclose(pixels_of(made, 3), true, rtol=1e-9)
     (note,) = notes
-    assert 'camera 3: P has a baseline of 0.120 m, taken from right' in note
+    assert 'camera 3: P has a baseline of 0.120 m, taken as from right' in note
 
 
 def side_by_side(metres):
