@@ -7,7 +7,7 @@ raw 2011_09_26_drive_0005             a drive, with the calibration of its day
 raw 2011_09_26_drive_0001..0017       the drives of a day between two numbers, both included
 raw 2011_09_26                        all drives of a day
 raw 2011_09_26_calib                  a calibration alone
-data_object_calib.zip                 the name of an archive
+data_object_calib.zip                 an archive by its name, alone
 """
 
 from __future__ import annotations
