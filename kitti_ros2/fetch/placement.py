@@ -62,7 +62,7 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
     if not known:
         what = f'contains no folder of KITTI in {format_count(len(found), "file")}'
         raise BadArchiveError(path, what, 'extract it with another program')
-    wanted = places(found, path.name)
+    wanted = places_in(root, places(found, path.name))
     if is_part_of_set(Path(os.path.realpath(root)).name) and any(
         _is_whole(place) for place in wanted
     ):
@@ -70,7 +70,7 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
             f'{root}: is a part of a data set, and {path} contains whole data sets;'
             f' give the folder above it'
         )
-    placed = list(zip(chosen, places_in(root, wanted), strict=True))
+    placed = list(zip(chosen, wanted, strict=True))
     _check_collisions(path, placed)
     skipped = len(files) - len(chosen)
     note = f'{path}: {format_count(skipped, "file")} of desktop programs left out, as .DS_Store'

@@ -7,7 +7,7 @@ raw 2011_09_26_drive_0005             a drive, with the calibration of its day
 raw 2011_09_26_drive_0001..0017       the drives of a day between two numbers, both included
 raw 2011_09_26                        all drives of a day
 raw 2011_09_26_calib                  a calibration alone
-data_object_calib.zip                 the name of an archive
+data_object_calib.zip                 an archive by its name, alone
 """
 
 from __future__ import annotations
@@ -153,6 +153,9 @@ def _select_raw(word: str, raw: RawKinds) -> list[CatalogueEntry]:
     dates = {each.date for each in drives.values()}
     drive, span, calib = _DRIVE.fullmatch(word), _RANGE.fullmatch(word), _CALIB.fullmatch(word)
     if drive is not None and drive[1] in drives:
+        if word.endswith('.zip') and drive[2]:
+            size = drives[drive[1]].sync_bytes if drive[2] == 'sync' else None
+            return [raw_entry(drive[1], drive[2], size)]
         return RawKinds(raw.kinds).entries([drives[drive[1]]], drive[2] or '')
     if span is not None:
         first, last = int(span[2]), int(span[3])

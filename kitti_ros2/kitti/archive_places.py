@@ -85,8 +85,10 @@ def places_in(root: Path, wanted: Sequence[str]) -> list[str]:
 
 
 def is_part_of_set(folder: str) -> bool:
-    """Whether a folder is named like a part of a data set: a split, a drive, sequences."""
-    return folder in _PARTS_OF_SETS or bool(names.RAW_DRIVE.fullmatch(folder))
+    """Whether a folder is named like a part of a data set: a split, a date, a drive, sequences."""
+    return folder in _PARTS_OF_SETS or bool(
+        names.RAW_DRIVE.fullmatch(folder) or names.RAW_DATE.fullmatch(folder)
+    )
 
 
 def is_top(folder: str) -> bool:

@@ -21,7 +21,7 @@ OBJECT_CALIB = 'data_object_calib.zip'
 TRACKING_CALIB = 'data_tracking_calib.zip'
 ODOMETRY_CALIB = 'data_odometry_calib.zip'
 
-_FIRST_ENTRIES = 100
+_FIRST_ENTRIES = 20
 """Of a tar: further ones would have to be decompressed."""
 
 

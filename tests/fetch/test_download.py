@@ -328,7 +328,7 @@ def test_selections():
     assert names_of(DRIVE) == [calib, sync, tracklets]
     assert names_of(f'raw {DRIVE}', kinds=('extract',)) == [calib, f'{DRIVE}_extract.zip']
     assert names_of(f'raw {DRIVE}_extract') == [calib, f'{DRIVE}_extract.zip']
-    assert names_of(f'{sync} {sync}') == [calib, sync]
+    assert names_of(f'{sync} {sync}') == [sync]
     assert names_of('raw 2011_09_28_drive_0016') == [
         '2011_09_28_calib.zip', '2011_09_28_drive_0016_sync.zip'
     ]  # fmt: skip

@@ -203,6 +203,12 @@ def test_archives(tmp_path, capsys, kind):
     assert reason in refused(make(tmp_path), tmp_path / 'out', capsys)
 
 
+def test_the_number_of_entries_is_limited(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(members, '_MOST_MEMBERS', 3)
+    path = pack(tmp_path / 'a.zip', {f'training/calib/{n}.txt': b'' for n in range(4)})
+    assert 'has over 3 entries' in refused(path, tmp_path / 'out', capsys)
+
+
 def test_limits_can_be_raised(tmp_path, capsys):
     path = pack(tmp_path / 'a.zip', {SCAN: bytes(2_000_000)})
     assert '--max-ratio' in refused(path, tmp_path / 'out', capsys)
