@@ -162,7 +162,10 @@ _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in {'layout', 'sequence'})
 """Options of every command that reads a KITTI folder."""
-STATS = (*options_of(StatisticsOptions), *SOURCE)
+STATS = (
+    *options_of(StatisticsOptions),
+    *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
+)
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),

@@ -34,7 +34,6 @@ TEXTS = ('text', 'bibtex')
 NOT_RUN = {
     'README.md': 7,
     'docs/comparison.md': 1,
-    'docs/howto/describe.md': 1,
     'docs/howto/look.md': 3,
     'docs/howto/play.md': 7,
     'docs/howto/ros.md': 3,
