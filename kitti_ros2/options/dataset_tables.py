@@ -26,12 +26,12 @@ DOWNLOAD = (
     *options_of(DownloadOptions),
     *(each for each in EXTRACT if each.name != 'remove_archives'),
 )
-VALIDATE = (*SOURCE, *options_of(ValidateOptions))
-STATS = (*options_of(StatisticsOptions), *SOURCE)
-CROP = (
-    *options_of(CropOptions),
-    *(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE),
+_SOURCES = tuple(
+    replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE
 )
+VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
+STATS = (*options_of(StatisticsOptions), *_SOURCES)
+CROP = (*options_of(CropOptions), *_SOURCES)
 SPLIT = (
     *options_of(SplitOptions),
     *(each for each in SOURCE if each.name == 'layout'),

@@ -304,6 +304,16 @@ def test_bad_labels_are_named_and_the_rest_is_counted(tmp_path):
         assert f'00000{place}: ' in text
 
 
+def test_labels_lost_with_the_end_of_a_bag_are_no_frames_without_objects(recordings, tmp_path):
+    bag = make_bag(recordings[Layout.TRACKING], tmp_path)
+    data = bag.read_bytes()
+    bag.write_bytes(data[: len(data) * 3 // 5])
+    with pytest.warns(KittiRos2Warning, match='cut off'):
+        total = datasets.statistics(bag).total
+    assert 0 < total.labelled < 5
+    assert total.objects_a_frame.counts[0] == 0
+
+
 def test_a_box_of_invalid_size_is_counted_without_size(tmp_path):
     flat = CAR.replace('1.5 1.6 4.0', '1.5 0.0 4.0')
     with pytest.warns(KittiRos2Warning, match='positive sizes'):

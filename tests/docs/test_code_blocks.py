@@ -35,7 +35,6 @@ TEXTS = ('text', 'bibtex')
 NOT_RUN = {
     'README.md': 7,
     'docs/comparison.md': 1,
-    'docs/howto/describe.md': 1,
     'docs/howto/get.md': 1,
     'docs/howto/look.md': 3,
     'docs/howto/play.md': 7,
