@@ -125,7 +125,11 @@ class AmbiguousSequenceError(KittiRos2Error):
 
 
 class BadFileError(KittiRos2Error):
-    """Invalid content of a file."""
+    """Invalid content of a file.
+
+    Attributes:
+        remedy: What to do, the end of the message; empty if unknown.
+    """
 
     def __init__(
         self,
@@ -138,6 +142,7 @@ class BadFileError(KittiRos2Error):
     ) -> None:
         self.path = str(path)
         self.line = line
+        self.remedy = remedy
         where = f'{path}:{line}' if line is not None else f'{path}'
         super().__init__(
             f'{where}: {found}; expected {expected}' + (f' ({remedy})' if remedy else '')

@@ -10,7 +10,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import BadFileError, KittiRos2Error, describe_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -96,7 +96,10 @@ def breach_of(error: Exception, path: Path) -> Breach:
     line = error.line if isinstance(error, KittiRos2Error) else None
     found = error.path if isinstance(error, KittiRos2Error) else None
     place = Path(found) if found else path
-    return Breach(_without_place(describe_error(error), str(place), line), place, line)
+    text = _without_place(describe_error(error), str(place), line)
+    if isinstance(error, BadFileError):
+        text = text.removesuffix(f' ({error.remedy})')  # rules have their own
+    return Breach(text, place, line)
 
 
 def breach_in(text: str, path: Path) -> Breach:
