@@ -52,8 +52,9 @@ def run_split(src: Path, given: Mapping[str, object], *, json: bool, quiet: bool
 def _print(report: SplitReport) -> None:
     for each in report.lists:
         entries = format_count(len(each.entries), report.noun)
-        frames = '' if report.noun == 'frame' else f', {format_count(each.frames, "frame")}'
-        drives = f', {format_count(each.drives, "drive")}' if each.drives else ''
+        of_frames = report.noun == 'frame'
+        frames = '' if of_frames else f', {format_count(each.frames, "frame")}'
+        drives = f', {format_count(each.drives, "drive")}' if of_frames and each.drives else ''
         share = '' if each.share is None else f' ({100 * each.share:.1f} %)'
         say(f'{format_path(each.path)}: {entries}{frames}{share}{drives}')
     for note in report.notes:

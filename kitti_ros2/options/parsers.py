@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import re
 from enum import Enum
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -20,6 +19,7 @@ from ..model.stamps import parse_seconds, parse_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from fractions import Fraction
 
 E = TypeVar('E', bound=Enum)
 
@@ -58,6 +58,8 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
 
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
+    from fractions import Fraction  # noqa: PLC0415 - for one command
+
     if value == ():
         return ()
     items = value if isinstance(value, (list, tuple)) else [value]

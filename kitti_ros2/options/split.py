@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
@@ -21,11 +20,12 @@ from .parsers import (
 )
 
 if TYPE_CHECKING:
+    from fractions import Fraction
     from pathlib import Path
 
 _NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_.-]*', re.ASCII)
 _NAMES = ('train', 'val')
-_ONE = Fraction(1, 1_000_000_000)
+_ROUNDING = 1e-9
 """How far the sum of the shares may be from 1."""
 
 
@@ -103,7 +103,7 @@ class SplitOptions:
                 f'{len(self.ratio)} shares for the lists {" ".join(self.list_names)};'
                 f' give a share and a name to each, with --ratio and --names'
             )
-        if self.ratio and abs(sum(self.ratio, Fraction(-1))) > _ONE:
+        if self.ratio and abs(float(sum(self.ratio)) - 1) > _ROUNDING:
             shares = ' '.join(f'{float(share):g}' for share in self.ratio)
             raise UsageError(f'the shares {shares} add up to {float(sum(self.ratio)):g}, not to 1')
 
@@ -129,5 +129,7 @@ class SplitOptions:
     @property
     def shares(self) -> tuple[Fraction, ...]:
         """The share of each new list."""
+        from fractions import Fraction  # noqa: PLC0415 - for one command
+
         count = len(self.list_names)
         return self.ratio or (Fraction(1, count),) * count
