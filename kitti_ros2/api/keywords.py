@@ -27,6 +27,8 @@ class ReadKeywords(TypedDict, total=False):
     semantic: bool
     period: float
     scan_stamp: str
+    deskew: bool
+    undo_deskew: bool
 
 
 class ToBagKeywords(ReadKeywords, total=False):

@@ -23,6 +23,7 @@ from ..options.read import ReadOptions
 from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
+from .motion import prepare_motion
 from .nearby import explain
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         AmbiguousSequenceError: It contains several recordings and the options choose none.
         UsageError: The chosen recording does not exist, or the options request labels of points
             and the layout has none.
+        MissingDataError: The options request compensation of motion, and the motion is not known.
     """
     options = options or ReadOptions()
     folder = absolute(path)
@@ -78,6 +80,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         raise _not_of_layout(path, layout)
     chosen = _choose(path, layout, candidates, options.sequence)
     recording = chosen.open(options)
+    prepare_motion(recording)
     if not recording.streams:
         reasons = [loss.message for loss in recording.losses]
         found = '; '.join([f'no data file of {chosen.name} can be used', *reasons[:1]])

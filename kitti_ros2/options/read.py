@@ -45,9 +45,13 @@ class ReadOptions:
             of the scanner whose start and end are not known; 1 ms to 60 s.
         scan_stamp: Moment of a scan that its stamp marks. Scans that KITTI has compensated for
             motion (odometry) keep their stamps.
+        deskew: Whether scans are compensated for motion, to the moment of facing forward. Those of
+            odometry already are.
+        undo_deskew: Whether scans that KITTI has compensated (odometry) are read as measured.
 
     Raises:
-        UsageError: The epoch is not after 1970, or the period is out of range.
+        UsageError: The epoch is not after 1970, the period is out of range, or options exclude each
+            other.
     """
 
     group: ClassVar = 'Source'
@@ -88,11 +92,26 @@ class ReadOptions:
         ScanStamp,
         unset='start with ring time, else forward',
     )
+    deskew: bool = option(
+        False,
+        'Compensate scans for motion: all points at the moment of facing forward',
+        parse_flag,
+    )
+    undo_deskew: bool = option(
+        False, "Undo KITTI's compensation of odometry scans: points as measured", parse_flag
+    )
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:
             raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
         check_bounds(self, 'period')
+        if self.deskew and self.undo_deskew:
+            raise UsageError('deskew and undo_deskew exclude each other')
+        if self.deskew and self.scan_stamp is ScanStamp.START:
+            raise UsageError(
+                'deskew moves points to the moment of facing forward, which is the stamp then;'
+                ' scan_stamp start does not go with it'
+            )
 
 
 def is_period(period_ns: int) -> bool:

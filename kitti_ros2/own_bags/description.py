@@ -17,6 +17,7 @@ from ..messages.source import RECORDING
 from ..messages.topics import decoders
 from ..model.errors import BadBagError
 from ..model.layouts import Layout
+from ..model.motion import Deskew
 from ..model.streams import Stream
 from ..options.read import ScanStamp, is_period
 from .folders import Folder, inside
@@ -57,7 +58,7 @@ class RecordingDescription:
     """A validated description.
 
     Attributes:
-        layout, name, epoch_ns, period_ns, scan_stamp: As Blueprint has them.
+        layout, name, epoch_ns, period_ns, scan_stamp, deskew: As Blueprint has them.
         folders: By stream.
         texts: The text files in the bag, calibration apart; None if the description does not list
             them.
@@ -72,6 +73,7 @@ class RecordingDescription:
     folders: Mapping[Stream, Folder]
     texts: tuple[PurePosixPath, ...] | None
     calibrations: tuple[PurePosixPath, ...]
+    deskew: Deskew | None
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
@@ -102,6 +104,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             folders=folders,
             texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
             calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
+            deskew=Deskew(values['deskew']) if 'deskew' in values else None,
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'
