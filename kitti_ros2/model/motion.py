@@ -191,8 +191,10 @@ def turned(points: Float32Array) -> Float64Array:
     Args:
         points: (N, 4), measured in velo_link at different moments (not compensated for motion).
     """
-    azimuth = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]), nan=0.0).astype(np.float64)
-    parts: Float64Array = np.clip(0.5 - azimuth / (2 * np.pi), 0.0, 1.0)
+    azimuth = np.arctan2(points[:, 1], points[:, 0]).astype(np.float64)
+    azimuth[np.isnan(azimuth)] = 0.0
+    azimuth /= 2 * np.pi
+    parts: Float64Array = np.clip(0.5 - azimuth, 0.0, 1.0)
     return parts
 
 
