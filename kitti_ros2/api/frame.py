@@ -78,6 +78,32 @@ class Frame:
         points = self._scan.points
         return points if points.flags.writeable else points.copy()
 
+    def points_at(self, stamp_ns: int) -> Float32Array:
+        """Return the points as they would have been measured at one moment: motion compensation.
+
+        Each point is moved by the motion of the car between its own time, which follows from its
+        azimuth, and the moment. Surroundings are taken as static.
+
+        Args:
+            stamp_ns: Nanoseconds since 1970 UTC, such as `stamp_ns` of the frame, at which the
+                scanner faces forward, or the stamp of an image.
+
+        Returns:
+            (N, 4) float32, x y z in velo_link at that moment and reflectance, in the order of
+            `points`.
+
+        Raises:
+            MissingDataError: The frame has no scan; or there are no oxts packets or poses near, as
+                in the object layout; or the source is a bag not written by to-bag.
+
+        Examples:
+            >>> points = frame.points_at(frame.stamp_ns)
+        """
+        scan = self.source.frames.scan_at(self.number, stamp_ns)
+        if scan is None:
+            raise self._no('scan', Stream.SCAN.value)
+        return scan.points
+
     @cached_property
     def point_labels(self) -> npt.NDArray[np.uint32]:
         """SemanticKITTI's label of each point, (N,) uint32: low 16 bits class, high 16 instance.

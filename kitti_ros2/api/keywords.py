@@ -30,6 +30,8 @@ class ReadKeywords(TypedDict, total=False):
     real_time: bool
     mapping: str | os.PathLike[str] | None
     raw: str | os.PathLike[str] | None
+    deskew: bool
+    undo_deskew: bool
 
 
 class ToBagKeywords(ReadKeywords, total=False):

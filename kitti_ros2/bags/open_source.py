@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..model.errors import NotABagError
+from ..model.errors import NotABagError, UsageError
 from .bag_files import OpenBag
 from .locate import looks_like_bag
 from .open_folder import open_folder
@@ -31,6 +31,11 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
     """
     if options.layout is not None or not looks_like_bag(path):
         return open_folder(path, options)
+    if options.deskew or options.undo_deskew:
+        raise UsageError(
+            f'{path}: deskew and undo_deskew are for KITTI folders, and this is a bag; to-bag takes'
+            f' them when it makes the bag'
+        )
     try:
         return OpenBag(path)
     except NotABagError:

@@ -26,8 +26,8 @@ def turn_notes(scans: Mapping[int, int], turns: Mapping[int, Turn], *, timed: bo
     notes = []
     if timed and not scans.keys() <= turns.keys():
         notes.append(
-            'points have ring but no time: KITTI has compensated these scans for motion,'
-            ' so all points of a scan are of one moment'
+            'points have ring but no time: the scans are compensated for motion, so all points of a'
+            ' scan are of one moment'
         )
     found = {
         number: turns[number]

@@ -23,6 +23,7 @@ from ..options.read import ReadOptions
 from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
+from .motion import prepare_motion
 
 if TYPE_CHECKING:
     from ..model.layouts import Layout
@@ -66,6 +67,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         AmbiguousSequenceError: It contains several recordings and the options choose none.
         UsageError: The chosen recording does not exist, or the options request labels of points
             or real time and the layout has none.
+        MissingDataError: The options request compensation of motion, and the motion is not known.
     """
     options = options or ReadOptions()
     layout, candidates = _candidates(path, options)
@@ -99,7 +101,7 @@ def open_recordings(path: Path, options: ReadOptions | None = None) -> list[Kitt
     if options.sequence is not None:
         return [open_recording(path, options)]
     layout, candidates = _candidates(path, options)
-    opened = [candidate.open(options) for candidate in candidates]
+    opened = [_open(candidate, options) for candidate in candidates]
     if not any(recording.streams for recording in opened):
         raise _no_data(path, layout, opened[0])
     return opened
@@ -113,9 +115,15 @@ def open_candidate(
     Raises:
         NotKittiError: Not one of its files can be used.
     """
-    recording = candidate.open(options)
+    recording = _open(candidate, options)
     if not recording.streams:
         raise _no_data(path, layout, recording)
+    return recording
+
+
+def _open(candidate: Candidate, options: ReadOptions) -> KittiRecording:
+    recording = candidate.open(options)
+    prepare_motion(recording)
     return recording
 
 

@@ -69,7 +69,9 @@ class OdometryRecording(KittiRecording):
         if self._times is None:
             self._find_gaps([*folders, Stream.POSE])
             self.notes.append(f'{self._times_path}: absent; {self._nominal_time}')
-        if Stream.SCAN in self.streams and options.scan_stamp is ScanStamp.START:
+        if options.undo_deskew:
+            self._add_turns()
+        elif Stream.SCAN in self.streams and options.scan_stamp is ScanStamp.START:
             self.notes.append(
                 'scans are compensated for motion by KITTI: they have no start of a turn,'
                 ' and keep the stamps of their frames'

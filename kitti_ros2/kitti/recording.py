@@ -36,7 +36,7 @@ from .scan_file import parse_scan
 from .store import STORE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from ..model.geometry import Float64Array, Transform
@@ -58,8 +58,13 @@ class KittiRecording(RecordingIndex):
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         super().__init__(root, options)
         self.name = name
-        self._packet_cached = lru_cache(maxsize=4)(self._packet)
+        self._packet_cached = lru_cache(maxsize=64)(self._packet)
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
+
+    @property
+    def period_ns(self) -> int:
+        """Time between frames without stamps, and length of a turn that is not known."""
+        return self.options.period_ns
 
     @property
     def cameras(self) -> dict[int, str]:
@@ -101,6 +106,8 @@ class KittiRecording(RecordingIndex):
             'scan_stamp': self.options.scan_stamp.value,
             'files': folders,
         }
+        if self.deskew is not None:
+            values['deskew'] = self.deskew.value
         files: list[TextFile] = []
         missing: dict[str, str] = {}
         for path in self.text_paths():
@@ -141,22 +148,27 @@ class KittiRecording(RecordingIndex):
         index = self.streams.get(Stream.POSE)
         if index is not None:
             stamp_of = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
-            for number in numbers:
-                try:
-                    pose = self._pose(number)
-                except (KittiRos2Error, OSError) as error:
-                    self._lose_late(Stream.PATH, describe_error(error))
-                    continue
+            for number, pose in self.readable_poses(numbers, Stream.PATH):
                 stamps.append(stamp_of[number])
                 poses.append(pose.world_T_imu)
         return Trajectory(np.array(stamps, dtype=np.int64), poses)
+
+    def readable_poses(
+        self, numbers: Iterable[int], needed_for: Stream
+    ) -> Iterator[tuple[int, Pose]]:
+        """Yield the poses of these numbers; unreadable ones become losses of a stream."""
+        for number in numbers:
+            try:
+                yield number, self._pose(number)
+            except (KittiRos2Error, OSError) as error:
+                self._lose_late(needed_for, describe_error(error))
 
     def read(self, stream: Stream, number: int) -> Sample:
         """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
             return self._image(stream, number)
         if stream is Stream.SCAN:
-            return self._scan(number)
+            return self.adjust_scan(number, self._scan(number))
         readers: dict[Stream, Callable[[int], Sample]] = {
             Stream.OXTS: self._packet_cached,
             Stream.POSE: self._pose,

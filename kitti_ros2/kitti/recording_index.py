@@ -16,11 +16,12 @@ from ..model.text import some_of
 from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from ..model.motion import Deskew
     from ..model.recording import FrameOrigin
-    from ..model.samples import Int64Array, Turn
+    from ..model.samples import Int64Array, Scan, Turn
     from ..options.read import ReadOptions
     from .store import Listing
     from .text_file import Lines
@@ -37,6 +38,8 @@ class RecordingIndex:
         self.notes: list[str] = []
         self.turns: dict[int, Turn] = {}
         self.origins: Mapping[int, FrameOrigin] = {}
+        self.deskew: Deskew | None = None
+        self.adjust_scan: Callable[[int, Scan], Scan] = lambda _, scan: scan
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
 
@@ -135,6 +138,13 @@ class RecordingIndex:
         stamps = scan_stamps(forward, self.turns, self.options.scan_stamp)
         stamps_ns = np.array([stamps[number] for number in numbers], dtype=np.int64)
         self.streams[Stream.SCAN] = StreamIndex(index.numbers, stamps_ns)
+
+    def leave_out(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
+        """Remove frames of a stream and report them; {} in the reason stands for their numbers."""
+        index = self.streams[stream]
+        kept = ~np.isin(index.numbers, numbers)
+        self.streams[stream] = StreamIndex(index.numbers[kept], index.stamps_ns[kept])
+        self._lose(stream, numbers, reason)
 
     def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
         """Report missing frames of a stream; {} in the reason stands for their numbers."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..drawing.semantic import OTHER_COLOR, SEMANTIC_COLORS
+from ..model.motion import turned
 from ..model.samples import Scan
 from ..model.stamps import NS_PER_S
 from .clouds import FILE_INDEX, file_order, read_field, read_points
@@ -157,19 +158,15 @@ def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
 def times(points: Float32Array, turn: Turn, stamp_ns: int) -> Float32Array:
     """Return seconds of each point from a stamp, (N,) float32: stamp plus time is the measurement.
 
-    The scanner turns clockwise seen from above, from straight behind (azimuth pi) over the left,
-    front and right to straight behind (-pi): time decreases with azimuth. Points without an azimuth
-    (NaN) have the time of straight ahead. Sources: see kitti/turns.py; KISS-ICP's
-    kitti_raw loader and CT-ICP's reader do the same.
+    See model/motion.py for the direction in which the scanner turns.
 
     Args:
         points: (N, 4), measured in velo_link at different moments (not compensated for motion).
         turn: Start and end of the scanner's turn.
         stamp_ns: The cloud's stamp; with the start of the turn, times are 0 to its length.
     """
-    azimuth = np.nan_to_num(np.arctan2(points[:, 1], points[:, 0]), nan=0.0).astype(np.float64)
-    turned = np.clip(0.5 - azimuth / (2 * np.pi), 0.0, 1.0)
-    return ((turned * turn.length_ns + (turn.start_ns - stamp_ns)) / NS_PER_S).astype(np.float32)
+    since_ns = turned(points) * turn.length_ns + (turn.start_ns - stamp_ns)
+    return (since_ns / NS_PER_S).astype(np.float32)
 
 
 def packed_colors(classes: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:

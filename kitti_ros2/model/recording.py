@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from .geometry import Float64Array, Transform
     from .layouts import Layout
     from .losses import Loss
-    from .samples import Calibration, Description, Int64Array, Sample, Trajectory, Turn
+    from .motion import Deskew
+    from .samples import Calibration, Description, Int64Array, Pose, Sample, Trajectory, Turn
     from .streams import Clock, Stream
 
 
@@ -59,26 +60,60 @@ class FrameOrigin:
     stamp_ns: int
 
 
-class ReadableRecording(Protocol):
-    """A KITTI recording open for reading: an index in memory, samples read one by one on demand.
+class MovingRecording(Protocol):
+    """The part of a recording that the motion of its scans is made of.
 
     Attributes:
         layout: Its layout.
         name: The drive, sequence or split.
+        deskew: What was done to its scans; None: they are those of the files.
+    """
+
+    layout: Layout
+    name: str
+    deskew: Deskew | None
+
+    @property
+    def streams(self) -> Mapping[Stream, StreamIndex]:
+        """Index by stream; a stream without samples is absent."""
+        ...
+
+    @property
+    def period_ns(self) -> int:
+        """Time between frames without stamps, and length of a turn that is not known."""
+        ...
+
+    def read(self, stream: Stream, number: int) -> Sample:
+        """Read the sample of a stream with a file number.
+
+        Raises:
+            BadFileError: The file is truncated, invalid, or contradicts the others.
+            OSError: The file cannot be read.
+        """
+        ...
+
+    def calibration(self, number: int) -> Calibration:
+        """Return the calibration of a frame; absent parts are listed in its missing."""
+        ...
+
+    def readable_poses(
+        self, numbers: Iterable[int], needed_for: Stream
+    ) -> Iterator[tuple[int, Pose]]:
+        """Yield the poses of these numbers; unreadable ones become losses of a stream."""
+        ...
+
+
+class ReadableRecording(MovingRecording, Protocol):
+    """A KITTI recording open for reading: an index in memory, samples read one by one on demand.
+
+    Attributes:
         root: The folder that the names of its text files are relative to.
         image_topic: image_rect, or image_raw for images that are not rectified.
         common_numbers: Whether the same number is the same moment in all streams.
         clock: The meaning of its stamps.
     """
 
-    layout: Layout
-    name: str
     root: Path
-
-    @property
-    def streams(self) -> Mapping[Stream, StreamIndex]:
-        """Index by stream; a stream without samples is absent."""
-        ...
 
     @property
     def cameras(self) -> Mapping[int, str]:
@@ -117,25 +152,12 @@ class ReadableRecording(Protocol):
         """Remarks that are no loss, such as an absent stream."""
         ...
 
-    def read(self, stream: Stream, number: int) -> Sample:
-        """Read the sample of a stream with a file number.
-
-        Raises:
-            BadFileError: The file is truncated, invalid, or contradicts the others.
-            OSError: The file cannot be read.
-        """
-        ...
-
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""
         ...
 
     def describe(self) -> Description:
         """Describe the recording as a whole."""
-        ...
-
-    def calibration(self, number: int) -> Calibration:
-        """Return the calibration of a frame; absent parts are listed in its missing."""
         ...
 
     def trails(self, number: int) -> Mapping[int, Float64Array]:

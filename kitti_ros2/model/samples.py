@@ -54,6 +54,11 @@ class Turn:
         """The stamp at which the scanner faces forward."""
         return self.start_ns + self.length_ns // 2
 
+    @property
+    def end_ns(self) -> int:
+        """When it faces straight behind again."""
+        return self.start_ns + self.length_ns
+
 
 @dataclass(frozen=True, eq=False)
 class Scan:

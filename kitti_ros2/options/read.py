@@ -51,10 +51,13 @@ class ReadOptions:
         real_time: Whether frames of an object set have the stamps of their raw drives.
         mapping: The folder of the object devkit's mapping; None searches beside the set.
         raw: The folder of the raw drives; None searches beside the set.
+        deskew: Whether scans are compensated for motion, to the moment of facing forward. Those of
+            odometry already are.
+        undo_deskew: Whether scans that KITTI has compensated (odometry) are read as measured.
 
     Raises:
-        UsageError: The epoch is not after 1970, the period is out of range, or a mapping or raw
-            drives are given without real_time.
+        UsageError: The epoch is not after 1970, the period is out of range, options exclude each
+            other, or a mapping or raw drives are given without real_time.
     """
 
     group: ClassVar = 'Source'
@@ -112,6 +115,14 @@ class ReadOptions:
         unset='beside the set',
         metavar='DIR',
     )
+    deskew: bool = option(
+        False,
+        'Compensate scans for motion: all points at the moment of facing forward',
+        parse_flag,
+    )
+    undo_deskew: bool = option(
+        False, "Undo KITTI's compensation of odometry scans: points as measured", parse_flag
+    )
 
     def __post_init__(self) -> None:
         if self.epoch_ns <= 0:
@@ -120,6 +131,13 @@ class ReadOptions:
         if not self.real_time and (self.mapping is not None or self.raw is not None):
             given = '--raw' if self.mapping is None else '--mapping'
             raise UsageError(f'{given} is for --real-time; give both')
+        if self.deskew and self.undo_deskew:
+            raise UsageError('deskew and undo_deskew exclude each other')
+        if self.deskew and self.scan_stamp is ScanStamp.START:
+            raise UsageError(
+                'deskew moves points to the moment of facing forward, which is the stamp then;'
+                ' scan_stamp start does not go with it'
+            )
 
 
 def is_period(period_ns: int) -> bool:

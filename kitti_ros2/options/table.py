@@ -163,6 +163,9 @@ _PLAY_DEFAULTS = {'images': Images.BOTH}
 _SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
+MOTION = tuple(each for each in options_of(ReadOptions) if each.name in {'deskew', 'undo_deskew'})
+"""Options of commands that use the points of scans."""
+REPORT = (*SOURCE, *MOTION)
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
@@ -187,6 +190,7 @@ VIEW = (
     *options_of(PictureOptions),
     *options_of(BirdOptions),
     *SOURCE,
+    *MOTION,
     *_SPAN,
     *(
         replace(each, meaning=f'With --rerun: {each.meaning}')
@@ -259,7 +263,7 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
 
 def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     """Return the options objects that to-bag and the player share."""
-    if parsed.get('ring_time'):
+    if parsed.get('ring_time') and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     messages = MessageOptions(

@@ -18,6 +18,7 @@ from ..messages.source import RECORDING
 from ..messages.topics import decoders
 from ..model.errors import BadBagError
 from ..model.layouts import Layout
+from ..model.motion import Deskew
 from ..model.streams import Stream
 from ..options.read import ScanStamp, is_period
 from .folders import Folder, inside
@@ -60,7 +61,7 @@ class RecordingDescription:
     """A validated description.
 
     Attributes:
-        layout, name, epoch_ns, period_ns, scan_stamp: As Blueprint has them.
+        layout, name, epoch_ns, period_ns, scan_stamp, deskew: As Blueprint has them.
         folders: By stream.
         texts: The text files in the bag, calibration apart; None if the description does not list
             them.
@@ -76,6 +77,7 @@ class RecordingDescription:
     folders: Mapping[Stream, Folder]
     texts: tuple[PurePosixPath, ...] | None
     calibrations: tuple[PurePosixPath, ...]
+    deskew: Deskew | None
     times: RealTimes | None = None
 
 
@@ -108,6 +110,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             texts=tuple(map(PurePosixPath, values['texts'])) if 'texts' in values else None,
             calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
             times=parse_times_of(values[REAL_TIME]) if REAL_TIME in values else None,
+            deskew=Deskew(values['deskew']) if 'deskew' in values else None,
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'

@@ -26,6 +26,7 @@ from ..messages.source import CALIBRATION, FILES, RECORDING
 from ..messages.topics import decoders, own_topics
 from ..model.errors import BadBagError
 from ..model.losses import Loss
+from ..model.motion import Deskew
 from ..model.msgtypes import STRING
 from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessages, BagSource
     from ..kitti.real_time import RealTimes
     from ..model.layouts import Layout
-    from ..model.samples import TextFile
+    from ..model.samples import TextFile, Turn
     from .description import RecordingDescription
     from .folders import Folder
 
@@ -67,6 +68,7 @@ class Blueprint:
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
         times: The true stamps of an object set in real time; None for others.
+        deskew: What to-bag did to the scans; None: they are those of the files.
         topics: Topics of the bag.
         missing: Text files missing in the bag.
         selected: File numbers of the requested part, by stream; None is all.
@@ -84,6 +86,7 @@ class Blueprint:
     texts: Mapping[PurePosixPath, str]
     calibrations: Mapping[PurePosixPath, str]
     times: RealTimes | None = None
+    deskew: Deskew | None = None
     topics: frozenset[str] = frozenset()
     missing: frozenset[PurePosixPath] = frozenset()
     selected: Mapping[Stream, frozenset[int]] | None = None
@@ -131,15 +134,31 @@ class Blueprint:
             stream is not Stream.SCAN
             or stamps is None
             or self.scan_stamp is ScanStamp.FORWARD
-            or self.layout.traits.compensated_scans
+            or self._compensated
         ):
             return stamps
+        turns = self.turns()
+        return None if turns is None else scan_stamps(stamps, turns, self.scan_stamp)
+
+    @property
+    def _compensated(self) -> bool:
+        """Whether the scans in the bag are compensated for motion."""
+        of_layout = self.layout.traits.compensated_scans
+        return self.deskew is Deskew.ON or (of_layout and self.deskew is None)
+
+    def turns(self) -> Mapping[int, Turn] | None:
+        """Return the turn of each scan, by file number; None if a file of stamps is missing.
+
+        Scans compensated for motion have none.
+        """
+        if self._compensated:
+            return {}
+        stamps = self.file_stamps(Stream.SCAN)
         starts = self._turn_stamps(names.TIMESTAMPS_START, STARTS)
         ends = self._turn_stamps(names.TIMESTAMPS_END, ENDS)
-        if starts is None or ends is None:
+        if stamps is None or starts is None or ends is None:
             return None
-        turns = find_turns(stamps, starts, ends, self.period_ns)
-        return scan_stamps(stamps, turns, self.scan_stamp)
+        return find_turns(stamps, starts, ends, self.period_ns)
 
     def _turn_stamps(self, name: str, column: str) -> Mapping[int, int] | None:
         """Parse the starts or ends of the scanner's turns; None if they are missing."""
@@ -280,6 +299,7 @@ class _Source:
             texts=texts,
             calibrations=calibrations,
             times=description.times,
+            deskew=description.deskew,
             topics=topics,
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),

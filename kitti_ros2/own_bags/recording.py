@@ -9,9 +9,10 @@ digit. Poses are those of imu_link, as everywhere in the package, from the odome
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
-from ..model.samples import Calibration
+from ..model.samples import Calibration, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
@@ -38,7 +39,7 @@ from .places import PlacedMessages, places_of
 from .stamp_numbers import tracklets_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import PurePosixPath
 
     from ..bags.reader import BagMessage, BagSource
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Transform
     from ..model.losses import Loss
     from ..model.recording import FrameOrigin, Start
-    from ..model.samples import Sample
+    from ..model.samples import Pose, Sample, Turn
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
     from .places import Place
@@ -78,6 +79,8 @@ class BagRecording:
         self.clock: Clock = bag.clock
         times = bag.blueprint.times
         self.origins: Mapping[int, FrameOrigin] = {} if times is None else times.origins
+        self.deskew = bag.blueprint.deskew
+        self.period_ns = bag.blueprint.period_ns
         self.start: Start | None = None  # poses are in the bag's map as they are
         self.losses: tuple[Loss, ...] = damage(survey.losses, self.root.name)
         self.notes: tuple[str, ...] = tuple(survey.notes)
@@ -136,7 +139,25 @@ class BagRecording:
         if stream is Stream.OXTS:
             return parse_packet(found.text, found.name, number + 1, found)
         sample: Sample = labels_of_text(found) if stream is Stream.LABELS else found
+        if isinstance(sample, Scan):
+            return replace(sample, turn=self._turns.get(number))
         return sample
+
+    @cached_property
+    def _turns(self) -> Mapping[int, Turn]:
+        return self._blueprint.turns() or {}
+
+    def readable_poses(
+        self,
+        numbers: Iterable[int],
+        needed_for: Stream,  # noqa: ARG002 - see kitti.recording
+    ) -> Iterator[tuple[int, Pose]]:
+        """Yield the poses of these numbers; damaged messages are left out."""
+        for number in numbers:
+            try:
+                yield number, cast('Pose', self.read(Stream.POSE, number))
+            except KittiRos2Error:
+                continue
 
     def calibration(self, number: int) -> Calibration:
         """Return the calibration valid for a frame; missing lists its missing parts."""

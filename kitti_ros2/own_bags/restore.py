@@ -275,6 +275,10 @@ class _Writer:
             if others:
                 numbers = format_numbers(others)
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
+        scans, deskew = self._written.get(Stream.SCAN), self._blueprint.deskew
+        if scans and deskew is not None:
+            text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
+            missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
         return ImportReport(
             layout=self._blueprint.layout,
             name=self._blueprint.name,

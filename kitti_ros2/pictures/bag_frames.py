@@ -26,7 +26,7 @@ from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD
 from ..messages.source import LABEL_LINES, decode_text
-from ..model.errors import KittiRos2Error, UsageError
+from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout
 from ..model.losses import describe_frames
@@ -175,6 +175,12 @@ class BagFrames:
         if stream is Stream.LABELS:
             return self._converted(stream, number, self._labels)
         return self._converted(stream, number, self._scan)
+
+    def scan_at(self, number: int, stamp_ns: int) -> Scan | None:  # noqa: ARG002
+        """See FrameSource; the times of the points of other bags are not read."""
+        raise MissingDataError(
+            f'{self.name}: to-bag did not write it, so the time of the points is not known'
+        )
 
     def pixels(self, camera: int, number: int) -> Pixels | None:
         """See FrameSource."""

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
     from ..model.losses import Loss
     from ..model.recording import FrameOrigin
-    from ..model.samples import Calibration, Float32Array, Int64Array, OxtsPacket, Pose, Sample
+    from ..model.samples import (
+        Calibration,
+        Float32Array,
+        Int64Array,
+        OxtsPacket,
+        Pose,
+        Sample,
+        Scan,
+    )
     from ..model.streams import Stream
 
 POINT_LABELS = 'point_labels'
@@ -114,6 +122,15 @@ class FrameSource(Protocol):
         """Read one sample of a frame, a pose in map; None if the frame has none.
 
         Raises:
+            KittiRos2Error: It cannot be read.
+            OSError: The same.
+        """
+
+    def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
+        """Read the scan of a frame as at one moment; None if the frame has none.
+
+        Raises:
+            MissingDataError: The motion, or the time of the points, is not known.
             KittiRos2Error: It cannot be read.
             OSError: The same.
         """

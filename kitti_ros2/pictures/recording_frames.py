@@ -14,6 +14,7 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.decode import decode_png
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
+from ..kitti.motion import scan_at
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
 from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
@@ -136,6 +137,11 @@ class RecordingFrames:
             return None
         sample = self.recording.read(stream, files[number])
         return place_pose(sample, self._map_t_world) if isinstance(sample, Pose) else sample
+
+    def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
+        """See FrameSource."""
+        scans = self._samples.get(Stream.SCAN, {})
+        return scan_at(self.recording, scans[number], stamp_ns) if number in scans else None
 
     def pixels(self, camera: int, number: int) -> Pixels | None:
         """See FrameSource."""

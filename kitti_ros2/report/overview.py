@@ -119,6 +119,8 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     start_ns, end_ns, duration_ns = _times(summary.topics, clock)
     incomplete = 'parts of the bag are missing or damaged; whole messages are counted'
     cut = () if summary.complete else (incomplete,)
+    deskew = None if blueprint is None else blueprint.deskew
+    moved = () if deskew is None else (f'scans are {deskew.state}',)
     overview = Overview(
         path=bag.path,
         kind=summary.container,
@@ -135,7 +137,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         cameras=cameras,
         links=links,
         losses=losses,
-        notes=(*cut, *summary.findings, *notes),
+        notes=(*cut, *moved, *summary.findings, *notes),
         complete=summary.complete,
         origins={} if numbered is None else _origins(numbered),
     )

@@ -10,7 +10,7 @@ import typer
 from .declared import OverwriteOption, QuietOption, argument, chosen, takes
 
 
-@takes('SOURCE')
+@takes('REPORT')
 def report(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[

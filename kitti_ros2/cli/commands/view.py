@@ -10,7 +10,7 @@ import typer
 from ...model.errors import UsageError
 from .declared import QuietOption, argument, chosen, takes
 
-_COMMON = ('layout', 'sequence', 'overwrite', 'start', 'end')
+_COMMON = ('layout', 'sequence', 'deskew', 'undo_deskew', 'overwrite', 'start', 'end')
 """Options of pictures and of Rerun."""
 _TOPICS = ('topics', 'exclude_topics')
 _RERUN = 'Rerun'
