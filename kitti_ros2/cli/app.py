@@ -103,7 +103,7 @@ def root(
     ] = False,
     debug: Annotated[bool, typer.Option('--debug', help='Show tracebacks.')] = False,
 ) -> None:
-    """KITTI recordings for ROS 2: convert to bags and back, play, draw and summarize.
+    """KITTI for ROS 2: play, draw, convert to bags and back; get, check and cut data sets.
 
     Exit codes: 0 success, 1 some data was skipped (it is listed), 2 invalid usage or unreadable
     input.
@@ -111,20 +111,20 @@ def root(
 
 
 _COMMANDS: dict[str, Callable[..., int]] = {
+    'info': info,
+    'play': play,
+    'view': view,
+    'report': report,
     'to-bag': to_bag,
     'to-kitti': to_kitti,
     'recover': recover,
-    'info': info,
-    'validate': validate,
-    'view': view,
-    'report': report,
-    'crop': crop,
-    'stats': stats,
-    'split': split,
     'download': download,
     'extract': extract,
+    'validate': validate,
+    'stats': stats,
+    'crop': crop,
+    'split': split,
     'demo': demo,
-    'play': play,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name, cls=Command)(_command)
