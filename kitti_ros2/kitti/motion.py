@@ -4,7 +4,7 @@
 
 The motion is that of the oxts packets near the turn: their velocities and rates of turn, since the
 positions jump (in drive 0005 their differences are 0.19 m/s off the measured velocity in the
-median, and up to 0.90 m/s). Odometry has poses alone: there the motion is the step between
+median, and up to 0.90 m/s). Odometry has poses alone: there the motion is that of the steps between
 neighbouring poses. Before the first and after the last, the nearest twist goes on.
 
 Every moment of a turn must be within two turns (0.2 s) of a packet or pose.

@@ -365,7 +365,7 @@ def test_a_real_scan_undone_and_done_again_is_itself(odometry, number):
     again = scan_at(recording, number, forward_ns).points
     found = errors(again, points_of(plain, number))
     assert errors(points_of(recording, number), points_of(plain, number)).max() > 0.4
-    assert found.mean() < 1e-4
+    assert found.mean() < 1e-6
     assert (found > 1e-3).sum() < 10
 
 
