@@ -13,7 +13,7 @@ from .fetching import DownloadOptions, ExtractOptions
 from .read import ReadOptions
 from .split import SplitOptions
 from .statistics import StatisticsOptions
-from .table import SOURCE
+from .table import MOTION, SOURCE
 from .validating import ValidateOptions
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ DOWNLOAD = (
 _SOURCES = tuple(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE)
 VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *_SOURCES)
-CROP = (*options_of(CropOptions), *_SOURCES)
+CROP = (*options_of(CropOptions), *_SOURCES, *MOTION)
 SPLIT = (
     *options_of(SplitOptions),
     *(each for each in SOURCE if each.name == 'layout'),
