@@ -95,6 +95,8 @@ class CropKeywords(TypedDict, total=False):
     overwrite: bool
     layout: str | None
     sequence: str | None
+    deskew: bool
+    undo_deskew: bool
 
 
 class SplitKeywords(TypedDict, total=False):

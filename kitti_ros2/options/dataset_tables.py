@@ -26,7 +26,11 @@ DOWNLOAD = (
     *options_of(DownloadOptions),
     *(each for each in EXTRACT if each.name != 'remove_archives'),
 )
-_SOURCES = tuple(replace(each, unset='all') if each.name == 'sequence' else each for each in SOURCE)
+_SOURCES = tuple(
+    replace(each, unset='all') if each.name == 'sequence' else each
+    for each in SOURCE
+    if each.name in {'layout', 'sequence'}
+)
 VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *_SOURCES)
 CROP = (*options_of(CropOptions), *_SOURCES, *MOTION)
