@@ -67,9 +67,14 @@ def step_progress(
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    # A thread that refreshes would forbid forks, see can_fork.
+    with Progress(console=Console(stderr=True), transient=True, auto_refresh=False) as bar:
         task = bar.add_task(title, total=total)
-        yield _seldom(lambda done, total=None: bar.update(task, completed=done, total=total))
+
+        def update(done: int, total: int | None = None) -> None:
+            bar.update(task, completed=done, total=total, refresh=True)
+
+        yield _seldom(update)
 
 
 @contextmanager

@@ -61,6 +61,16 @@ class KittiRos2Error(Exception):
         self.remedies = remedies
         return self
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle the message, not the arguments of __init__: worker processes raise errors."""
+        return _unpickle, (type(self), self.args), self.__dict__
+
+
+def _unpickle(kind: type[KittiRos2Error], args: tuple[object, ...]) -> KittiRos2Error:
+    error = kind.__new__(kind)
+    error.args = args
+    return error
+
 
 class UsageError(KittiRos2Error):
     """Invalid option or argument."""

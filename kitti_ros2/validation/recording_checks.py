@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.processes import can_fork, forked_map
 from ..files.workers import ordered_map, worker_count
 from ..kitti import names
 from ..model.errors import KittiRos2Error
@@ -20,7 +21,7 @@ from .sequence_checks import SequenceChecks
 from .source_rules import SOURCE_RULES, Unopened
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from ..kitti.find import Candidate
@@ -31,7 +32,9 @@ if TYPE_CHECKING:
     from .results import FindingTally
 
 _BATCH = 8
-"""Frames that a thread takes at a time."""
+"""Frames that are checked at a time."""
+_LEAST_FORKED = 8
+"""Batches from which on starting processes, 10 ms, is worth it."""
 
 
 def check_recording(
@@ -90,7 +93,7 @@ class _Check:
         numbers = frames.numbers
         batches = [numbers[at : at + _BATCH] for at in range(0, len(numbers), _BATCH)]
         done = 0
-        for results in ordered_map(frames, batches, worker_count()):
+        for results in _map(frames, batches):
             for result in results:
                 self._enter(result)
                 if result.packet is not None:
@@ -120,3 +123,11 @@ class _Check:
             self._facts.enter_scan(result.number, result.points)
         for stream, shape in result.images.items():
             self._facts.enter_image(stream, result.number, shape)
+
+
+def _map(check: FrameChecks, batches: Sequence[Sequence[int]]) -> Iterator[list[FrameResult]]:
+    """Check batches of frames at once: half of the time is Python's own, so threads gain less."""
+    workers = worker_count()
+    if workers > 1 and len(batches) >= _LEAST_FORKED and can_fork():
+        return forked_map(check, batches, workers)
+    return ordered_map(check, batches, workers)

@@ -15,6 +15,7 @@ import sequence_faults
 from kitti_ros2.datasets import validate
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import write_synthetic
+from kitti_ros2.validation import recording_checks
 from kitti_ros2.validation.rule_table import FOLDER_RULES
 
 from builders import SMALL  # isort: skip
@@ -104,6 +105,29 @@ def test_several_faults_of_a_sequence_are_found_at_once(layout, few, tmp_path):
         root = tmp_path / f'{at}'
         shutil.copytree(few[layout], root)
         assert plant(faults[at : at + most], root) == []
+
+
+@pytest.mark.parametrize('layout', Layout)
+def test_processes_find_what_threads_find(layout, few, tmp_path, monkeypatch):
+    root = tmp_path / 'set'
+    shutil.copytree(few[layout], root)
+    faults = [each for each in FAULTS if each.layout is layout and not each.alone]
+    for number, fault in enumerate(faults[: FEW.frames - FIRST]):
+        fault.plant(root, FIRST + number)
+    monkeypatch.setattr(recording_checks, '_BATCH', 2)
+    monkeypatch.setattr(recording_checks, '_LEAST_FORKED', 2)
+    monkeypatch.setattr(recording_checks, 'worker_count', lambda: 2)
+    reports, forks = {}, []
+    fork = recording_checks.forked_map
+    monkeypatch.setattr(
+        recording_checks, 'forked_map', lambda *given: (forks.append(given), fork(*given))[1]
+    )
+    for forked in (True, False):
+        monkeypatch.setattr(recording_checks, 'can_fork', lambda forked=forked: forked)
+        report = validate(root, decode=True)
+        reports[forked] = (report.sources, report.findings)
+    assert reports[True] == reports[False]
+    assert len(forks) == 1
 
 
 def test_sixty_kinds_of_faults_are_planted_and_every_rule_finds_one():
