@@ -132,18 +132,20 @@ class ObjectTally:
         self, labels: Iterable[Box | Cuboid], box_points: Iterable[tuple[str, int]] = ()
     ) -> None:
         """Add the labels of a frame, possibly none, and the points inside each 3D box."""
-        by_kind: dict[str, list[Box | Cuboid]] = defaultdict(list)
+        by_class: dict[str, list[Box | Cuboid]] = defaultdict(list)
         for label in labels:
-            by_kind[label.class_name].append(label)
+            by_class[label.class_name].append(label)
             if label.track_id is not None and label.track_id >= 0:
                 self._tracks[label.class_name, label.track_id] += 1
-        for kind, found in by_kind.items():
-            self.classes[kind].add_frame(found)
-        self.a_frame.add(sum(len(found) for kind, found in by_kind.items() if kind != DONT_CARE))
-        for kind, count in box_points:
-            self.classes[kind].points.add(count)
+        for class_name, found in by_class.items():
+            self.classes[class_name].add_frame(found)
+        self.a_frame.add(
+            sum(len(found) for class_name, found in by_class.items() if class_name != DONT_CARE)
+        )
+        for class_name, count in box_points:
+            self.classes[class_name].points.add(count)
 
     def finish(self) -> None:
         """Add the tracks, after the last frame."""
-        for (kind, _), frames in self._tracks.items():
-            self.classes[kind].tracks.add(frames)
+        for (class_name, _), frames in self._tracks.items():
+            self.classes[class_name].tracks.add(frames)

@@ -70,8 +70,8 @@ def merged(parts: Sequence[RecordingStatistics]) -> RecordingStatistics:
         whole.frames += part.frames
         whole.labelled += part.labelled
         whole.samples.update(part.samples)
-        for kind, objects in part.classes.items():
-            whole.classes.setdefault(kind, ObjectStatistics()).merge(objects)
+        for class_name, objects in part.classes.items():
+            whole.classes.setdefault(class_name, ObjectStatistics()).merge(objects)
         whole.objects_a_frame.merge(part.objects_a_frame)
         whole.points_a_scan.merge(part.points_a_scan)
         whole.point_classes.update(part.point_classes)
@@ -89,7 +89,7 @@ def _finish(statistics: RecordingStatistics) -> None:
     classes, points = statistics.classes.items(), statistics.point_classes.items()
     statistics.classes = dict(sorted(classes, key=lambda each: (-each[1].count, each[0])))
     statistics.point_classes = Counter(dict(sorted(points, key=lambda each: (-each[1], each[0]))))
-    statistics.objects = sum(each.count for kind, each in classes if kind != DONT_CARE)
+    statistics.objects = sum(each.count for class_name, each in classes if class_name != DONT_CARE)
 
 
 def count_recording(

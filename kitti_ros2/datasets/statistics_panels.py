@@ -67,9 +67,9 @@ class Panel:
     common: bool = True
 
 
-def _color(kind: str, strength: float = 1.0) -> tuple[float, ...]:
+def _color(class_name: str, strength: float = 1.0) -> tuple[float, ...]:
     """Return red, green, blue, 0..1, of a class, mixed with white."""
-    return tuple(1 - strength * (1 - value / 255) for value in rgb_of(kind))
+    return tuple(1 - strength * (1 - value / 255) for value in rgb_of(class_name))
 
 
 def _solid(total: RecordingStatistics, classes: Sequence[str]) -> list[str]:
@@ -109,14 +109,14 @@ def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Dr
     def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
         from matplotlib.patches import Patch  # noqa: PLC0415 - heavy
 
-        kinds = [name for name in classes if name != DONT_CARE]
-        _rows(axes, kinds)
-        for row, kind in enumerate(kinds):
-            counts = get(total.classes[kind]) if kind in total.classes else {}
+        class_names = [name for name in classes if name != DONT_CARE]
+        _rows(axes, class_names)
+        for row, class_name in enumerate(class_names):
+            counts = get(total.classes[class_name]) if class_name in total.classes else {}
             every, left = sum(counts.values()), 0.0
             for name, strength in zip(names, _STRENGTHS, strict=False):
                 share = 100 * counts[name] / every if every else 0.0
-                color = _color(kind, strength)
+                color = _color(class_name, strength)
                 axes.barh(row, share, 0.72, left, color=color, edgecolor='white', lw=0.4)
                 left += share
         handles = [Patch(facecolor=INK, alpha=s) for _, s in zip(names, _STRENGTHS, strict=False)]
@@ -195,12 +195,12 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
 
 
 def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
-    kinds = [name for name in classes if name != DONT_CARE]
-    _rows(axes, kinds)
-    for row, kind in enumerate(kinds):
-        if kind not in total.classes or not total.classes[kind].length_m.count:
+    class_names = [name for name in classes if name != DONT_CARE]
+    _rows(axes, class_names)
+    for row, class_name in enumerate(class_names):
+        if class_name not in total.classes or not total.classes[class_name].length_m.count:
             continue
-        each = total.classes[kind]
+        each = total.classes[class_name]
         for place, (size, mark) in enumerate(
             ((each.length_m, 'o'), (each.width_m, 's'), (each.height_m, '^'))
         ):
@@ -211,7 +211,7 @@ def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -
                 fmt=mark,
                 ms=3.6,
                 lw=1.1,
-                color=_color(kind),
+                color=_color(class_name),
             )
     for name, mark in (('length', 'o'), ('width', 's'), ('height', '^')):
         axes.plot([], [], mark, color=INK, ms=3.6, label=name)
