@@ -47,8 +47,8 @@ def write_labels(split: Path, counts: Mapping[str, int], frames: int) -> Path:
     """Write the labels into label_2, spread over the frames, and return the split."""
     rng = np.random.default_rng(0)
     lines: list[list[str]] = [[] for _ in range(frames)]
-    for kind, count in counts.items():
-        made = [format_object_box(make_box(kind, rng)) for _ in range(_DIFFERENT)]
+    for class_name, count in counts.items():
+        made = [format_object_box(make_box(class_name, rng)) for _ in range(_DIFFERENT)]
         for place, frame in enumerate(rng.integers(0, frames, count).tolist()):
             lines[frame].append(made[place % _DIFFERENT])
     folder = split / 'label_2'
@@ -58,17 +58,17 @@ def write_labels(split: Path, counts: Mapping[str, int], frames: int) -> Path:
     return split
 
 
-def make_box(kind: str, rng: np.random.Generator) -> Box:
+def make_box(class_name: str, rng: np.random.Generator) -> Box:
     """A box at a random place, its 2D box as high as the camera sees it."""
-    if kind == DONT_CARE:
+    if class_name == DONT_CARE:
         area = (500.0, 170.0, 530.0, 190.0)
-        return Box(kind, -1, -1, -10, area, (-1, -1, -1), (-1000, -1000, -1000), -10)
+        return Box(class_name, -1, -1, -10, area, (-1, -1, -1), (-1000, -1000, -1000), -10)
     distance = float(rng.gamma(3.0, 9.0)) + 4
     scale = float(rng.normal(1, 0.08))
-    sizes = tuple(size * scale for size in _SIZES_HWL[kind])
+    sizes = tuple(size * scale for size in _SIZES_HWL[class_name])
     height_px = _FOCAL_PX * sizes[0] / distance
     truncated = (0.0, 0.0, 0.0, 0.0, 0.1, 0.15, 0.3, 0.45, 0.8)[rng.integers(9)]
     occluded = (0, 0, 0, 1, 1, 2, 3)[rng.integers(7)]
     area = (600.0, 180.0, 640.0, 180.0 + height_px)
     place = (float(rng.normal(0, 4)), 1.7, distance)
-    return Box(kind, truncated, occluded, 0.0, area, sizes, place, 0.0)
+    return Box(class_name, truncated, occluded, 0.0, area, sizes, place, 0.0)

@@ -36,6 +36,7 @@ _IMPORTS = {
     'bridge': 'model options messages player',
     'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',
+    'fetch': 'model files options kitti',
     'validation': 'model files options kitti messages bags rig',
     'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
     ' pictures',

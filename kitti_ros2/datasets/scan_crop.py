@@ -94,7 +94,7 @@ class ScanCropper:
         result = CutScan(number)
         path, _ = self._paths.scan(number)
         try:
-            scan = _ScanFile.read(path)
+            scan = _ReadScan.read(path)
             keep = kept_points(scan.points, self._options, self._views.at(number))
         except (KittiRos2Error, OSError) as error:
             self._leave_out(result, describe_error(error))
@@ -175,14 +175,14 @@ class ScanCropper:
 
 
 @dataclass(frozen=True, eq=False)
-class _ScanFile:
+class _ReadScan:
     """The points of a scan; of a text file also its lines, verbatim."""
 
     points: Float32Array
     lines: list[bytes] | None = None
 
     @classmethod
-    def read(cls, path: Path) -> _ScanFile:
+    def read(cls, path: Path) -> _ReadScan:
         """Read a .bin or a .txt file; an empty one has no points.
 
         Raises:

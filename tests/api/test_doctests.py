@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The examples in the docstrings of the library run, on the synthetic drive and on a real one."""
+"""The examples in the docstrings of the library run, on synthetic data and on real ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 import kitti_ros2
-from kitti_ros2 import api, datasets
+from kitti_ros2 import api, datasets, fetch, validation
 from kitti_ros2.model.layouts import Layout
 
 NAMES = (
     'kitti_ros2',
     *(
         f'{room.__name__}.{path.stem}'
-        for room in (api, datasets)
+        for room in (api, datasets, fetch, validation)
         for path in Path(room.__path__[0]).glob('*.py')
     ),
 )
@@ -28,13 +28,14 @@ FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 DRIVE = Path('2011_09_26/2011_09_26_drive_0005_sync')
 
 
-def lay_out(drive, folder):
+def lay_out(drive, object_set, folder):
     shutil.copytree(drive.parent, folder / DRIVE.parent)
     (folder / DRIVE.parent / drive.name).rename(folder / DRIVE)
+    shutil.copytree(object_set, folder / 'object')
 
 
 def run(module, folder, monkeypatch):
-    """Run the examples of a module in a folder that has the drive of the examples."""
+    """Run the examples of a module in a folder that has their drive and object set."""
     monkeypatch.chdir(folder)
     recording = kitti_ros2.open(DRIVE)
     names = {'kitti_ros2': kitti_ros2, 'recording': recording, 'frame': recording[1]}
@@ -48,8 +49,8 @@ def run(module, folder, monkeypatch):
 
 @pytest.fixture
 def folder(recordings, tmp_path):
-    """A folder with the synthetic drive, under the name of the examples."""
-    lay_out(recordings[Layout.RAW], tmp_path)
+    """A folder with synthetic recordings, under the names of the examples."""
+    lay_out(recordings[Layout.RAW], recordings[Layout.OBJECT], tmp_path)
     return tmp_path
 
 
@@ -63,6 +64,6 @@ def test_there_are_examples(folder, monkeypatch):
 
 
 @pytest.mark.parametrize('module', MODULES, ids=lambda module: module.__name__)
-def test_examples_run_on_a_real_drive(module, make_drive, tmp_path, monkeypatch):
-    lay_out(make_drive(3), tmp_path)
+def test_examples_run_on_real_data(module, make_drive, real_kitti, tmp_path, monkeypatch):
+    lay_out(make_drive(3), real_kitti / 'object', tmp_path)
     run(module, tmp_path, monkeypatch)

@@ -414,4 +414,4 @@ def test_real_tracking_has_its_known_rows(real_kitti):
 
 
 def test_labels_of_the_set_parse():
-    assert parse_box(CAR).kind == 'Car'
+    assert parse_box(CAR).class_name == 'Car'
