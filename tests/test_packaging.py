@@ -33,7 +33,6 @@ ROSDEP_KEYS = {
     'rcl_interfaces',
     'python3-defusedxml',
     'python3-hypothesis',
-    'python3-httpx',
     'python3-jinja2',
     'python3-matplotlib',
     'python3-numpy',
@@ -58,7 +57,6 @@ ROSDEP_KEYS = {
 # The rosdep key that brings a requirement of setup.py to a workspace.
 KEY_OF = {
     'defusedxml': 'python3-defusedxml',
-    'httpx': 'python3-httpx',
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',
