@@ -10,7 +10,7 @@ boxes are inside the image. KITTI's principal points are within 4 % of the image
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.boxes import Cuboid
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Float64Array, Transform
     from ..model.samples import Calibration, Float32Array
     from .label_rules import LabelLine
 
@@ -161,16 +161,21 @@ def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
             yield Breach(text, frame.label_path, line)
 
 
+@lru_cache(maxsize=16)
+def _velo_from_rect(calibration: Calibration) -> Transform:
+    return rect_from_velo(calibration).inverse()
+
+
 def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
     frame = scan.frame
     visible = [each for each in frame.solid if each.box.occluded <= 0]
     if not (visible or frame.cuboids):
         return
     try:
-        rect_t_velo = rect_from_velo(frame.calibration)
+        velo_t_rect = _velo_from_rect(frame.calibration)
     except ValueError:
         return
-    places = Places.of_boxes([box for _, box in visible], rect_t_velo)
+    places = Places.of_boxes([box for _, box in visible], velo_t_rect)
     if frame.cuboids:
         places = places.joined(Places.of_cuboids(frame.cuboids))
     named: list[tuple[int | None, str]] = [(line, box.class_name) for line, box in visible]

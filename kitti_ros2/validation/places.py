@@ -38,12 +38,11 @@ class Places(NamedTuple):
     halves: Float64Array
 
     @classmethod
-    def of_boxes(cls, boxes: Sequence[Box], rect_t_velo: Transform) -> Places:
+    def of_boxes(cls, boxes: Sequence[Box], velo_t_rect: Transform) -> Places:
         """Return the places of labels with positive sizes; those of cuboid_of, all at once."""
         location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
         halves = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
         location[:, 1] -= halves[:, 2]
-        velo_t_rect = rect_t_velo.inverse()
         rotations = box_rotations(np.array([box.rotation_y for box in boxes]))
         return cls(velo_t_rect.apply(location), velo_t_rect.rotation @ rotations, halves)
 

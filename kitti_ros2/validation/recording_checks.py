@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from .frame_checks import FrameResult
     from .results import FindingTally
 
-_BATCH = 8
+_BATCH = 24
 """Frames that are checked at a time."""
-_LEAST_FORKED = 8
+_LEAST_FORKED = 4
 """Batches from which on starting processes, 10 ms, is worth it."""
 
 

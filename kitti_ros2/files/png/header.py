@@ -76,14 +76,15 @@ def _find_damage(data: bytes) -> str:
         data: A PNG file that ends with IEND and at most TRAILING_BYTES.
     """
     view = memoryview(data)
-    offset = len(_SIGNATURE)
+    offset, head, unpack = len(_SIGNATURE), _CHUNK.size, _CRC_AND_CHUNK.unpack_from
+    last = len(data) - _CRC_AND_CHUNK.size
     length, kind = _CHUNK.unpack_from(data, offset)
     kinds = set()
     while kind != b'IEND':
-        end = offset + _CHUNK.size + length
-        if end + _CRC_AND_CHUNK.size > len(data):
+        end = offset + head + length
+        if end > last:
             return f'its {_name(kind)} at byte {offset} has a wrong length, {length}'
-        crc, next_length, next_kind = _CRC_AND_CHUNK.unpack_from(data, end)
+        crc, next_length, next_kind = unpack(data, end)
         # The length is not part of the checksum, but a wrong one leads to a wrong place.
         if crc32(view[offset + 4 : end]) != crc:
             return f'its {_name(kind)} at byte {offset} has a wrong checksum or length'
