@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast validate reads an object set, against cat of the same files, and whether memory grows.
 
-    python benchmarks/validate.py SRC [--frames N] [--repeat N] [--dir DIR]
+    python benchmarks/validate.py SRC [--frames N] [--copies] [--repeat N] [--dir DIR]
 
-SRC is an object set with a split training. Its frames are repeated as hard links, N of them, on the
-disk of SRC by default; all are in the page cache after the first round.
+SRC is an object set with a split training. Its frames are repeated, N of them; all are in the page
+cache after the first round. As hard links the few files of a sample stay in the processor's cache,
+which cat gains most from; --copies are files of their own, as those of a whole data set are.
+
+The bare row is a floor: the same processes read each file, sum up PNGs by zlib's CRC-32, and find
+the least and greatest of each column of a scan.
 """
 
 from __future__ import annotations
@@ -18,22 +22,29 @@ from itertools import cycle
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 from yardsticks import COMMAND, make_parser, report, seconds, tree_bytes
 
 from kitti_ros2.datasets import validate
+from kitti_ros2.files.checksums import crc32
+from kitti_ros2.files.processes import forked_map
+from kitti_ros2.files.workers import worker_count
 
 FOLDERS = {'image_2': '.png', 'velodyne': '.bin', 'calib': '.txt', 'label_2': '.txt'}
 SHORT = 100
 
 
-def link_frames(source: Path, out: Path, frames: int) -> Path:
-    """Make an object set whose frames are hard links to those of a split."""
+def repeat_frames(source: Path, out: Path, frames: int, *, copies: bool) -> Path:
+    """Make an object set whose frames are hard links to those of a split, or copies of them."""
     numbers = sorted(path.stem for path in (source / 'velodyne').glob('*.bin'))
     for folder, suffix in FOLDERS.items():
         (out / 'training' / folder).mkdir(parents=True)
         for number, stem in zip(range(frames), cycle(numbers), strict=False):
             target = out / 'training' / folder / f'{number:06d}{suffix}'
-            target.hardlink_to(source / folder / f'{stem}{suffix}')
+            if copies:
+                shutil.copyfile(source / folder / f'{stem}{suffix}', target)
+            else:
+                target.hardlink_to(source / folder / f'{stem}{suffix}')
     return out
 
 
@@ -41,6 +52,25 @@ def cat(folder: Path) -> None:
     """Read all files of a folder."""
     command = 'find "$0" -type f -print0 | sort -z | xargs -0 cat > /dev/null'
     subprocess.run(['sh', '-c', command, str(folder)], check=True)
+
+
+def read_bare(folder: Path) -> None:
+    """Read all files with the least that a check of their bytes needs."""
+    paths = sorted(path for path in folder.rglob('*') if path.is_file())
+    batches = [paths[start : start + 96] for start in range(0, len(paths), 96)]
+    for _ in forked_map(_check_bare, batches, worker_count()):
+        pass
+
+
+def _check_bare(paths: list[Path]) -> None:
+    for path in paths:
+        data = path.read_bytes()
+        if path.suffix == '.png':
+            crc32(data)
+        elif path.suffix == '.bin':
+            columns = np.frombuffer(data[: len(data) // 4096 * 4096], np.float32).reshape(-1, 1024)
+            columns.min(axis=0)
+            columns.max(axis=0)
 
 
 def peak_mb(folder: Path) -> float:
@@ -62,28 +92,31 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument('src', type=Path)
     parser.add_argument('--frames', type=int, default=1000)
+    parser.add_argument('--copies', action='store_true', help='files of their own')
     parser.add_argument('--repeat', type=int, default=5)
     parser.add_argument('--dir', type=Path, help='where to link; on the disk of SRC')
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=given.dir) as name:
         folder = Path(name)
         copy = shutil.copytree(given.src / 'training', folder / 'source')
-        many = link_frames(copy, folder / 'many', given.frames)
-        few = link_frames(copy, folder / 'few', SHORT)
+        many = repeat_frames(copy, folder / 'many', given.frames, copies=given.copies)
+        few = repeat_frames(copy, folder / 'few', SHORT, copies=given.copies)
         size = tree_bytes(many)
         rounds = [
             (
                 seconds(lambda: cat(many)),
                 seconds(lambda: validate(many)),
                 seconds(lambda: run_command(many)),
+                seconds(lambda: read_bare(many)),
             )
             for _ in range(given.repeat)
         ]
-        read, library, command = (median(times) for times in zip(*rounds, strict=True))
+        read, library, command, bare = (median(times) for times in zip(*rounds, strict=True))
         report('cat, MB/s', size / read / 1e6, '', f'{given.frames} frames, {size / 1e6:.0f} MB')
         report('validate, MB/s', size / library / 1e6, '')
         report('validate / cat', read / library, '>= 0.6')
         report('the command, start included / cat', read / command, '')
+        report('bare / cat', read / bare, '')
         peak = peak_mb(few)
         report(f'peak memory, {SHORT} frames, MB', peak, '')
         report(f'{given.frames} frames / {SHORT}', peak_mb(many) / peak, '<= 1.1')
