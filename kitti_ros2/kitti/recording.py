@@ -28,6 +28,7 @@ from ..model.samples import (
     Trajectory,
 )
 from ..model.streams import CAMERA_NAMES, Clock, Stream
+from ..options.read import ScanStamp
 from .calib_archives import describe_source
 from .calib_file import parse_calibration
 from .poses import MercatorWorld, pose_from_packet
@@ -103,7 +104,7 @@ class KittiRecording(RecordingIndex):
             'name': self.name,
             'epoch_ns': self.options.epoch_ns,
             'period_ns': self.options.period_ns,
-            'scan_stamp': self.options.scan_stamp.value,
+            'scan_stamp': self._scan_stamp.value,
             'files': folders,
         }
         if self.deskew is not None:
@@ -268,6 +269,11 @@ class KittiRecording(RecordingIndex):
                 continue
             return image.width, image.height
         return None
+
+    @property
+    def _scan_stamp(self) -> ScanStamp:
+        """The moment of a scan that is its stamp; a compensated scan has no start of a turn."""
+        return self.options.scan_stamp if self.turns else ScanStamp.FORWARD
 
     def _verbatim(self, path: Path, text: str) -> TextFile:
         """Return a text of a file, or a part of it, under the file's name in the recording."""

@@ -235,3 +235,27 @@ def test_a_frame_to_play_is_a_scan_and_its_own_images(recordings, tmp_path, kind
     program.close()
     for topic in (POINTS, '/kitti/camera_color_left/image_rect/compressed', '/kitti/oxts/imu'):
         assert frames[topic] == [0, 1, 2, 3, 4], topic
+
+
+SCANS_AND_IMAGES = {
+    Layout.RAW: ('velodyne_points/data/*.bin', 'image_02/data/*.png'),
+    Layout.ODOMETRY: ('**/velodyne/*.bin', '**/image_2/*.png'),
+    Layout.TRACKING: ('**/velodyne/*/*.bin', '**/image_02/*/*.png'),
+}
+
+
+@pytest.mark.parametrize('layout', SCANS_AND_IMAGES)
+def test_scans_stay_with_the_images_of_their_frame(layout, recordings, tmp_path):
+    source = recordings[layout]
+    bag = to_bag(source, tmp_path / 'bag.mcap')
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '-q', '--layout', 'object']) in {0, 1}
+    scans, images = (sorted(source.glob(glob)) for glob in SCANS_AND_IMAGES[layout])
+    image_of = {
+        np.sort(np.fromfile(scan, '<f4')).tobytes(): image.read_bytes()
+        for scan, image in zip(scans, images, strict=True)
+    }
+    made = sorted((tmp_path / 'out').glob('*/velodyne/*.bin'))
+    assert len(made) == len(image_of)
+    for scan in made:
+        image = scan.parent.parent / 'image_2' / f'{scan.stem}.png'
+        assert image.read_bytes() == image_of[np.sort(np.fromfile(scan, '<f4')).tobytes()]
