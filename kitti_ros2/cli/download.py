@@ -14,7 +14,7 @@ from ..fetch.download import download_all, select_entries
 from ..fetch.raw_drives import raw_drives
 from ..model.errors import UsageError
 from ..options.dataset_tables import make_download_options
-from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
 from .extract import say_data_sets
 from .json_text import losses_json, print_json
 from .memory import keep_imports
@@ -49,8 +49,8 @@ def run_download(
             progress = fetching, extracting
             report = download_all(entries, root, options, extraction, progress)
     except KeyboardInterrupt:
-        complain('kitti-ros2: what was downloaded so far is kept; run it again to go on')
-        raise
+        complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
+        sys.exit(EXIT_INTERRUPTED)
     show_losses(report.losses)
     if json:
         print_json({**asdict(report), 'losses': losses_json(report.losses)})

@@ -141,9 +141,10 @@ class Transfer:
                 failures = 0 if reached > furthest else failures + 1
                 furthest = max(furthest, reached)
                 if failures > self._backoff.retries:
+                    what = f'broke off at {format_bytes(reached)}' if reached else 'cannot be read'
+                    then = ' to go on from there' if reached else ''
                     raise DownloadError(
-                        f'{without_password(url)}: broke off at {format_bytes(reached)} ({error});'
-                        f' run it again to go on from there'
+                        f'{without_password(url)}: {what} ({error}); run it again{then}'
                     ) from error
                 journal = self._resumable(url)
                 done = reached if journal.validator else 0
