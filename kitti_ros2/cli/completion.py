@@ -125,12 +125,10 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
 
 def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
     """List the drives, splits or sequences of SRC."""
-    from ..kitti.layout_files import LAYOUTS
-    from ..kitti.layouts import guess_layout
+    from ..kitti.layouts import find_candidates
 
-    path = _source(given)
-    layout = _reading(given).layout or guess_layout(path)
-    return [candidate.name for candidate in LAYOUTS[layout].find(path)]
+    _, candidates = find_candidates(_source(given), _reading(given))
+    return [candidate.name for candidate in candidates]
 
 
 def _reading(given: Mapping[str, Any]) -> ReadOptions:

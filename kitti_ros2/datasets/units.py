@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from ..exporter.schedule import frames_of
 from ..kitti import names
 from ..kitti.find import absolute
-from ..kitti.layout_files import LAYOUTS
-from ..kitti.layouts import guess_layout
+from ..kitti.layouts import find_candidates
 from ..kitti.object_mapping import find_mapping
 from ..model.errors import NotKittiError, UsageError
 from ..model.losses import Loss
@@ -107,19 +106,12 @@ def find_units(
 
 
 def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
-    candidates = [] if layout is None else LAYOUTS[layout].find(absolute(path))
-    if layout is not None and candidates:
-        return layout, candidates
     try:
-        found = guess_layout(path)
+        return find_candidates(path, ReadOptions(layout=layout))
     except NotKittiError as error:
         from ..bags.mistaken import explain_no_folder  # noqa: PLC0415 - for errors only
 
         raise explain_no_folder(path, error, forced=layout is not None) from None
-    if layout is not None:
-        advice = f'it is layout {found.value}, which is detected without --layout'
-        raise NotKittiError(path, f'no {layout.value} recording', [], advice)
-    return found, LAYOUTS[found].find(absolute(path))
 
 
 def _frames(

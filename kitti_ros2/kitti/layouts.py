@@ -70,7 +70,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
         MissingDataError: The options request compensation of motion, and the motion is not known.
     """
     options = options or ReadOptions()
-    layout, candidates = _candidates(path, options)
+    layout, candidates = find_candidates(path, options)
     if options.semantic and not layout.traits.point_labels:
         raise UsageError(
             f'{path}: semantic is for the odometry layout, which has labels of points;'
@@ -100,7 +100,7 @@ def open_recordings(path: Path, options: ReadOptions | None = None) -> list[Kitt
     options = options or ReadOptions()
     if options.sequence is not None:
         return [open_recording(path, options)]
-    layout, candidates = _candidates(path, options)
+    layout, candidates = find_candidates(path, options)
     opened = [_open(candidate, options) for candidate in candidates]
     if not any(recording.streams for recording in opened):
         raise _no_data(path, layout, opened[0])
@@ -167,8 +167,13 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     return [DataSet(path, layout, candidates)]
 
 
-def _candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
-    """Return the recordings at a path, of the requested or the detected layout."""
+def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
+    """Find the recordings at a path, of the requested or the detected layout.
+
+    Raises:
+        NotKittiError: There is none.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+    """
     if options.layout is None:
         return _guess(path)
     folder = absolute(path)
