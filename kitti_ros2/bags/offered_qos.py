@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import yaml
@@ -18,13 +19,29 @@ _MOST = 2**31 - 1
 
 # Metadata versions before 9 contain the number of rmw.
 _TRANSIENT_LOCAL = (1, 'transient_local')
+_POLICIES = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': (
+        'system_default',
+        'automatic',
+        'manual_by_node',
+        'manual_by_topic',
+        'unknown',
+        'best_available',
+    ),
+}
+"""The words of each policy, at the places of their numbers. Source: rmw/types.h."""
+_MATCHED = ('reliability', 'durability')
+"""Policies by which subscribers are matched with publishers."""
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
 
 
 def offered_qos(profiles: str) -> dict[str, Any]:
-    """Return latched and depth of a Channel from the text of its profiles."""
+    """Return profiles, latched and depth of a StoredChannel from the text of its profiles."""
     depth = _kept_depth(profiles)
-    return latched_qos(depth) if depth else {}
+    return {'profiles': profiles, **(latched_qos(depth) if depth else {})}
 
 
 def latched_qos(depth: int = UNKNOWN_DEPTH) -> dict[str, Any]:
@@ -46,3 +63,29 @@ def _kept_depth(profiles: str) -> int:
     except (yaml.YAMLError, TypeError, AttributeError, ValueError, RecursionError):
         return UNKNOWN_DEPTH
     return 0
+
+
+def qos_faults(profiles: str) -> list[str]:
+    """List what is wrong with the text of a channel's profiles; one is stored for each publisher.
+
+    A text without any is valid: recorders write it where they do not know the publishers.
+    """
+    if not profiles.strip():
+        return []
+    try:
+        found = load_yaml(profiles)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        found = None
+    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        return ['the QoS profiles are no YAML list']
+    faults = []
+    offered: dict[str, set[object]] = {}
+    for profile, (policy, words) in product(found, _POLICIES.items()):
+        value = profile.get(policy)
+        word = words[value] if value in range(len(words)) else value
+        if word not in words:
+            faults.append(f'{policy} of a publisher is {value!r}'[:100])
+        offered.setdefault(policy, set()).add(str(word))
+    differing = [policy for policy in _MATCHED if len(offered.get(policy, ())) > 1]
+    faults += [f'publishers differ in {policy}' for policy in differing]
+    return list(dict.fromkeys(faults))

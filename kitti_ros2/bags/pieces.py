@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -41,11 +41,13 @@ class StoredChannel(Channel):
         encoding: Of the messages: cdr, ros1, or an unsupported one.
         definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
+        profiles: rosbag2's text of the offered QoS profiles, empty if missing.
     """
 
     encoding: str
     definition: str = ''
     definition_encoding: str = ''
+    profiles: str = field(default='', kw_only=True)
 
 
 class Piece(NamedTuple):

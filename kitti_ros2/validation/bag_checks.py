@@ -114,7 +114,8 @@ class _BagPass:
             track = self._tracks.get(message.topic)
             if track is None:
                 latched = message.topic in messages.latched
-                track = TopicTrack(self._bag.path, message.topic, latched, has_qos)
+                profiles = messages.sources[message.topic].profiles
+                track = TopicTrack(self._bag.path, message.topic, latched, has_qos, profiles)
                 self._tracks[message.topic] = track
             track.log_ns.append(message.stamp_ns)
             if message.msgtype in CHECKED_TYPES:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..bags.offered_qos import qos_faults
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.text import format_count
 from .rule import Breach, Rule, RuleScope, RuleSeverity
@@ -39,6 +40,7 @@ class TopicTrack:
         topic: Its name.
         latched: Whether its publisher keeps the last messages for late subscribers.
         has_qos: Whether the bag stores the QoS of publishers.
+        profiles: rosbag2's text of it.
         log_ns: Log times, in the order of the bag.
         header_ns: Stamps of the messages' headers, for types that have one.
     """
@@ -47,6 +49,7 @@ class TopicTrack:
     topic: str
     latched: bool = False
     has_qos: bool = True
+    profiles: str = ''
     log_ns: array[int] = field(default_factory=lambda: array('q'))
     header_ns: array[int] = field(default_factory=lambda: array('q'))
 
@@ -113,6 +116,11 @@ def _find_unlatched(track: TopicTrack) -> Iterator[Breach]:
         yield track.breach('its publisher does not offer durability transient local')
 
 
+def _find_qos_faults(track: TopicTrack) -> Iterator[Breach]:
+    for fault in qos_faults(track.profiles):
+        yield track.breach(fault)
+
+
 def _moment(stamp_ns: int) -> str:
     try:
         return f'{format_stamp(stamp_ns)} UTC'
@@ -170,5 +178,13 @@ TOPIC_RULES: tuple[Rule[TopicTrack], ...] = (
         '/tf_static is latched (QoS durability transient local)',
         'record with --qos-profile-overrides-path, else late subscribers get no frames',
         _find_unlatched,
+    ),
+    Rule(
+        'bag-qos',
+        _WARNING,
+        _STREAM,
+        'Offered QoS profiles have known policies, and publishers of a topic agree',
+        'ros2 bag play falls back to another QoS: give it --qos-profile-overrides-path',
+        _find_qos_faults,
     ),
 )

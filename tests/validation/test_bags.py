@@ -296,13 +296,16 @@ def test_metadata_that_disagrees(tmp_path):
     assert rules(path) == {'bag-metadata'}
 
 
-def write_mcap(path: Path, schema: tuple[str, str, bytes], encoding: str) -> Path:
+def write_mcap(
+    path: Path, schema: tuple[str, str, bytes], encoding: str, profiles: str = ''
+) -> Path:
     with path.open('wb') as file:
         writer = Writer(file)
         writer.start('ros2')
         name, kind, text = schema
         schema_id = writer.register_schema(name, kind, text)
-        channel = writer.register_channel('/a', encoding, schema_id)
+        metadata = {'offered_qos_profiles': profiles}
+        channel = writer.register_channel('/a', encoding, schema_id, metadata)
         writer.add_message(channel, START_NS, b'\0\1\0\0\1\0\0\0\0\0\0\0', START_NS)
         writer.finish()
     return path
@@ -322,10 +325,47 @@ def test_a_definition_that_cannot_be_read_is_a_note(tmp_path):
     assert rules(path) == {'bag-note'}
 
 
+def qos(**policies: object) -> str:
+    usual = {'history': 1, 'reliability': 1, 'durability': 2, 'liveliness': 1}
+    return ''.join(
+        f'{"-" if number == 0 else " "} {name}: {value}\n'
+        for number, (name, value) in enumerate({**usual, **policies}.items())
+    )
+
+
+@pytest.mark.parametrize(
+    ('profiles', 'fault'),
+    [
+        ('', None),
+        ('[]', None),
+        (qos(), None),
+        (qos(history='keep_last', reliability='best_effort', durability='volatile'), None),
+        (qos() + qos(history=2), None),
+        (qos() + qos(reliability=2), 'publishers differ in reliability'),
+        (qos() + qos(reliability='reliable'), None),
+        (qos(durability=1) + qos(), 'publishers differ in durability'),
+        (qos(durability='latched'), "durability of a publisher is 'latched'"),
+        (qos(reliability=9), 'reliability of a publisher is 9'),
+        (qos(history='[1, 2]'), 'history of a publisher is [1, 2]'),
+        ('- history: 1', 'reliability of a publisher is None'),
+        ('history: 1', 'the QoS profiles are no YAML list'),
+        ('- 1', 'the QoS profiles are no YAML list'),
+        ('- {', 'the QoS profiles are no YAML list'),
+        ('[' * 10_000, 'the QoS profiles are no YAML list'),
+    ],
+)
+def test_profiles_of_publishers(tmp_path, profiles, fault):
+    schema = ('std_msgs/msg/String', 'ros2msg', b'string data')
+    path = write_mcap(tmp_path / 'a.mcap', schema, 'cdr', profiles)
+    found = [each.message for each in validate(path).findings if each.rule == 'bag-qos']
+    assert found[:1] == ([] if fault is None else [f'/a: {fault}'])
+
+
 def test_every_rule_has_a_test():
     tested = {rule for _, rule, _ in FAULTS}
     tested |= {
         'bag-latched',
+        'bag-qos',
         'image-decode',
         'bag-damage',
         'bag-metadata',
