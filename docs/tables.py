@@ -16,7 +16,7 @@ from pathlib import Path
 from textwrap import dedent
 from typing import TYPE_CHECKING, Any, get_type_hints
 
-from kitti_ros2.cli.app import get_command
+from kitti_ros2.cli.app import find_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rename_topic
 from kitti_ros2.messages.topics import make_table
@@ -40,18 +40,13 @@ def fill(markdown: str) -> str:
     return _MARKER.sub(lambda found: TABLES[found[1]](*found[2].split()), markdown)
 
 
-def command_names() -> list[str]:
-    """Return the names of all commands."""
-    return list(get_command([]).commands)
-
-
-def command(name: str) -> str:
+def command(*words: str) -> str:
     """Return the description, the arguments and the options of a command."""
-    found = get_command([name]).commands[name]
+    name, found = find_command([*words])
     arguments = [each for each in found.params if each.param_type_name == 'argument']
     options = [each for each in found.params if each.param_type_name == 'option']
-    words = ' '.join(each.metavar or each.name.upper() for each in arguments)
-    usage = f'```text\nkitti-ros2 {name} {words} [OPTIONS]\n```'
+    names = ' '.join(each.metavar or each.name.upper() for each in arguments)
+    usage = f'```text\nkitti-ros2 {name} {names} [OPTIONS]\n```'
     about = table(
         ('argument', 'meaning'),
         ((_code(each.metavar or each.name.upper()), each.help) for each in arguments),

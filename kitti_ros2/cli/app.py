@@ -37,15 +37,37 @@ app = typer.Typer(
 )
 
 
+def command_names() -> list[str]:
+    """Return the names of all sub-commands; those of a group are two words."""
+    return [' '.join(words) for words in _ALL]
+
+
 def get_command(words: list[str]) -> Any:  # noqa: ANN401 - a command of typer's own copy of click
     """Return the command line, with the options of the requested sub-command."""
-    return _command_for(words[0] if words and words[0] in _COMMANDS else None)
+    return _command_for(_requested(words))
+
+
+def find_command(words: list[str]) -> tuple[str, Any]:
+    """Return the name of the requested sub-command, and the command.
+
+    Raises:
+        KeyError: There is none of that name.
+    """
+    found = get_command(words)
+    requested = _requested(words)
+    for word in requested or words[:1]:
+        found = found.commands[word]
+    return ' '.join(requested), found
+
+
+def _requested(words: list[str]) -> tuple[str, ...]:
+    return next((key for key in _ALL if (*words[: len(key)],) == key), ())
 
 
 @cache
-def _command_for(name: str | None) -> Any:  # noqa: ANN401 - as above
-    if name is not None:
-        add_options(_COMMANDS[name])
+def _command_for(requested: tuple[str, ...]) -> Any:  # noqa: ANN401 - as above
+    if requested:
+        add_options(_ALL[requested])
     return typer.main.get_command(app)
 
 
@@ -126,5 +148,22 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'split': split,
     'demo': demo,
 }
+_EVAL: dict[str, Callable[..., int]] = {}
+_ALL: dict[tuple[str, ...], Callable[..., int]] = {
+    **{(name,): command for name, command in _COMMANDS.items()},
+    **{('eval', name): command for name, command in _EVAL.items()},
+}
 for _name, _command in _COMMANDS.items():
     app.command(_name, cls=Command)(_command)
+
+_eval_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+for _name, _command in _EVAL.items():
+    _eval_app.command(_name, cls=Command)(_command)
+
+
+@_eval_app.callback()
+def _eval() -> None:
+    """Score detections, tracks and trajectories as KITTI does."""
+
+
+app.add_typer(_eval_app, name='eval')

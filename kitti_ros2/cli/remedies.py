@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..model.containers import CONTAINERS
-from .app import get_command
+from .app import find_command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,7 +108,8 @@ def _arguments(words: list[str]) -> dict[str, Any]:
     """Parse the arguments of a command line that was parsed before."""
     words = words[: words.index(_ROS_ARGS)] if _ROS_ARGS in words else words
     with suppress(Exception):  # typer has its own kinds of errors
-        command = get_command(words).commands[words[0]]
-        found: dict[str, Any] = command.make_context(words[0], words[1:]).params
+        name, command = find_command(words)
+        rest = words[len(name.split()) :]
+        found: dict[str, Any] = command.make_context(name, rest).params
         return found
     return {}

@@ -14,7 +14,7 @@ from code_blocks import PAGES, ROOT, page_name
 
 import kitti_ros2
 from kitti_ros2.cli import exit_codes
-from kitti_ros2.cli.app import get_command
+from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import own_topics
@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT / 'docs'))
 import tables
 
 MARKER = re.compile(r'<!-- generated: (\S+) ?(.*?) -->')
-COMMANDS = tables.command_names()
+COMMANDS = command_names()
 TEXTS = {page_name(page): page.read_text('utf-8') for page in PAGES}
 OUR_PAGES = sorted(set(TEXTS) - {'docs/comparison.md', 'docs/performance.md'})
 """Pages that name nothing of other programs, nor of benchmarks."""
@@ -43,7 +43,7 @@ def rows_of(markdown):
 def options_of_commands():
     found = {word for each in get_command([]).params for word in each.opts}
     for name in COMMANDS:
-        for each in get_command([name]).commands[name].params:
+        for each in find_command(name.split())[1].params:
             found |= {*each.opts, *each.secondary_opts}
     return found
 
@@ -51,7 +51,7 @@ def options_of_commands():
 def test_every_table_is_in_a_page_and_every_command_in_the_reference():
     asked = [found.groups() for text in TEXTS.values() for found in MARKER.finditer(text)]
     assert {name for name, _ in asked} == set(tables.TABLES)
-    commands = re.findall(r'^## (\S+)\n\n<!-- generated: command (\S+) -->$',
+    commands = re.findall(r'^## (\S.*)\n\n<!-- generated: command (\S.*) -->$',
                           TEXTS['docs/reference/commands.md'], re.MULTILINE)  # fmt: skip
     assert sorted(commands) == sorted((name, name) for name in COMMANDS)
     files = [*(ROOT / 'config').glob('*.yaml'), *(ROOT / 'examples').glob('*.py')]
@@ -81,7 +81,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'report': declared.SOURCE,
         'stats': dataset_tables.STATS,
     }.get(name, ())
-    for parameter in get_command([name]).commands[name].params:
+    for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]
         cell = ', '.join(f'`{each}`' for each in spelt)
         if parameter.param_type_name == 'argument':
