@@ -42,6 +42,7 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
+    'evaluation': 'model options kitti messages bags rig importer',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)

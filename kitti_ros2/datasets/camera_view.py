@@ -21,15 +21,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files.png.header import TRAILING_BYTES, parse_image
-from ..kitti.store import STORE
-from ..model.errors import BadFileError, MissingDataError, describe_error
-from ..model.streams import Stream
+from ..kitti.image_size import image_size
+from ..model.errors import MissingDataError
 from ..options.crop import View
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy.typing as npt
 
     from ..drawing.projection import Projection
@@ -114,38 +110,4 @@ class CameraViews:
         """Return the size of the images: that of the options, the calibration or an image."""
         if self._size is not None:
             return self._size
-        recording = self._recording
-        stream = Stream(f'image_{self._camera}')
-        if recording.layout.traits.calibration_per_frame:
-            return _read_size(recording.path(stream, number))
-        known = recording.calibration(number).cameras[self._camera].size
-        if known is not None:
-            return known
-        index = recording.streams.get(stream)
-        for each in () if index is None else index.numbers.tolist():
-            try:
-                return _read_size(recording.path(stream, each))
-            except MissingDataError:
-                continue
-        raise MissingDataError(
-            f'{recording.root}: {recording.name} has no image of camera {self._camera}, so its size'
-            f' is unknown; give --image-size'
-        )
-
-
-def _read_size(path: Path) -> tuple[int, int]:
-    """Read the size of an image from its two ends.
-
-    Raises:
-        MissingDataError: There is no valid image.
-    """
-    try:
-        ends, size = STORE.read_ends(path, TRAILING_BYTES)
-        image = parse_image(ends, path, size)
-    except FileNotFoundError:
-        raise MissingDataError(
-            f'{path}: no such file; the size of the image is needed, or --image-size'
-        ) from None
-    except (BadFileError, OSError) as error:
-        raise MissingDataError(describe_error(error)) from None
-    return image.width, image.height
+        return image_size(self._recording, self._camera, number, '--image-size')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels -> vision_msgs/Detection3DArray and Detection2DArray; any Detection3DArray -> boxes.
+"""Labels -> vision_msgs/Detection3DArray and Detection2DArray; any of these -> boxes.
 
 A detection's id is the track id, or the box's place in its file; the same box has the same id in
 both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
@@ -8,7 +8,8 @@ both arrays. Ground truth has score 1, predictions their own. Covariances are ze
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from math import cos, isfinite, nan, sin
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,23 @@ _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NO_TURN = 0.0
 _TRUTH_SCORES = frozenset({0.0, 1.0})
 _FARTHEST_M = 1e5  # from the scanner; no sensor sees it, and no box is so large
+
+
+class ImageBox(NamedTuple):
+    """A 2D detection.
+
+    Attributes:
+        class_name, identity: As in Cuboid.
+        box_2d: left, top, right, bottom, pixels.
+        score: Detection score, None without a result.
+        frame: Its frame, without a leading slash: the camera whose pixels they are.
+    """
+
+    class_name: str
+    identity: str
+    box_2d: tuple[float, float, float, float]
+    score: float | None
+    frame: str
 
 
 def encode_detections(cuboids: Sequence[Cuboid], stamp_ns: int, frame_id: str) -> Parts:
@@ -108,20 +126,58 @@ def cuboids_of_detections(
     scores = scores or has_scores(message)
     cuboids = []
     for detection in message.detections:
-        best = max(detection.results, key=_score, default=None)
+        class_name, identity, score = _best_result(detection)
         frame = detection.header.frame_id or message.header.frame_id
-        identity = getattr(detection, 'id', '') or getattr(detection, 'tracking_id', '')
         size = detection.bbox.size
         cuboids.append(
             Cuboid(
-                '' if best is None else _class(best),
+                class_name,
                 identity,
                 place_in_velo(detection.bbox.center, frame, to_velo),
                 (size.x, size.y, size.z),
-                _score(best) if scores and best is not None else None,
+                score if scores else None,
             )
         )
     return possible(cuboids)
+
+
+def boxes_of_detections_2d(message: Any) -> tuple[list[ImageBox], list[str]]:  # noqa: ANN401
+    """Decode a vision_msgs/Detection2DArray; also why others were skipped.
+
+    A rotated box becomes the upright one around it. Definitions of ROS 1 and of Foxy are supported.
+    """
+    boxes = []
+    for detection in message.detections:
+        center = detection.bbox.center
+        middle = getattr(center, 'position', center)
+        theta = center.theta if isfinite(center.theta) else nan
+        c, s = abs(cos(theta)), abs(sin(theta))
+        size = detection.bbox.size_x, detection.bbox.size_y
+        across, down = (c * size[0] + s * size[1]) / 2, (s * size[0] + c * size[1]) / 2
+        bounds = middle.x - across, middle.y - down, middle.x + across, middle.y + down
+        class_name, identity, score = _best_result(detection)
+        frame = (detection.header.frame_id or message.header.frame_id).lstrip('/')
+        if min(size) > 0 and all(map(isfinite, bounds)) and isfinite(score or 0.0):
+            boxes.append(ImageBox(class_name, identity, bounds, score, frame))
+    return boxes, [ABSURD] * (len(message.detections) - len(boxes))
+
+
+def frames_of_detections(message: Any) -> set[str]:  # noqa: ANN401 - of the bag's types
+    """Return the frames of the detections of an array, without leading slashes."""
+    return {
+        (each.header.frame_id or message.header.frame_id).lstrip('/') for each in message.detections
+    }
+
+
+def _best_result(detection: Any) -> tuple[str, str, float | None]:  # noqa: ANN401 - as above
+    """Return the class, empty without a result, the id and the score of a detection."""
+    best = max(detection.results, key=_score, default=None)
+    identity = getattr(detection, 'id', '') or getattr(detection, 'tracking_id', '')
+    return (
+        '' if best is None else _class(best),
+        identity,
+        None if best is None else _score(best),
+    )
 
 
 def place_in_velo(

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _OPTIONAL = {
     'nav_msgs/msg/Odometry': {'twist'},
     'sensor_msgs/msg/PointCloud2': {'is_dense'},
+    'vision_msgs/msg/BoundingBox2D': {'center'},
+    'vision_msgs/msg/Detection2D': {'id'},
     'vision_msgs/msg/Detection3D': {'id'},
     'vision_msgs/msg/ObjectHypothesisWithPose': {'hypothesis', 'pose'},
     'visualization_msgs/msg/Marker': {

@@ -30,6 +30,7 @@ _DELETE_ALL = 3
 _EGO = 'ego'
 
 _CLASS = re.compile(r'\(?[^\W\d_][\w-]+\)?')
+_SCORE = re.compile(r'(?<![\w.-])(0?\.\d+|1\.0*|\d{1,3}(?=%))(%?)(?![\w.])', re.ASCII)
 _EDGES = ':;,.#"\'[]{}'
 _GENERIC = re.compile(
     r'all|(annot|detect|track|visual)\w*|(b|bounding)_?box(es)?|bounding|box(es)?|basic|class'
@@ -41,11 +42,18 @@ _GENERIC = re.compile(
 def cuboids_of_markers(
     message: Any,  # noqa: ANN401 - of the bag's types
     to_velo: Mapping[str, Transform],
+    *,
+    scores: bool = False,
 ) -> tuple[list[Cuboid], list[str]]:
     """Decode the cubes of a visualization_msgs/MarkerArray; also why others were skipped.
 
     A cube in namespace ego is the recording car. Boxes drawn as lines, and lists of cubes, are not
     supported and skipped, except for those that frame a cube of the same id.
+
+    Args:
+        message: Of the bag's own types.
+        to_velo: velo_T_frame by frame name.
+        scores: Whether to read scores from the captions: car 0.87, or car 87%.
 
     Raises:
         ValueError: A box is in a frame that is not joined.
@@ -63,11 +71,17 @@ def cuboids_of_markers(
                 f'{cube.ns}/{cube.id}',
                 place_in_velo(cube.pose, cube.header.frame_id, to_velo),
                 (cube.scale.x, cube.scale.y, cube.scale.z),
+                _score_of(cube, shown) if scores else None,
             )
             for cube in cubes
         ]
     )
     return cuboids, left_out + [AS_LINES] * len(lists)
+
+
+def frames_of_markers(message: Any) -> set[str]:  # noqa: ANN401 - of the bag's types
+    """Return the frames of the cubes that cuboids_of_markers decodes, without leading slashes."""
+    return {each.header.frame_id.lstrip('/') for each in _shown(message) if each.type == _CUBE}
 
 
 def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
@@ -89,15 +103,32 @@ def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
 def _class_of(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of the bag's types
     """Return the class of a cube, empty if unknown.
 
-    It is in the cube's own text, or in a text marker with the cube's id (its namespace begins with
-    the cube's, or the cube is the only one with this id), or it is the cube's namespace.
+    It is in a caption, or it is the cube's namespace.
+    """
+    candidates = [*_captions(cube, shown), cube.ns.rpartition('/')[2]]
+    return next((found for text in candidates if (found := _class_in(text))), '')
+
+
+def _score_of(cube: Any, shown: list[Any]) -> float | None:  # noqa: ANN401 - of the bag's types
+    """Return the last fraction or percentage in the captions of a cube, None without one."""
+    found = [match for text in _captions(cube, shown) for match in _SCORE.finditer(text)]
+    if not found:
+        return None
+    number = float(found[-1][1])
+    return number / 100 if found[-1][2] else number
+
+
+def _captions(cube: Any, shown: list[Any]) -> list[str]:  # noqa: ANN401 - of the bag's types
+    """Return the texts about a cube.
+
+    They are its own text, and those of text markers with its id whose namespace begins with the
+    cube's, or of all if the cube is the only one with this id.
     """
     texts = [each for each in shown if each.type == _TEXT and each.id == cube.id]
     near = [each for each in texts if cube.ns and each.ns.startswith(cube.ns)]
     if not near and sum(each.type == cube.type and each.id == cube.id for each in shown) == 1:
         near = texts
-    candidates = [cube.text, *(each.text for each in near), cube.ns.rpartition('/')[2]]
-    return next((found for text in candidates if (found := _class_in(text))), '')
+    return [cube.text, *(each.text for each in near)]
 
 
 def _class_in(text: str) -> str:

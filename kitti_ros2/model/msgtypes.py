@@ -3,6 +3,7 @@
 """The names of ROS message types, in ROS 2's spelling."""
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+CLOCK = 'rosgraph_msgs/msg/Clock'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'

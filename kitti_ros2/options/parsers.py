@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -54,6 +55,26 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
     return tuple(
         word for item in items for word in parse_text(name, item).replace(',', ' ').split()
     )
+
+
+def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
+    """Parse classes of results with KITTI's, such as car=Car 3=Pedestrian, or a mapping.
+
+    The last = divides a pair; with nothing after it the class is left out.
+    """
+    if isinstance(value, Mapping):
+        pairs = [(str(own), known) for own, known in value.items()]
+    else:
+        items = value if isinstance(value, (list, tuple)) else [value]
+        pairs = [
+            item if isinstance(item, tuple) else str(item).rpartition('=')[::2] for item in items
+        ]
+    for own, known in pairs:
+        if not own or not isinstance(known, str) or any(map(str.isspace, known)):
+            raise UsageError(
+                f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {own}={known}'
+            )
+    return tuple(pairs)
 
 
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:

@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Score detections, tracks and trajectories as KITTI does.
+
+Each name is imported when it is used first.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..model.lazy_names import lazy_names
+
+if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
+    from .bag_results import *
+
+_MODULES: dict[str, str] = {
+    'BagResults': 'evaluation.bag_results',
+    'read_bag_results': 'evaluation.bag_results',
+}
+
+__all__ = [
+    'BagResults',
+    'read_bag_results',
+]
+
+
+if not TYPE_CHECKING:  # a type checker would accept any name
+    __getattr__ = lazy_names(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

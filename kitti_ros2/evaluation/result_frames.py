@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The coordinate frames of results: velo_T_frame at a frame of the recording.
+
+The recording's own sensors are where its calibration has them. Other frames are joined to these by
+the bag's transforms, static ones and those that move at the stamp of the result. If the bag lacks a
+part of the tree that the player publishes, it is made from the calibration.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..bags.decoding import Decoder
+from ..bags.reader import open_messages
+from ..importer.pose_track import PoseTrack
+from ..messages.header import stamp_ns_of
+from ..messages.naming import base_t_imu, make_frames
+from ..messages.transforms import decode_static, static_links
+from ..model.errors import MissingDataError
+from ..model.msgtypes import TF_TYPES
+from ..options.messages import MessageOptions, Preset
+from ..rig.tf_tree import FrameTree, LinkTally
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..bags.reader import BagMessages, BagSource
+    from ..importer.report import LossTally
+    from ..model.geometry import Transform
+    from ..model.samples import Calibration
+    from ..rig.tf_tree import Link
+
+_VELO = make_frames(Preset.DEFAULT, {}).velo
+
+
+class ResultFrames:
+    """Finds velo_T_frame of the frames of results.
+
+    Args:
+        bag: The bag of the results.
+        topics: Type by topic of the bag.
+        cameras: Names of the recording's cameras, by index.
+        limit_ns: How far before the first or after the last transform of a moving link it is used.
+        losses: Transforms that cannot be decoded are entered there.
+
+    Attributes:
+        completed: The frames for which the recording's own tree was needed.
+    """
+
+    def __init__(
+        self,
+        bag: BagSource,
+        topics: Mapping[str, str],
+        cameras: Mapping[int, str],
+        limit_ns: int,
+        losses: LossTally,
+    ) -> None:
+        self._bag = bag
+        self._topics = {name for name, msgtype in topics.items() if msgtype in TF_TYPES}
+        self._names = [make_frames(preset, cameras) for preset in Preset]
+        self._limit_ns = limit_ns
+        self._losses = losses
+        self._own: tuple[Calibration, list[Link], Mapping[str, Transform]] | None = None
+        self.completed: set[str] = set()
+
+    def camera_of(self, frame: str) -> int | None:
+        """Return the camera whose optical frame has a name, None if no camera's has."""
+        return next(
+            (
+                index
+                for names in self._names
+                for index in names.cameras
+                if names.camera(index) == frame
+            ),
+            None,
+        )
+
+    def velo_t(self, frame: str, calibration: Calibration, stamp_ns: int) -> Transform:
+        """Return velo_T_frame.
+
+        Args:
+            frame: Name without a leading slash.
+            calibration: That of the recording at the frame.
+            stamp_ns: The stamp of the result.
+
+        Raises:
+            MissingDataError: Nothing joins the frame to the scanner.
+        """
+        links, sensors = self._own_tree(calibration)
+        if frame in sensors:
+            return sensors[frame]
+        static, tracks = self._transforms
+        poses = {link: _pose_at(track, stamp_ns, self._limit_ns) for link, track in tracks.items()}
+        moved = [(*link, pose) for link, pose in poses.items() if pose is not None]
+        lost = [link for link, pose in poses.items() if pose is None]
+        of_bag = FrameTree([*static, *moved], lost)
+        for name, velo_t_sensor in sensors.items():
+            sensor_t_frame = of_bag.find(name, frame)
+            if sensor_t_frame is not None:
+                return velo_t_sensor @ sensor_t_frame
+        placed = {link[1] for link in (*static, *moved, *lost)}
+        added = [link for link in links if link[1] not in placed]
+        found = FrameTree([*static, *moved, *added], lost).find(_VELO, frame)
+        if found is None:
+            raise MissingDataError(
+                f'no transform at its stamp joins frame {frame!r} to {_VELO}; the bag has {of_bag}'
+            )
+        self.completed.add(frame)
+        return found
+
+    def _own_tree(self, calibration: Calibration) -> tuple[list[Link], Mapping[str, Transform]]:
+        """Return the links that the player publishes, and velo_T_sensor by frame."""
+        if self._own is None or self._own[0] is not calibration:
+            base_t_unit = base_t_imu(MessageOptions())
+            links = [static_links(calibration, base_t_unit, names) for names in self._names]
+            tree = FrameTree(link for several in links for link in several)
+            cameras = (names.camera(index) for names in self._names for index in names.cameras)
+            found = {name: tree.find(_VELO, name) for name in (_VELO, *cameras)}
+            sensors = {
+                name: transform for name, transform in found.items() if transform is not None
+            }
+            self._own = calibration, links[0], sensors
+        return self._own[1:]
+
+    @cached_property
+    def _transforms(self) -> tuple[list[Link], Mapping[tuple[str, str], PoseTrack]]:
+        """The static links of the bag, and the poses over time of the others."""
+        if not self._topics:
+            return [], {}
+        with open_messages(self._bag, self._topics) as messages:
+            return self._read_transforms(messages)
+
+    def _read_transforms(
+        self, messages: BagMessages
+    ) -> tuple[list[Link], Mapping[tuple[str, str], PoseTrack]]:
+        tally = LinkTally()
+        poses: dict[tuple[str, str], list[tuple[int, Transform]]] = defaultdict(list)
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
+                continue
+            still = 'static' in message.topic
+            tally.add(decoded, still=still)
+            if still:
+                continue
+            for stamped, (parent, child, pose) in zip(
+                decoded.transforms, decode_static(decoded), strict=True
+            ):
+                link = parent.lstrip('/'), child.lstrip('/')
+                poses[link].append((stamp_ns_of(stamped.header), pose))
+        static, moving, _ = tally.sorted()
+        tracks = {link: PoseTrack(*zip(*poses[link], strict=True)) for link in moving}
+        return static, tracks
+
+
+def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:
+    """Return the pose at a stamp; just before the first and after the last it is that one."""
+    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+    nearest = min(max(stamp_ns, first), last)
+    if abs(nearest - stamp_ns) > limit_ns:
+        return None
+    return track.at([nearest])[0]
