@@ -71,9 +71,7 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
         ]
     for own, known in pairs:
         if not own or not isinstance(known, str) or any(map(str.isspace, known)):
-            raise UsageError(
-                f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {own}={known}'
-            )
+            raise UsageError(f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {value}')
     return tuple(pairs)
 
 
