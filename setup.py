@@ -63,6 +63,8 @@ EXTRAS = {
         'mkdocstrings[python]>=1,<2',
         'nbclient>=0.10,<0.12',
     ],
+    # The figures of `eval tracking`.
+    'eval': ['trackeval>=1.3,<2'],
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],
     # The pictures of `stats -o`.
@@ -79,6 +81,7 @@ EXTRAS = {
 }
 EXTRAS['test'] = [
     *EXTRAS['video'],
+    *EXTRAS['eval'],
     *EXTRAS['foxglove'],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],

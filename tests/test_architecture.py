@@ -42,7 +42,7 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
-    'evaluation': 'model options kitti messages bags rig importer',
+    'evaluation': 'model options kitti messages bags rig importer api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
@@ -59,6 +59,7 @@ GUESTS = {
     'jinja2': {'report'},
     'matplotlib': {'datasets'},
     'rerun': {'rerun_view'},
+    'trackeval': {'evaluation'},
     'typer': {'cli'},
     'rich': {'cli'},
 }

@@ -134,6 +134,15 @@ class StatisticsKeywords(TypedDict, total=False):
     sequence: str | None
 
 
+class TrackingKeywords(TypedDict, total=False):
+    """Options of eval tracking."""
+
+    topic: str | None
+    class_map: OneOrMore | Mapping[str, str]
+    tolerance: float | None
+    sequence: str | None
+
+
 def keyword_of(option: Option) -> str:
     """Return the keyword of an option: its long flag with underscores."""
     long = [flag for flag in option.flags if flag.startswith('--')]

@@ -15,6 +15,7 @@ from .commands.crop import crop
 from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.download import download
+from .commands.eval_tracking import eval_tracking
 from .commands.extract import extract
 from .commands.info import info
 from .commands.play import play
@@ -148,7 +149,9 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'split': split,
     'demo': demo,
 }
-_EVAL: dict[str, Callable[..., int]] = {}
+_EVAL: dict[str, Callable[..., int]] = {
+    'tracking': eval_tracking,
+}
 _ALL: dict[tuple[str, ...], Callable[..., int]] = {
     **{(name,): command for name, command in _COMMANDS.items()},
     **{('eval', name): command for name, command in _EVAL.items()},

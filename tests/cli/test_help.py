@@ -15,7 +15,7 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import find_command
-from kitti_ros2.options import dataset_tables, table
+from kitti_ros2.options import dataset_tables, evaluation_tables, table
 from kitti_ros2.pictures.modes import MODES
 
 from terminals import read_to_the_end  # isort: skip
@@ -34,6 +34,7 @@ COMMANDS = {
     'download': '[WHAT... ROOT]',
     'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',
+    'eval tracking': 'GT RESULTS',
     'play': '[SRC]',
 }
 TABLES = {
@@ -49,6 +50,7 @@ TABLES = {
     'report': table.SOURCE,
     'stats': dataset_tables.STATS,
     'split': dataset_tables.SPLIT,
+    'eval tracking': evaluation_tables.TRACKING,
 }
 
 

@@ -139,6 +139,14 @@ def needs_rclpy(block: Block) -> bool:
     )
 
 
+def needs_trackeval(block: Block) -> bool:
+    return 'eval tracking' in block.text or 'evaluate_tracking' in block.text
+
+
+NEEDS = {'rclpy': needs_rclpy, 'trackeval': needs_trackeval}
+"""By package, which is not everywhere installed: whether a block needs it."""
+
+
 @pytest.mark.parametrize('page', PAGES, ids=page_name)
 def test_blocks_of_a_page_run(page, folder):
     blocks = [each for each in blocks_of(page) if not each.reason]
@@ -146,13 +154,13 @@ def test_blocks_of_a_page_run(page, folder):
     for name in bags_needed(commands):
         BAGS[name](folder / name, folder)
     names: dict[str, object] = {'__name__': '__main__'}
-    no_rclpy = importlib.util.find_spec('rclpy') is None
-    skipped = [each for each in blocks if no_rclpy and needs_rclpy(each)]
+    absent = [name for name in NEEDS if importlib.util.find_spec(name) is None]
+    skipped = [each for each in blocks if any(NEEDS[name](each) for name in absent)]
     for block in blocks:
         if block not in skipped:
             run_block(block, names, folder, f'{page_name(page)}:{block.line}')
     if skipped:
-        pytest.skip(f'{len(skipped)} blocks need rclpy')
+        pytest.skip(f'{len(skipped)} blocks need {" or ".join(absent)}')
 
 
 def test_blocks_that_are_not_run_are_few():

@@ -19,7 +19,7 @@ from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import own_topics
 from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.options import dataset_tables
+from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
 from kitti_ros2.options.messages import Preset
 from kitti_ros2.validation.rule_table import rules_by_id
@@ -80,6 +80,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'validate': dataset_tables.VALIDATE,
         'report': declared.SOURCE,
         'stats': dataset_tables.STATS,
+        'eval tracking': evaluation_tables.TRACKING,
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]

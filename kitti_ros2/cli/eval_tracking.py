@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 eval tracking."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..evaluation.tracking import score_tracking
+from ..options.evaluation_tables import make_tracking_options
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import losses_json, print_json
+from .memory import keep_imports
+from .progress import step_progress
+from .tables import plain_table
+from .text import format_count, say, show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..evaluation.tracking import TrackingScores
+
+_COLUMNS = {
+    'HOTA': 'HOTA',
+    'DetA': 'DetA',
+    'AssA': 'AssA',
+    'MOTA': 'MOTA',
+    'MOTP': 'MOTP',
+    'IDF1': 'IDF1',
+    'IDSW': 'IDs',
+    'Frag': 'FRAG',
+    'MT': 'MT',
+    'PT': 'PT',
+    'ML': 'ML',
+}
+"""By TrackEval's name of a figure the heading of its column."""
+
+
+def run_eval_tracking(
+    ground_truth: Path, results: Path, given: Mapping[str, object], *, json: bool, quiet: bool
+) -> int:
+    """Print the scores of tracks.
+
+    Args:
+        ground_truth: A tracking set.
+        results: A folder of a tracker's files, one of them, or a bag.
+        given: Options by name.
+        json: Whether to print JSON instead of a table.
+        quiet: Print only losses.
+
+    Returns:
+        The exit code: 1 where sequences or frames have no results, or lines could not be used.
+    """
+    keep_imports()
+    with step_progress('scoring', show=not quiet) as progress:
+        scores = score_tracking(ground_truth, results, *make_tracking_options(given), progress)
+    if json:
+        print_json(
+            {
+                'tracking': scores.classes,
+                'sequences': scores.sequences,
+                'frames': scores.frames,
+                'losses': losses_json(scores.losses),
+            }
+        )
+    elif not quiet:
+        _print(scores)
+    show_losses(scores.losses)
+    return EXIT_LOSSES if scores.losses else EXIT_OK
+
+
+def _print(scores: TrackingScores) -> None:
+    """Print a table for a terminal of 80 columns."""
+    from rich.console import Console
+
+    names = ', '.join(scores.sequences)
+    sequences = format_count(len(scores.sequences), 'sequence')
+    say(f'{sequences} ({names}), {format_count(scores.frames, "frame")}')
+    table = plain_table('class', _COLUMNS.values())
+    for class_name, figures in scores.classes.items():
+        cells = [figures[name] for name in _COLUMNS]
+        table.add_row(
+            class_name, *(f'{each:.2f}' if isinstance(each, float) else f'{each}' for each in cells)
+        )
+    Console(highlight=False).print(table)
+    for note in scores.notes:
+        say(f'note: {note}')

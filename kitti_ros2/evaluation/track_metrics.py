@@ -1,0 +1,220 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""TrackEval's figures for tracks: HOTA, CLEAR-MOT and IDF1, by its class for KITTI's 2D boxes.
+
+The rules of the benchmark are those of TrackEval (Luiten et al., IJCV 2021), kitti_2d_box.py:
+vans and sitting people are distractors, whose matches are removed; so are labels with a truncation
+above 0 or an occlusion above 2; unmatched boxes that are at most 25 px high, or more than half
+inside a DontCare region, are removed. A box matches a label with an IoU of at least 0.5.
+
+The boxes are written to temporary files in KITTI's format, with all digits of their numbers.
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import redirect_stdout
+from functools import lru_cache
+from importlib.util import find_spec
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..model.errors import MissingDataError, UsageError
+from .track_boxes import SCORED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from .track_boxes import TrackBox
+
+_PERCENT = {
+    'HOTA': ('HOTA', 'DetA', 'AssA', 'LocA'),
+    'CLEAR': ('MOTA', 'MOTP'),
+    'Identity': ('IDF1', 'IDP', 'IDR'),
+}
+_COUNTS = {'CLEAR': ('IDSW', 'Frag', 'MT', 'PT', 'ML', 'CLR_TP', 'CLR_FN', 'CLR_FP')}
+_TRACKER = 'tracker'
+_SPLIT = 'training'
+_UNSCORED = '1'
+
+
+class TrackedSequence(NamedTuple):
+    """A sequence with its tracks.
+
+    Attributes:
+        name: Such as 0000.
+        length: Number of frames.
+        truth: The labels.
+        tracks: Those of the tracker.
+    """
+
+    name: str
+    length: int
+    truth: Sequence[TrackBox]
+    tracks: Sequence[TrackBox]
+
+
+class TrackFigures(NamedTuple):
+    """Figures by class and by TrackEval's name: percent, or counts.
+
+    Attributes:
+        combined: Of all sequences together.
+        by_sequence: Of each sequence.
+    """
+
+    combined: Mapping[str, Mapping[str, float]]
+    by_sequence: Mapping[str, Mapping[str, Mapping[str, float]]]
+
+
+def check_trackeval() -> None:
+    """Check that TrackEval is installed.
+
+    Raises:
+        UsageError: It is not.
+    """
+    if find_spec('trackeval') is None:
+        raise UsageError(
+            'eval tracking needs trackeval, which is not installed; run'
+            " pip install 'kitti_ros2[eval]'"
+        )
+
+
+def score_sequences(
+    sequences: Sequence[TrackedSequence], progress: Callable[[int, int], None]
+) -> TrackFigures:
+    """Score tracks.
+
+    Args:
+        sequences: At least one.
+        progress: Called with the number of sequences done, and of all.
+
+    Raises:
+        UsageError: TrackEval is not installed.
+        MissingDataError: TrackEval cannot evaluate the sequences.
+    """
+    check_trackeval()
+    with TemporaryDirectory(prefix='kitti_ros2_tracks_') as folder:
+        _write_tree(Path(folder), sequences)
+        try:
+            with redirect_stdout(StringIO()):
+                return _evaluate(Path(folder), [each.name for each in sequences], progress)
+        except load_trackeval().utils.TrackEvalException as error:
+            raise MissingDataError(f'TrackEval: {error}') from None
+
+
+def _evaluate(
+    root: Path, names: Sequence[str], progress: Callable[[int, int], None]
+) -> TrackFigures:
+    """Do what Evaluator.evaluate of TrackEval does, without its output."""
+    library = load_trackeval()
+    dataset = library.datasets.Kitti2DBox(
+        {
+            'GT_FOLDER': str(root),
+            'TRACKERS_FOLDER': str(root),
+            'TRACKERS_TO_EVAL': [_TRACKER],
+            'SPLIT_TO_EVAL': _SPLIT,
+            'CLASSES_TO_EVAL': list(SCORED),
+            'PRINT_CONFIG': False,
+        }
+    )
+    quiet = {'PRINT_CONFIG': False}
+    metrics = {
+        'HOTA': library.metrics.HOTA(),
+        'CLEAR': library.metrics.CLEAR(quiet),
+        'Identity': library.metrics.Identity(quiet),
+    }
+    results: dict[str, dict[str, dict[str, Any]]] = {}
+    for done, name in enumerate(sorted(names), 1):
+        raw = dataset.get_raw_seq_data(_TRACKER, name)
+        results[name] = {}
+        for class_name in SCORED:
+            data = dataset.get_preprocessed_seq_data(raw, class_name)
+            found = {key: metric.eval_sequence(data) for key, metric in metrics.items()}
+            results[name][class_name] = found
+        progress(done, len(names))
+    combined = {
+        class_name: _figures(
+            {
+                key: metric.combine_sequences(
+                    {name: found[class_name][key] for name, found in results.items()}
+                )
+                for key, metric in metrics.items()
+            }
+        )
+        for class_name in SCORED
+    }
+    by_sequence = {
+        name: {class_name: _figures(values) for class_name, values in found.items()}
+        for name, found in results.items()
+    }
+    return TrackFigures(combined, by_sequence)
+
+
+def _figures(values: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Return the figures that are reported; those of HOTA are means over its 19 thresholds."""
+    percent = {
+        name: 100 * float(np.mean(values[metric][name]))
+        for metric, names in _PERCENT.items()
+        for name in names
+    }
+    counts = {
+        name: int(values[metric][name]) for metric, names in _COUNTS.items() for name in names
+    }
+    return percent | counts
+
+
+def _write_tree(root: Path, sequences: Sequence[TrackedSequence]) -> None:
+    """Write the files that Kitti2DBox reads."""
+    labels, tracks = root / 'label_02', root / _TRACKER / 'data'
+    labels.mkdir(parents=True)
+    tracks.mkdir(parents=True)
+    for each in sequences:
+        (labels / f'{each.name}.txt').write_text(_text(each.truth))
+        (tracks / f'{each.name}.txt').write_text(_text(each.tracks))
+    lengths = ''.join(f'{each.name} empty 000000 {each.length:06d}\n' for each in sequences)
+    (root / f'evaluate_tracking.seqmap.{_SPLIT}').write_text(lengths)
+
+
+def _text(boxes: Sequence[TrackBox]) -> str:
+    """Format the lines of boxes; TrackEval finds the separator if all have as many columns.
+
+    Tracks are numbered from 0, in the same order: TrackEval makes an array of the greatest id.
+    """
+    ids = sorted({each.track_id for each in boxes if each.track_id >= 0})
+    places = {track_id: place for place, track_id in enumerate(ids)}
+    return ''.join(f'{" ".join(_words(each, places))}\n' for each in boxes)
+
+
+def _words(found: TrackBox, places: Mapping[int, int]) -> Iterable[str]:
+    box = found.box
+    yield from (str(found.frame), str(places.get(found.track_id, -1)), found.class_name)
+    yield from (repr(box.truncated), str(box.occluded), repr(box.alpha))
+    yield from map(repr, (*box.box_2d, *box.size_hwl, *box.location, box.rotation_y))
+    yield _UNSCORED
+
+
+class _Numpy(ModuleType):
+    """numpy with the names of Python's types that numpy 1.24 removed."""
+
+    float = float
+    int = int
+    bool = bool
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of numpy
+        return getattr(np, name)
+
+
+@lru_cache(maxsize=1)
+def load_trackeval() -> Any:  # noqa: ANN401 - without types
+    """Import TrackEval; its modules get the names of numpy that they need."""
+    import trackeval  # noqa: PLC0415 - an extra
+
+    for name, module in [*sys.modules.items()]:
+        if name.startswith('trackeval.') and getattr(module, 'np', None) is np:
+            module.np = _Numpy('numpy')  # type: ignore[attr-defined]
+    return trackeval

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sequences of tracking ground truth, and the files or the bag with a tracker's results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..bags.locate import looks_like_bag
+from ..bags.open_folder import open_folders
+from ..bags.open_source import open_bag_source
+from ..kitti.names import SEQUENCE_DIGITS, SPLITS, TRACKING_LABELS, TXT
+from ..kitti.store import STORE
+from ..model.errors import MissingPathError, UsageError
+from ..model.layouts import Layout
+from ..model.losses import Loss
+from ..model.streams import Stream
+from ..model.text import some_of
+from .bag_results import read_bag_results
+from .track_boxes import TRACKER_CLASSES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from ..kitti.recording import KittiRecording
+    from ..model.boxes import Box
+    from ..options.bag_results import BagResultsOptions
+    from ..options.read import ReadOptions
+
+_DATA = 'data'
+"""The sub-folder for result files of the devkit and of TrackEval."""
+_SEQMAPS = 'evaluate_tracking.seqmap'
+
+
+class TruthSequence(NamedTuple):
+    """A sequence with labels.
+
+    Attributes:
+        name: Such as 0000.
+        labels: Its file in label_02.
+        length: Number of frames.
+        recording: The sequence, open.
+    """
+
+    name: str
+    labels: Path
+    length: int
+    recording: KittiRecording
+
+
+class ResultSource(NamedTuple):
+    """The results of a tracker.
+
+    Attributes:
+        path: As given.
+        sequences: Those with results, at least one.
+        files: By sequence the file of its tracks.
+        frames: Boxes by frame of the only sequence, None for files.
+        losses: Sequences without results, and the losses of a bag.
+        notes: Remarks.
+    """
+
+    path: Path
+    sequences: Sequence[TruthSequence]
+    files: Mapping[str, Path]
+    frames: Mapping[int, Iterable[Box]] | None = None
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
+    """Find the sequences with labels.
+
+    Args:
+        path: A tracking set or a split of it, label_02, or one of its files.
+        read: Names the sequence if only one is requested.
+
+    Raises:
+        KittiRos2Error: There is none.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_file() and path.parent.name == TRACKING_LABELS and read.sequence is None:
+        path, read = path.parent, replace(read, sequence=path.stem)
+    folder = path.absolute().parent if path.name == TRACKING_LABELS else path
+    recordings = open_folders(folder, replace(read, layout=Layout.TRACKING))
+    found = []
+    for each in recordings:
+        labels = each.path(Stream.LABELS, 0)
+        if labels.is_file():
+            found.append(TruthSequence(each.name, labels, _length(each, labels), each))
+    if not found:
+        raise UsageError(
+            f'{path}: has no {TRACKING_LABELS}/{"0" * SEQUENCE_DIGITS}{TXT} (KITTI publishes no'
+            f' labels of {SPLITS[1]}); give {SPLITS[0]} of a tracking set'
+        )
+    return found
+
+
+def _length(recording: KittiRecording, labels: Path) -> int:
+    """Return the number of frames: of the files, or in the list of sequences of the devkit."""
+    length = max((int(each.numbers[-1]) + 1 for each in recording.streams.values()), default=0)
+    for folder in (labels.parent.parent, labels.parent):
+        for name in STORE.names(folder):
+            if not name.startswith(_SEQMAPS):
+                continue
+            for line in STORE.read_text(folder / name).splitlines():
+                words = line.split()
+                if len(words) == 4 and words[0] == recording.name and words[3].isdecimal():
+                    length = max(length, int(words[3]))
+    return length
+
+
+def find_results(
+    path: Path, known: Sequence[TruthSequence], options: BagResultsOptions, *, all_known: bool
+) -> ResultSource:
+    """Find the results of sequences.
+
+    Args:
+        path: A folder of a tracker's files, directly or in its data/, one of them, or a bag.
+        known: The sequences with labels.
+        options: Those of a bag.
+        all_known: Whether these are all sequences, so that results of others have no labels.
+
+    Raises:
+        KittiRos2Error: There are no results of these sequences.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_dir() and not looks_like_bag(path):
+        return _in_folder(path, known, all_known=all_known)
+    if path.suffix == TXT:
+        return _in_file(path, known)
+    if len(known) > 1:
+        names = some_of([each.name for each in known])
+        raise UsageError(
+            f'{path}: a bag has the tracks of one sequence; choose it with --sequence ({names})'
+        )
+    with open_bag_source(path) as bag:
+        found = read_bag_results(
+            bag,
+            options.topic,
+            known[0].recording,
+            dict(options.class_map),
+            classes=TRACKER_CLASSES,
+            tolerance_ns=options.tolerance_ns,
+        )
+    return ResultSource(path, known, {}, found.boxes, found.losses, found.notes)
+
+
+def _in_file(path: Path, known: Sequence[TruthSequence]) -> ResultSource:
+    chosen = known if len(known) == 1 else [each for each in known if each.name == path.stem]
+    if not chosen:
+        raise UsageError(
+            f'{path}: of which sequence are these tracks? choose it with --sequence'
+            f' ({some_of([each.name for each in known])})'
+        )
+    return ResultSource(path, chosen, {chosen[0].name: path})
+
+
+def _in_folder(path: Path, known: Sequence[TruthSequence], *, all_known: bool) -> ResultSource:
+    folder = next((each for each in (path, path / _DATA) if _files(each)), None)
+    if folder is None:
+        entries = STORE.names(path)
+        found = f'contains {some_of(entries)}' if entries else 'the folder is empty'
+        raise UsageError(f'{path}: {found}; expected tracks in files such as {known[0].name}{TXT}')
+    files = _files(folder)
+    scored = [each for each in known if each.name in files]
+    if not scored:
+        names = some_of([f'{each.name}{TXT}' for each in known])
+        raise UsageError(f'{folder}: has no {names}, but {some_of([f"{n}{TXT}" for n in files])}')
+    absent = [each.name for each in known if each.name not in files]
+    unknown = sorted({*files} - {each.name for each in known}) if all_known else []
+    lost = (
+        Loss('tracks', len(absent), f'{folder}: no file of {some_of(absent, 6)}; not scored'),
+        Loss('ground truth', len(unknown), f'{folder}: no labels of {some_of(unknown, 6)}'),
+    )
+    return ResultSource(path, scored, files, losses=tuple(loss for loss in lost if loss.count))
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """Return the files named like 0000.txt by sequence."""
+    return {
+        name.removesuffix(TXT): folder / name
+        for name in STORE.names(folder)
+        if name.endswith(TXT)
+        and len(name) == SEQUENCE_DIGITS + len(TXT)
+        and name.removesuffix(TXT).isdecimal()
+    }

@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of tracks on KITTI's tracking sequences: HOTA, CLEAR-MOT and IDF1, through TrackEval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..api.keywords import by_name
+from ..api.source import warn
+from ..model.losses import format_numbers
+from ..model.text import format_count
+from ..options.evaluation_tables import TRACKING, make_tracking_options
+from .class_map import ClassMap
+from .track_boxes import SCORED, TRACKER_CLASSES, read_tracks, read_truth, tracks_of_frames
+from .track_metrics import TrackedSequence, check_trackeval, score_sequences
+from .track_sources import find_results, find_sequences
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Mapping, Sequence
+
+    from typing_extensions import Unpack
+
+    from ..api.keywords import TrackingKeywords
+    from ..model.losses import Loss
+    from ..options.bag_results import BagResultsOptions
+    from ..options.read import ReadOptions
+    from .track_boxes import TrackBoxes
+    from .track_sources import ResultSource, TruthSequence
+
+    Progress = Callable[[int, int], None]
+
+__all__ = ['TrackingScores', 'evaluate_tracking']
+
+
+@dataclass(frozen=True)
+class TrackingScores:
+    """The scores of tracks.
+
+    The figures have TrackEval's names: HOTA, DetA, AssA, LocA, MOTA, MOTP, IDF1, IDP and IDR in
+    percent; IDSW (switches of id), Frag, MT, PT, ML, CLR_TP, CLR_FN and CLR_FP as counts.
+
+    Attributes:
+        classes: By class (car, pedestrian) the figures of all sequences together.
+        sequences: The same of each sequence.
+        frames: Number of frames.
+        losses: What could not be used, and sequences without results.
+        notes: Remarks.
+    """
+
+    classes: Mapping[str, Mapping[str, float]]
+    sequences: Mapping[str, Mapping[str, Mapping[str, float]]]
+    frames: int
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def evaluate_tracking(
+    ground_truth: str | os.PathLike[str],
+    results: str | os.PathLike[str],
+    *,
+    progress: Progress | None = None,
+    **options: Unpack[TrackingKeywords],
+) -> TrackingScores:
+    """Score tracks, as `kitti-ros2 eval tracking` does.
+
+    Args:
+        ground_truth: A tracking set with label_02, one of its files, or label_02 itself.
+        results: A folder of a tracker's files (0000.txt), one of them, or a bag.
+        progress: Called with the number of sequences done, and of all.
+        options: Those of `kitti-ros2 eval tracking --help`, with underscores and the same defaults:
+            sequence='0000', topic='/tracks', class_map={'car': 'Car'}, tolerance=0.05.
+
+    Returns:
+        The scores, losses and notes. Each loss is also a KittiRos2Warning.
+
+    Raises:
+        KittiRos2Error: The ground truth, the results or an option is invalid, or TrackEval is not
+            installed.
+
+    Examples:
+        >>> from kitti_ros2.evaluation import evaluate_tracking
+        >>> scores = evaluate_tracking('tracking/training', 'tracks')
+        >>> scores.classes['car']['HOTA'], scores.classes['car']['IDSW']
+        (..., ...)
+    """
+    given = make_tracking_options(by_name(options, TRACKING))
+    show = progress or (lambda _done, _total: None)
+    found = score_tracking(Path(ground_truth), Path(results), *given, show)
+    for loss in found.losses:
+        warn(loss.text())
+    return found
+
+
+def score_tracking(
+    ground_truth: Path,
+    results: Path,
+    read: ReadOptions,
+    options: BagResultsOptions,
+    progress: Progress,
+) -> TrackingScores:
+    """Score tracks.
+
+    Raises:
+        KittiRos2Error: As evaluate_tracking.
+    """
+    check_trackeval()
+    known = find_sequences(ground_truth, read)
+    source = find_results(results, known, options, all_known=read.sequence is None)
+    classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
+    losses, notes, others = [*source.losses], [*source.notes], 0
+    sequences = []
+    for each in source.sequences:
+        truth = read_truth(each.labels, each.length)
+        tracks = _read(source, each, classes)
+        losses += [*truth.losses, *tracks.losses]
+        others += tracks.others
+        notes += _empty_frames(each, truth, tracks)
+        sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
+    if others:
+        names = ' and '.join(SCORED)
+        notes.append(f'{format_count(others, "box")} of other classes; the benchmark has {names}')
+    figures = score_sequences(sequences, progress)
+    return TrackingScores(
+        figures.combined,
+        figures.by_sequence,
+        sum(each.length for each in sequences),
+        (*losses, *classes.losses(str(results))),
+        tuple(notes),
+    )
+
+
+def _read(source: ResultSource, sequence: TruthSequence, classes: ClassMap) -> TrackBoxes:
+    """Read the tracks of a sequence."""
+    if source.frames is not None:
+        return tracks_of_frames(source.frames, source.path, sequence.length)
+    return read_tracks(source.files[sequence.name], sequence.length, classes)
+
+
+def _empty_frames(sequence: TruthSequence, truth: TrackBoxes, tracks: TrackBoxes) -> Sequence[str]:
+    """Return a note on the frames of a sequence that have labels and no tracks."""
+    labelled = {each.frame for each in truth.boxes if each.class_name in SCORED}
+    missing = sorted(labelled - {each.frame for each in tracks.boxes})
+    if not missing:
+        return ()
+    names = ' or '.join(SCORED)
+    frames = format_numbers(missing)
+    return (f'{sequence.name}: no {names} tracked in frames {frames}, which have labels of them',)

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The options of the evaluations, and their values by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .bag_results import BagResultsOptions
+from .declare import options_of, parse_values, values_for
+from .read import ReadOptions
+from .table import SOURCE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+TRACKING = (
+    *options_of(BagResultsOptions),
+    *(replace(each, unset='all') for each in SOURCE if each.name == 'sequence'),
+)
+
+
+def make_tracking_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, BagResultsOptions]:
+    """Make the options of eval tracking from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, TRACKING)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, BagResultsOptions(**values_for(BagResultsOptions, parsed))
