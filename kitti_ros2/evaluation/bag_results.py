@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..bags.reader import open_messages, opened
-from ..importer.report import LossTally
+from ..importer.report import LossTally, damage
 from ..model.errors import KittiRos2Error
 from .class_map import CLASSES, ClassMap
 from .frame_stamps import FrameStamps
@@ -86,11 +86,12 @@ def read_bag_results(
                 boxes[number] = converter.convert(result)
             except (ValueError, KittiRos2Error) as error:
                 tally.lose(name, result.log_ns, str(error))
+        damaged = damage({**found.damage, **tree.damage}, source.path.name)
     losses = (*tally.losses(), *known.losses(name), *converter.losses(name))
     return BagResults(
         name,
         boxes,
         found.unanswered,
-        (*found.losses, *losses),
+        (*damaged, *found.losses, *losses),
         (*found.notes, *converter.notes(name)),
     )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ CLASSES = ('Car', 'Van', 'Truck', 'Pedestrian', 'Person_sitting', 'Cyclist', 'Tr
 
 _OTHERS = '*'
 _SHOWN = 5
+_PUNCTUATION = re.compile(r'[\s()_-]+')
 
 
 class ClassMap:
@@ -26,12 +28,13 @@ class ClassMap:
     Args:
         given: KITTI's class of a class, by its name or numeric id; an empty one leaves its boxes
             out, and the name * stands for all other classes.
-        known: Classes that stand for themselves in any case.
+        known: Classes that stand for themselves, in any case and with any blanks or brackets.
     """
 
     def __init__(self, given: Mapping[str, str], known: Iterable[str] = CLASSES) -> None:
-        self._given = given
-        self._known = {name.lower(): name for name in (*known, *given.values()) if name}
+        self._known = {_word(name): name for name in known}
+        self._given = {own: self._known.get(_word(name), name) for own, name in given.items()}
+        self._known |= {_word(name): name for name in self._given.values() if name}
         self._unknown: Counter[str] = Counter()
 
     def find(self, *names: str) -> str:
@@ -43,8 +46,8 @@ class ClassMap:
             if name in self._given:
                 return self._given[name]
         for name in names:
-            if name.lower() in self._known:
-                return self._known[name.lower()]
+            if _word(name) in self._known:
+                return self._known[_word(name)]
         if _OTHERS in self._given:
             return self._given[_OTHERS]
         self._unknown[next(filter(None, names), '')] += 1
@@ -66,3 +69,8 @@ class ClassMap:
         )
         count = sum(self._unknown.values())
         return (Loss(stream, count, text.replace('{', '(').replace('}', ')')),)
+
+
+def _word(name: str) -> str:
+    """Return a class for comparisons: Person (sitting), as in tracklets, is person_sitting."""
+    return _PUNCTUATION.sub('_', name).strip('_').lower()

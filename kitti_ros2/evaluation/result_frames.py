@@ -20,6 +20,7 @@ from ..messages.header import stamp_ns_of
 from ..messages.naming import base_t_imu, make_frames
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import MissingDataError
+from ..model.geometry import Transform
 from ..model.msgtypes import TF_TYPES
 from ..options.messages import MessageOptions, Preset
 from ..rig.tf_tree import FrameTree, LinkTally
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessages, BagSource
     from ..importer.report import LossTally
-    from ..model.geometry import Transform
     from ..model.samples import Calibration
     from ..rig.tf_tree import Link
 
@@ -48,6 +48,7 @@ class ResultFrames:
 
     Attributes:
         completed: The frames for which the recording's own tree was needed.
+        damage: Of the transforms, with the number of messages lost; None: unknown.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class ResultFrames:
         self._losses = losses
         self._own: tuple[Calibration, list[Link], Mapping[str, Transform]] | None = None
         self.completed: set[str] = set()
+        self.damage: Mapping[str, int | None] = {}
 
     def camera_of(self, frame: str) -> int | None:
         """Return the camera whose optical frame has a name, None if no camera's has."""
@@ -89,6 +91,8 @@ class ResultFrames:
         Raises:
             MissingDataError: Nothing joins the frame to the scanner.
         """
+        if frame == _VELO:
+            return Transform.identity()
         links, sensors = self._own_tree(calibration)
         if frame in sensors:
             return sensors[frame]
@@ -131,7 +135,9 @@ class ResultFrames:
         if not self._topics:
             return [], {}
         with open_messages(self._bag, self._topics) as messages:
-            return self._read_transforms(messages)
+            found = self._read_transforms(messages)
+            self.damage = messages.losses
+            return found
 
     def _read_transforms(
         self, messages: BagMessages

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages, path_of
-from ..importer.report import LossTally, damage
+from ..importer.report import LossTally
 from ..messages.header import stamp_ns_of
 from ..messages.topics import own_topics
 from ..model.errors import BadBagError, UsageError
@@ -58,14 +58,16 @@ class ResultMessages(NamedTuple):
 
     Attributes:
         by_frame: By number of the frame, ascending.
-        losses: Damage, messages that cannot be decoded, belong to no frame or to one that has
-            another message, and frames without one.
+        losses: Messages that cannot be decoded, belong to no frame or to one that has another
+            message, and frames without one.
+        damage: Of the topic, with the number of messages lost; None: unknown.
         notes: Remarks.
         unanswered: The frames without a message, ascending.
     """
 
     by_frame: Mapping[int, ResultMessage]
     losses: tuple[Loss, ...]
+    damage: Mapping[str, int | None]
     notes: tuple[str, ...]
     unanswered: tuple[int, ...]
 
@@ -136,7 +138,7 @@ def read_messages(
                 tally.lose(topic, each.stamp_ns, str(error))
                 continue
             received.append(_Received(each.stamp_ns, _header_ns(decoded), decoded))
-        damaged = damage(messages.losses, path_of(bag).name)
+        damage = messages.losses
     placed, notes = _place(bag, types, topic, received, frames)
     by_frame: dict[int, ResultMessage] = {}
     for found in placed:
@@ -149,8 +151,8 @@ def read_messages(
         _repeated(topic, placed),
         Loss(topic, len(unanswered), f'{topic}: no message for frames {{}}', unanswered),
     )
-    losses = (*damaged, *tally.losses(), *(loss for loss in unused if loss.count))
-    return ResultMessages(dict(sorted(by_frame.items())), losses, notes, unanswered)
+    losses = (*tally.losses(), *(loss for loss in unused if loss.count))
+    return ResultMessages(dict(sorted(by_frame.items())), losses, damage, notes, unanswered)
 
 
 def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types

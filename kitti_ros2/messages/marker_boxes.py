@@ -30,7 +30,7 @@ _DELETE_ALL = 3
 _EGO = 'ego'
 
 _CLASS = re.compile(r'\(?[^\W\d_][\w-]+\)?')
-_SCORE = re.compile(r'(?<![\w.-])(0?\.\d+|1\.0*|\d{1,3}(?=%))(%?)(?![\w.])', re.ASCII)
+_SCORE = re.compile(r'(?<![\w.-])(0?\.\d+|1\.0*|\d{1,3}(?=%))(%?)(?![\w.]| ?m)', re.ASCII)
 _EDGES = ':;,.#"\'[]{}'
 _GENERIC = re.compile(
     r'all|(annot|detect|track|visual)\w*|(b|bounding)_?box(es)?|bounding|box(es)?|basic|class'

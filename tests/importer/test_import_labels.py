@@ -372,6 +372,26 @@ def test_the_class_of_a_cube_is_its_text_or_caption_or_namespace(ns, text, capti
     assert found == [expected]
 
 
+@pytest.mark.parametrize(
+    ('caption', 'score'),
+    [
+        ('car: 0.87', 0.87),
+        ('Car 5 .5\n12.3 m', 0.5),
+        ('car 87%', 0.87),
+        ('car (1.00)', 1.0),
+        ('Car 0.5 m', None),
+        ('Car 1.73', None),
+        ('Car 7', None),
+        ('', None),
+    ],
+)
+def test_a_caption_may_have_a_score(caption, score):
+    message = Some(markers=[marker(), marker(TEXT, 'labels', text=caption)])
+    (with_score,), _ = cuboids_of_markers(message, HERE, scores=True)
+    (without,), _ = cuboids_of_markers(message, HERE)
+    assert (with_score.score, without.score) == (score, None)
+
+
 def test_captions_go_with_the_cube_of_their_namespace():
     found = kinds(
         marker(ns='a', number=0), marker(ns='b', number=0),

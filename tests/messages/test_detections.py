@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import inf, nan, pi
+from types import SimpleNamespace as Some
 
 import numpy as np
 import pytest
@@ -16,7 +17,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.detections import cuboids_of_detections, encode_boxes_2d, encode_detections
+from kitti_ros2.messages.detections import (
+    ABSURD,
+    boxes_of_detections_2d,
+    cuboids_of_detections,
+    encode_boxes_2d,
+    encode_detections,
+)
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.boxes import Box, Cuboid
@@ -111,6 +118,44 @@ def test_boxes_2d_and_back(boxes):
         np.testing.assert_allclose(bounds, other.box_2d, rtol=0, atol=1e-9)
     scores = [one.results[0].hypothesis.score for one in message.detections]
     assert scores == [1.0 if box.score is None else box.score for _, box in boxes]
+
+
+@given(st.lists(st.tuples(WORDS, BOXES), max_size=4))
+def test_boxes_2d_are_read_by_the_library(boxes):
+    message = decoded(encode_boxes_2d(boxes, STAMP, '/cam'), DETECTIONS_2D)
+    found, left_out = boxes_of_detections_2d(message)
+    solid = [
+        (identity, box)
+        for identity, box in boxes
+        if box.box_2d[2] > box.box_2d[0] and box.box_2d[3] > box.box_2d[1]
+    ]
+    assert left_out == [ABSURD] * (len(boxes) - len(solid))
+    for each, (identity, box) in zip(found, solid, strict=True):
+        assert (each.identity, each.class_name, each.frame) == (identity, box.class_name, 'cam')
+        assert each.score == (1.0 if box.score is None else box.score)
+        np.testing.assert_allclose(each.box_2d, box.box_2d, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('center', 'expected'),
+    [
+        (Some(position=Some(x=50.0, y=40.0), theta=0.0), (40, 20, 60, 60)),
+        (Some(x=50.0, y=40.0, theta=0.0), (40, 20, 60, 60)),
+        (Some(x=50.0, y=40.0, theta=pi / 2), (30, 30, 70, 50)),
+        (Some(x=50.0, y=nan, theta=0.0), None),
+        (Some(x=50.0, y=40.0, theta=inf), None),
+    ],
+)
+def test_2d_boxes_of_other_definitions_and_rotated_ones(center, expected):
+    header = Some(frame_id='cam')
+    box = Some(center=center, size_x=20.0, size_y=40.0)
+    one = Some(header=header, results=[], bbox=box)
+    found, left_out = boxes_of_detections_2d(Some(header=header, detections=[one]))
+    if expected is None:
+        assert (found, left_out) == ([], [ABSURD])
+    else:
+        np.testing.assert_allclose(found[0].box_2d, expected)
+        assert (found[0].class_name, found[0].identity, found[0].score) == ('', '', None)
 
 
 def test_headers_are_the_scan_s():
