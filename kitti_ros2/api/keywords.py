@@ -141,6 +141,8 @@ class TrackingKeywords(TypedDict, total=False):
     class_map: OneOrMore | Mapping[str, str]
     tolerance: float | None
     sequence: str | None
+    epoch: str
+    period: float
 
 
 def keyword_of(option: Option) -> str:

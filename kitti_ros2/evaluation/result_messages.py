@@ -212,7 +212,8 @@ def _no_frame(
         f'none of the {format_count(len(received), "message")} of {topic} belongs to a frame: they'
         f' begin at {format_stamp(stamp_ns)}, the frames at {format_stamp(frames.first_ns)}'
     )
-    return BadBagError(path_of(bag), found, 'stamps of the recording, as its player sent them')
+    expected = 'the stamps that the frames were played with (--epoch and --period change them)'
+    return BadBagError(path_of(bag), found, expected)
 
 
 def _played_time(bag: BagSource, types: Mapping[str, str]) -> PlayedTime:

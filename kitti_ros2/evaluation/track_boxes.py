@@ -164,16 +164,11 @@ def _tracked(
                 'one box of a track in a frame',
                 line=row + 1 if row >= 0 else None,
             )
-    name = _plain(str(path))
-    numbers = tuple(sorted(beyond))
+    name, numbers = _plain(str(path)), tuple(sorted(beyond))
+    outside = f'{name}: boxes in frames {{}}; the sequence has {length} frames'
     lost = [
         Loss(stream, untracked, f'{name}: boxes with a track id below 0'),
-        Loss(
-            stream,
-            beyond.total(),
-            f'{name}: boxes in frames {{}}, but the sequence has {length}',
-            numbers,
-        ),
+        Loss(stream, beyond.total(), outside, numbers),
     ]
     return list(kept.values()), [loss for loss in lost if loss.count]
 

@@ -12,14 +12,11 @@ The boxes are written to temporary files in KITTI's format, with all digits of t
 
 from __future__ import annotations
 
-import sys
 from contextlib import redirect_stdout
-from functools import lru_cache
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -198,23 +195,8 @@ def _words(found: TrackBox, places: Mapping[int, int]) -> Iterable[str]:
     yield _UNSCORED
 
 
-class _Numpy(ModuleType):
-    """numpy with the names of Python's types that numpy 1.24 removed."""
-
-    float = float
-    int = int
-    bool = bool
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of numpy
-        return getattr(np, name)
-
-
-@lru_cache(maxsize=1)
 def load_trackeval() -> Any:  # noqa: ANN401 - without types
-    """Import TrackEval; its modules get the names of numpy that they need."""
-    import trackeval  # noqa: PLC0415 - an extra
-
-    for name, module in [*sys.modules.items()]:
-        if name.startswith('trackeval.') and getattr(module, 'np', None) is np:
-            module.np = _Numpy('numpy')  # type: ignore[attr-defined]
+    """Import TrackEval, without its remarks on data sets of other benchmarks."""
+    with redirect_stdout(StringIO()):
+        import trackeval  # noqa: PLC0415 - an extra
     return trackeval

@@ -108,7 +108,8 @@ def score_tracking(
     """
     check_trackeval()
     known = find_sequences(ground_truth, read)
-    source = find_results(results, known, options, all_known=read.sequence is None)
+    all_known = read.sequence is None and not ground_truth.is_file()
+    source = find_results(results, known, options, all_known=all_known)
     classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
     losses, notes, others = [*source.losses], [*source.notes], 0
     sequences = []

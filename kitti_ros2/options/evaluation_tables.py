@@ -10,15 +10,19 @@ from typing import TYPE_CHECKING
 from .bag_results import BagResultsOptions
 from .declare import options_of, parse_values, values_for
 from .read import ReadOptions
-from .table import SOURCE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 TRACKING = (
     *options_of(BagResultsOptions),
-    *(replace(each, unset='all') for each in SOURCE if each.name == 'sequence'),
+    *(
+        replace(each, unset='all') if each.name == 'sequence' else each
+        for each in options_of(ReadOptions)
+        if each.name in {'sequence', 'epoch', 'period'}
+    ),
 )
+"""Ground truth has the epoch and the period that it was played with."""
 
 
 def make_tracking_options(

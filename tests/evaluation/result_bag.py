@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosbags.typesys import Stores, get_typestore
+
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
@@ -25,6 +27,10 @@ if TYPE_CHECKING:
     from kitti_ros2.kitti.recording import KittiRecording
 
 TOPIC = '/my/detections'
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(
+    {kind: TYPESTORE.fielddefs[kind] for kind in {*TYPESTORE.fielddefs} - {*STORE.types}}
+)
 
 
 class Published(NamedTuple):
@@ -38,7 +44,7 @@ class Published(NamedTuple):
 
 def write_bag(path: Path, messages: Iterable[Published]) -> Path:
     """Write a bag in the order of log time; transforms that do not move are latched."""
-    with open_bag(path, BagOptions(), TYPESTORE) as writer:
+    with open_bag(path, BagOptions(), STORE) as writer:
         channels: dict[str, int] = {}
         for each in sorted(messages, key=lambda one: one.log_ns):
             if each.topic not in channels:

@@ -304,7 +304,7 @@ def test_lines_that_cannot_be_used_are_losses(truth, tracks):
     ('text', 'reason'),
     [
         ('0 1 Car 0 0 0 1 1 9 9 1 1 1 1 1 1 0\n' * 2, r'0000.txt:2: track 1 of class Car has two'),
-        ('Car 0 0 0 1 1 9 9 1 1 1 1 1 1 0\n', r'0000.txt:1: no frame number and no track id'),
+        ('Car 0 0 0 1 1 9 9 1 1 1 1 1 1 0\n', r'0000.txt:1: no frame and no track id'),
         ('\xff\xfe', 'no file'),
     ],
 )
