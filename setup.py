@@ -81,7 +81,6 @@ EXTRAS = {
 }
 EXTRAS['test'] = [
     *EXTRAS['video'],
-    *EXTRAS['eval'],
     *EXTRAS['foxglove'],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],

@@ -79,10 +79,13 @@ def _print(scores: TrackingScores) -> None:
     say(f'{sequences} ({names}), {format_count(scores.frames, "frame")}')
     table = plain_table('class', _COLUMNS.values())
     for class_name, figures in scores.classes.items():
-        cells = [figures[name] for name in _COLUMNS]
-        table.add_row(
-            class_name, *(f'{each:.2f}' if isinstance(each, float) else f'{each}' for each in cells)
-        )
+        cells = (_cell(figures[name]) for name in _COLUMNS)
+        table.add_row(class_name, *cells)
     Console(highlight=False).print(table)
     for note in scores.notes:
         say(f'note: {note}')
+
+
+def _cell(value: float) -> str:
+    """Format a percentage, or a count, which is an integer."""
+    return f'{value:d}' if isinstance(value, int) else f'{value:.2f}'

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
 
 
-class FrameStamps:
+class StampedFrames:
     """The frames of a recording by stamp.
 
     A frame has the stamps of its scan and of its images, also the start of the turn, which is the
@@ -40,7 +40,8 @@ class FrameStamps:
 
     def __init__(self, recording: KittiRecording, tolerance_ns: int | None = None) -> None:
         streams = recording.streams
-        known = [stream for stream in _STAMPED if stream in streams] or [*streams]
+        known: list[Stream] = [stream for stream in _STAMPED if stream in streams]
+        known = known or [*streams]
         used = known if recording.common_numbers else known[:1]
         numbers = np.concatenate([streams[stream].numbers for stream in used])
         stamps = np.concatenate([streams[stream].stamps_ns for stream in used])

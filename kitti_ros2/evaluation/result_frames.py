@@ -13,6 +13,8 @@ from collections import defaultdict
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..importer.pose_track import PoseTrack
@@ -167,8 +169,7 @@ class ResultFrames:
 
 def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:
     """Return the pose at a stamp; just before the first and after the last it is that one."""
-    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
-    nearest = min(max(stamp_ns, first), last)
-    if abs(nearest - stamp_ns) > limit_ns:
+    nearest = np.clip([stamp_ns], track.stamps_ns[0], track.stamps_ns[-1])
+    if abs(int(nearest[0]) - stamp_ns) > limit_ns:
         return None
-    return track.at([nearest])[0]
+    return track.at(nearest)[0]

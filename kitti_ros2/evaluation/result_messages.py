@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..bags.reader import BagSource
-    from .frame_stamps import FrameStamps
+    from .frame_stamps import StampedFrames
 
 _TYPES = frozenset({DETECTIONS_3D, DETECTIONS_2D, MARKERS})
 _EXPECTED = 'a topic of Detection3DArray, Detection2DArray or MarkerArray'
@@ -112,7 +112,7 @@ def choose_topic(bag: BagSource, types: Mapping[str, str], topic: str | None) ->
 
 
 def read_messages(
-    bag: BagSource, types: Mapping[str, str], topic: str, frames: FrameStamps
+    bag: BagSource, types: Mapping[str, str], topic: str, frames: StampedFrames
 ) -> ResultMessages:
     """Read the messages of a topic and assign them to frames.
 
@@ -160,7 +160,7 @@ def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types
 
     Of markers those that are added come first.
     """
-    inner = getattr(message, 'detections', None) or getattr(message, 'markers', ())
+    inner = message.detections if hasattr(message, 'detections') else message.markers
     added = sorted(inner, key=lambda each: getattr(each, 'action', 0) != 0)
     headers = [each.header for each in (message, *added) if hasattr(each, 'header')]
     return next((stamp for each in headers if (stamp := stamp_ns_of(each)) > 0), None)
@@ -171,7 +171,7 @@ def _place(
     types: Mapping[str, str],
     topic: str,
     received: Sequence[_Received],
-    frames: FrameStamps,
+    frames: StampedFrames,
 ) -> tuple[list[ResultMessage], tuple[str, ...]]:
     """Return the messages that belong to a frame, and notes.
 
@@ -205,7 +205,7 @@ def _place(
 
 
 def _no_frame(
-    bag: BagSource, topic: str, received: Sequence[_Received], frames: FrameStamps
+    bag: BagSource, topic: str, received: Sequence[_Received], frames: StampedFrames
 ) -> BadBagError:
     stamp_ns = received[0].header_ns or received[0].log_ns
     found = (
@@ -237,7 +237,7 @@ def _strays(
     topic: str,
     received: Sequence[_Received],
     placed: Sequence[ResultMessage],
-    frames: FrameStamps,
+    frames: StampedFrames,
 ) -> Loss:
     """Return the messages that belong to no frame as a loss; its count may be 0."""
     kept = {id(each.message) for each in placed}

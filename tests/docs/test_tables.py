@@ -69,7 +69,7 @@ def test_a_page_gets_its_tables():
 
 @pytest.mark.parametrize('name', COMMANDS)
 def test_a_command_has_each_option_with_its_default(name):
-    rows = {row[0]: row for row in rows_of(tables.command(name))}
+    rows = {row[0]: row for row in rows_of(tables.command(*name.split()))}
     options = {
         'to-bag': declared.TO_BAG,
         'play': declared.PLAY,
