@@ -63,11 +63,11 @@ EXTRAS = {
         'mkdocstrings[python]>=1,<2',
         'nbclient>=0.10,<0.12',
     ],
-    # The figures of `eval tracking`.
-    'eval': ['trackeval>=1.3,<2'],
+    # The figures of `eval odometry` and `eval tracking`.
+    'eval': ['evo>=1.31,<2', 'trackeval>=1.3,<2'],
     # The server that `play --foxglove` shows a recording with.
     'foxglove': ['foxglove-sdk>=0.30,<0.31'],
-    # The pictures of `stats -o`.
+    # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
@@ -81,6 +81,7 @@ EXTRAS = {
 }
 EXTRAS['test'] = [
     *EXTRAS['video'],
+    *EXTRAS['eval'],
     *EXTRAS['foxglove'],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],

@@ -42,7 +42,7 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
-    'evaluation': 'model options kitti messages bags rig importer api',
+    'evaluation': 'model options drawing kitti messages bags rig importer own_bags api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
@@ -54,10 +54,11 @@ GUESTS = {
     'rosbags': {'messages', 'bags'},
     'mcap': {'messages', 'bags'},
     'foxglove': {'bridge'},
+    'evo': {'evaluation'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
     'httpx': {'fetch'},
     'jinja2': {'report'},
-    'matplotlib': {'datasets'},
+    'matplotlib': {'datasets', 'evaluation'},
     'rerun': {'rerun_view'},
     'trackeval': {'evaluation'},
     'typer': {'cli'},

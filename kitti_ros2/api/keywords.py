@@ -134,6 +134,20 @@ class StatisticsKeywords(TypedDict, total=False):
     sequence: str | None
 
 
+class OdometryKeywords(TypedDict, total=False):
+    """Options of eval odometry."""
+
+    topic: str | None
+    tf: OneOrMore
+    gt_topic: str | None
+    frame: str | None
+    align: str
+    tolerance: float | str | None
+    layout: str | None
+    sequence: str | None
+    epoch: str
+
+
 class TrackingKeywords(TypedDict, total=False):
     """Options of eval tracking."""
 

@@ -4,32 +4,28 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ..datasets.set_statistics import count_set, find_sources
 from ..datasets.statistics_rows import StatisticsRow, plain_values, write_csv
-from ..files.replacing import keep_all, keep_all_but_files
-from ..files.staging import Staging, refuse_inside, staged_file
-from ..model.errors import UsageError
-from ..model.text import either
+from ..files.replacing import keep_all_but_files
+from ..files.staging import staged_file
 from ..options.dataset_tables import make_statistics_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .memory import keep_freed_memory, keep_imports
+from .plot_output import check_output, check_plot
 from .progress import step_progress
 from .stats_comparison import comparisons, titles_of
 from .stats_tables import describe, describe_route, describe_sensors, tables_of
 from .text import format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from ..datasets.set_statistics import SetStatistics
 
-_PICTURES = ('.png', '.pdf', '.svg')
-_KEEP_ALL_BUT_PICTURES = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
 _KEEP_ALL_BUT_TABLES = keep_all_but_files(
     'table of statistics', (','.join(StatisticsRow._fields).encode(),)
 )
@@ -62,10 +58,8 @@ def run_stats(
     keep_imports()
     keep_freed_memory()
     read, options = make_statistics_options(given)
-    write_table = _output(table, paths, _KEEP_ALL_BUT_TABLES, overwrite=overwrite)
-    draw = _output(out, paths, _KEEP_ALL_BUT_PICTURES, overwrite=overwrite)
-    if out is not None:
-        _check_picture(out)
+    write_table = check_output(table, paths, _KEEP_ALL_BUT_TABLES, overwrite=overwrite)
+    draw = check_plot(out, paths, overwrite=overwrite)
     sources = [find_sources(path, read) for path in paths]
     with step_progress('counting', show=not quiet) as progress:
         sets = [
@@ -90,31 +84,6 @@ def run_stats(
     losses = tuple(loss for each in sets for loss in each.total.losses)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
-
-
-def _output(
-    out: Path | None,
-    paths: Sequence[Path],
-    replaceable: Callable[[Path], str | None],
-    *,
-    overwrite: bool,
-) -> Callable[[Path], str | None]:
-    """Raise now for an output that could not be written later; return its refusal."""
-    refusal = replaceable if overwrite else keep_all
-    if out is not None:
-        for path in paths:
-            refuse_inside(path, out)
-        Staging(out, refusal).discard()
-    return refusal
-
-
-def _check_picture(out: Path) -> None:
-    if out.suffix.lower() not in _PICTURES:
-        raise UsageError(f'{out}: a picture of statistics ends in {either(_PICTURES)}')
-    if find_spec('matplotlib') is None:
-        raise UsageError(
-            "-o needs matplotlib, which is not installed; run pip install 'kitti_ros2[plot]'"
-        )
 
 
 def _print(sets: Sequence[SetStatistics], *, points: bool) -> None:

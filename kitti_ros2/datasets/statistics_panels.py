@@ -12,6 +12,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from ..drawing.palette import rgb_of
+from ..drawing.plot_style import INK
 from ..drawing.semantic import OTHER_COLOR, SEMANTIC_COLORS, SEMANTIC_NAMES
 from ..model.boxes import DONT_CARE, OCCLUSIONS
 from .object_statistics import DIFFICULTIES, TRUNCATIONS
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     Draw = Callable[[Any, RecordingStatistics, Sequence[str]], None]
     """Draws into axes the statistics of a set, with the classes in this order."""
 
-INK = '#30343b'
 _PLAIN = '#5b7c99'
 _GREY = '#9a9a9a'
 _STRENGTHS = (1.0, 0.62, 0.34, 0.14, 0.06)

@@ -8,9 +8,10 @@ import itertools
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
+from ..drawing.plot_style import PLOT_STYLE
 from ..model.text import format_count
 from .recording_statistics import merged
-from .statistics_panels import INK, PANELS
+from .statistics_panels import PANELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,27 +26,6 @@ _COLUMNS = (3, 4)
 _PANEL_INCHES = (3.3, 2.5)
 _DPI = 200
 _TITLE: dict[str, Any] = {'size': 11, 'weight': 'bold'}
-_STYLE: dict[str, Any] = {
-    'axes.axisbelow': True,
-    'axes.edgecolor': INK,
-    'axes.grid': True,
-    'axes.labelcolor': INK,
-    'axes.linewidth': 0.6,
-    'axes.spines.right': False,
-    'axes.spines.top': False,
-    'axes.titlesize': 9,
-    'axes.titleweight': 'bold',
-    'font.size': 7.5,
-    'grid.color': '#e4e6ea',
-    'grid.linewidth': 0.6,
-    'legend.frameon': False,
-    'legend.fontsize': 7,
-    'svg.hashsalt': 'kitti_ros2',
-    'text.color': INK,
-    'text.parse_math': False,  # names of classes may hold any characters
-    'xtick.color': INK,
-    'ytick.color': INK,
-}
 
 
 def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: Path) -> None:
@@ -69,7 +49,7 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
     columns = len(sets) if len(sets) > 1 else _columns(len(panels))
     rows = max(len(panels) if len(sets) > 1 else -(-len(panels) // columns), 1)
     width, height = _PANEL_INCHES
-    with rc_context(_STYLE), catch_warnings():
+    with rc_context(PLOT_STYLE), catch_warnings():
         simplefilter('ignore')  # characters that the font does not have are drawn as boxes
         layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08, hspace=0.02, wspace=0.02)
         figure = Figure((width * columns, height * rows + 0.4), layout=layout)

@@ -13,18 +13,23 @@ from ..model.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .bag_results import *
+    from .odometry import *
     from .tracking import *
 
 _MODULES: dict[str, str] = {
     'BagResults': 'evaluation.bag_results',
+    'OdometryScores': 'evaluation.odometry',
     'TrackingScores': 'evaluation.tracking',
+    'evaluate_odometry': 'evaluation.odometry',
     'evaluate_tracking': 'evaluation.tracking',
     'read_bag_results': 'evaluation.bag_results',
 }
 
 __all__ = [
     'BagResults',
+    'OdometryScores',
     'TrackingScores',
+    'evaluate_odometry',
     'evaluate_tracking',
     'read_bag_results',
 ]

@@ -40,7 +40,7 @@ from ..rig.tf_tree import LinkTally
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
@@ -168,13 +168,17 @@ class Survey:
         return sorted(found, key=lambda each: each.name)
 
 
-def look(bags: Sequence[BagSource]) -> Survey:
+def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Survey:
     """Survey bags in one pass.
+
+    Args:
+        bags: The bags.
+        topics: The topics to read; all of them by default.
 
     Raises:
         BadBagError: One cannot be read.
     """
-    with open_messages(bags) as messages:
+    with open_messages(bags, topics) as messages:
         taken = _Pass(messages)
         taken.take_all(messages)
         losses = messages.losses

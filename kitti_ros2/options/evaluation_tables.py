@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING
 
 from .bag_results import BagResultsOptions
 from .declare import options_of, parse_values, values_for
+from .eval_odometry import OdometryOptions
 from .read import ReadOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+_OF_FOLDERS = {'layout', 'sequence', 'epoch'}
+ODOMETRY = (
+    *options_of(OdometryOptions),
+    *(each for each in options_of(ReadOptions) if each.name in _OF_FOLDERS),
+)
 TRACKING = (
     *options_of(BagResultsOptions),
     *(
@@ -23,6 +29,19 @@ TRACKING = (
     ),
 )
 """Ground truth has the epoch and the period that it was played with."""
+
+
+def make_odometry_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, OdometryOptions]:
+    """Make the options of eval odometry from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, ODOMETRY)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, OdometryOptions(**values_for(OdometryOptions, parsed))
 
 
 def make_tracking_options(

@@ -17,6 +17,7 @@ from kitti_ros2.api.draw import DRAW
 from kitti_ros2.api.keywords import (
     CropKeywords,
     DrawKeywords,
+    OdometryKeywords,
     ReadKeywords,
     SplitKeywords,
     ToBagKeywords,
@@ -28,6 +29,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.dataset_tables import CROP, SPLIT
 from kitti_ros2.options.declare import options_of
+from kitti_ros2.options.evaluation_tables import ODOMETRY
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import TO_BAG, TO_KITTI
 
@@ -183,6 +185,7 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
         (CropKeywords, CROP),
         (SplitKeywords, SPLIT),
         (DrawKeywords, DRAW),
+        (OdometryKeywords, ODOMETRY),
     ],
 )
 def test_keywords_are_the_flags_of_the_command_line(keywords, options):

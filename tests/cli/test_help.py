@@ -36,6 +36,7 @@ COMMANDS = {
     'demo': '[OUT]',
     'eval tracking': 'GT RESULTS',
     'play': '[SRC]',
+    'eval odometry': 'GT RESULT',
 }
 TABLES = {
     'to-bag': table.TO_BAG,
@@ -50,6 +51,7 @@ TABLES = {
     'report': table.SOURCE,
     'stats': dataset_tables.STATS,
     'split': dataset_tables.SPLIT,
+    'eval odometry': evaluation_tables.ODOMETRY,
     'eval tracking': evaluation_tables.TRACKING,
 }
 

@@ -224,7 +224,7 @@ def test_a_full_disk_leaves_nothing(recordings, tmp_path, capsys, monkeypatch):
 
 
 def test_without_matplotlib_the_extra_is_named(recordings, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.stats.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.cli.plot_output.find_spec', lambda _: None)
     assert main(['stats', str(recordings[Layout.RAW]), '-o', str(tmp_path / 'o.png')]) == 2
     assert "pip install 'kitti_ros2[plot]'" in one_line(capsys.readouterr().err)
 

@@ -37,6 +37,7 @@ NOT_RUN = {
     'docs/comparison.md': 1,
     'docs/howto/get.md': 1,
     'docs/howto/look.md': 3,
+    'docs/howto/odometry.md': 1,
     'docs/howto/play.md': 7,
     'docs/howto/ros.md': 3,
     'docs/howto/split.md': 1,
@@ -139,11 +140,15 @@ def needs_rclpy(block: Block) -> bool:
     )
 
 
+def needs_evo(block: Block) -> bool:
+    return 'eval odometry' in block.text or 'evaluate_odometry' in block.text
+
+
 def needs_trackeval(block: Block) -> bool:
     return 'eval tracking' in block.text or 'evaluate_tracking' in block.text
 
 
-NEEDS = {'rclpy': needs_rclpy, 'trackeval': needs_trackeval}
+NEEDS = {'rclpy': needs_rclpy, 'evo': needs_evo, 'trackeval': needs_trackeval}
 """By package, which is not everywhere installed: whether a block needs it."""
 
 

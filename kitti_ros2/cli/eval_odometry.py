@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 eval odometry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..evaluation.odometry import score_trajectory
+from ..evaluation.segment_errors import LENGTHS_M
+from ..files.staging import staged_file
+from ..options.eval_odometry import Alignment
+from ..options.evaluation_tables import make_odometry_options
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
+from .memory import keep_imports
+from .plot_output import check_plot
+from .tables import plain_table
+from .text import format_count, format_path, say, show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from rich.table import Table
+
+    from ..evaluation.odometry import OdometryScores
+    from ..evaluation.segment_errors import SegmentErrors
+    from ..model.geometry import Float64Array
+
+_ALIGNMENTS = {
+    Alignment.NONE: 'not aligned',
+    Alignment.FIRST: 'first pose aligned',
+    Alignment.SE3: 'all positions aligned, SE(3)',
+    Alignment.SIM3: 'all positions aligned, Sim(3)',
+}
+
+
+def run_eval_odometry(
+    ground_truth: Path,
+    result: Path,
+    given: Mapping[str, object],
+    *,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
+    quiet: bool,
+) -> int:
+    """Print the scores of a trajectory.
+
+    Args:
+        ground_truth: A poses file, a KITTI folder or a bag.
+        result: A poses file, a TUM file or a bag.
+        given: Options by name.
+        out: The plot to draw, None for none.
+        overwrite: Whether an existing plot may be replaced.
+        json: Whether to print JSON instead of tables.
+        quiet: Print only losses.
+
+    Returns:
+        The exit code: 1 where frames have no pose, or data could not be used.
+    """
+    keep_imports()
+    read, options = make_odometry_options(given)
+    refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
+    scores = score_trajectory(ground_truth, result, read, options)
+    if out is not None:
+        from ..evaluation.odometry_plot import draw_odometry
+
+        with staged_file(out, refusal) as path:
+            draw_odometry(scores, path)
+    if json:
+        print_json({'odometry': {scores.name: _json_of(scores)}})
+    elif not quiet:
+        _print(scores)
+        if out is not None:
+            say(format_path(out))
+    show_losses(scores.losses)
+    return EXIT_LOSSES if scores.losses else EXIT_OK
+
+
+def _json_of(scores: OdometryScores) -> dict[str, object]:
+    return {
+        't_err_percent': scores.t_err_percent,
+        'r_err_deg_per_m': scores.r_err_deg_per_m,
+        'segments': len(scores.segments),
+        'ape_m': scores.ape_m,
+        'rpe_m': scores.rpe_m,
+    }
+
+
+def _print(scores: OdometryScores) -> None:
+    """Print tables for a terminal of 80 columns."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    frames = format_count(len(scores.numbers), 'frame')
+    say(f'{scores.name}: {frames}, {scores.distances_m[-1]:,.1f} m')
+    say(f'ground truth: {scores.ground_truth}')
+    say(f'result: {scores.result}')
+    matched = int(scores.known.sum())
+    say(f'{matched:,} of {frames} have a pose, by {scores.matched_by}; poses of camera 0')
+    for note in scores.notes:
+        say(f'note: {note}')
+    say('')
+    console.print(_segments(scores.segments), soft_wrap=False)
+    say('')
+    scale = f', scale {scores.errors.scale:.6g}' if scores.alignment is Alignment.SIM3 else ''
+    console.print(_errors(scores), soft_wrap=False)
+    say(f'{_ALIGNMENTS[scores.alignment]}{scale} for APE and RPE; segments need no alignment')
+
+
+def _segments(segments: SegmentErrors) -> Table:
+    table = plain_table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
+    for length in LENGTHS_M:
+        part = segments.of_length(length)
+        if len(part):
+            table.add_row(f'{length} m', *_segment_cells(part))
+    table.add_row('all', *_segment_cells(segments))
+    return table
+
+
+def _segment_cells(part: SegmentErrors) -> tuple[str, ...]:
+    return f'{len(part)}', _number(part.t_err_percent, 4), _number(part.r_err_deg_per_m, 6)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def _errors(scores: OdometryScores) -> Table:
+    table = plain_table('metres', ('RMSE', 'mean', 'median', 'max'))
+    table.add_row('APE', *_error_cells(scores.errors.ape_m, scores.ape_m))
+    table.add_row('RPE, frame to frame', *_error_cells(scores.errors.rpe_m, scores.rpe_m))
+    return table
+
+
+def _error_cells(errors: Float64Array, root: float | None) -> tuple[str, ...]:
+    if not len(errors):
+        return ('-',) * 4
+    values = root, errors.mean(), np.median(errors), errors.max()
+    return tuple(_number(value, 4) for value in values)

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The trajectory that a topic or a link of a bag holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..bags.reader import open_messages
+from ..importer.plan import PosePlan
+from ..importer.poses import read_track
+from ..importer.report import LossTally, damage
+from ..importer.survey import look
+from ..messages.topics import own_topics
+from ..model import msgtypes as types
+from ..model.errors import UsageError
+from ..model.losses import Loss
+from ..model.spelling import did_you_mean
+from ..model.text import some_of
+from .trajectories import CameraTrajectory
+
+if TYPE_CHECKING:
+    from ..bags.reader import OpenBag
+    from ..importer.survey import Survey, TopicSurvey
+    from ..options.eval_odometry import OdometryOptions
+
+_POSES = (types.ODOMETRY, types.POSE, types.PATH)
+_ONE_EACH = (types.ODOMETRY, types.POSE)
+_SHOWN = 8
+
+
+def survey_poses(bag: OpenBag) -> Survey:
+    """Survey the topics of a bag that hold poses or transforms.
+
+    Raises:
+        BadBagError: It cannot be read.
+    """
+    with open_messages(bag) as every:
+        wanted = {name for name, kind in every.channels if kind in {*_POSES, *types.TF_TYPES}}
+    return look([bag], wanted)
+
+
+def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> PosePlan:
+    """Choose the topic or the link of a result, as the options name it.
+
+    Raises:
+        UsageError: There is none, or there are several; the message lists what would do.
+    """
+    if options.tf:
+        return _link(bag, survey, options.tf)
+    found = survey.of_type(*_POSES)
+    if options.topic is not None:
+        chosen = [each for each in found if each.name == options.topic]
+        reason = f'has no poses on {options.topic}'
+        reason += did_you_mean(options.topic, [each.name for each in found]).rstrip('?')
+    else:
+        chosen = [each for each in found if each.name not in own_topics()] or found
+        reason = 'has several topics with poses' if chosen else 'has no topic with poses'
+    if len(chosen) != 1:
+        raise UsageError(f'{bag.path}: {reason}; {_usable(survey)}')
+    (topic,) = chosen
+    return plan_of(topic)
+
+
+def plan_of(topic: TopicSurvey) -> PosePlan:
+    """Return the plan of reading a topic; its body is empty if its messages do not name it."""
+    first = topic.looks[0] if topic.looks else None
+    body = str(getattr(first, 'child_frame_id', '')).lstrip('/')
+    return PosePlan(topic.name, body, topic.frame)
+
+
+def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
+    parent, child = (name.lstrip('/') for name in link)
+    topics = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    if not topics or (parent, child) not in survey.moving:
+        raise UsageError(f'{bag.path}: has no moving link {parent} -> {child}; {_usable(survey)}')
+    plain = [each for each in topics if each.name == '/tf']
+    return PosePlan((plain or topics)[0].name, child, parent)
+
+
+def _usable(survey: Survey) -> str:
+    """List the topics and links that may be a result."""
+    topics = [f'{each.name} ({each.msgtype})' for each in survey.of_type(*_POSES)]
+    links = [f'{parent} {child}' for parent, child in survey.moving]
+    parts = [f'--topic takes {some_of(topics, _SHOWN)}'] if topics else []
+    parts += [f'--tf takes {some_of(links, _SHOWN)}'] if links else []
+    return '; '.join(parts) or 'it needs an Odometry, a PoseStamped, a Path or a moving link on /tf'
+
+
+def read_poses(bag: OpenBag, survey: Survey, plan: PosePlan) -> CameraTrajectory:
+    """Read the poses of a topic or link, by stamp.
+
+    Raises:
+        UsageError: It holds no valid pose.
+    """
+    tally = LossTally()
+    track = read_track([bag], plan, survey, tally)
+    lost = tally.losses()
+    topic = survey.topics[plan.topic]
+    losses = [*damage(survey.losses, bag.path.name), *lost]
+    twice = topic.count - sum(loss.count for loss in lost) - len(track)
+    if topic.msgtype in _ONE_EACH and twice:
+        losses.append(Loss(plan.topic, twice, f'{plan.topic}: a second pose of the same stamp'))
+    reason = topic.stamps()[1] if topic.msgtype in _ONE_EACH else None
+    notes = [f'{plan.topic}: {reason}'] if reason else []
+    is_link = topic.msgtype in types.TF_TYPES
+    what = f'{plan.world} -> {plan.body}' if is_link else plan.topic
+    poses = [pose.matrix() for pose in track.at(track.stamps_ns) if pose is not None]
+    return CameraTrajectory(
+        f'{bag.path} ({what})',
+        np.array(poses),
+        stamps_ns=track.stamps_ns,
+        frame=plan.body,
+        losses=tuple(losses),
+        notes=tuple(notes),
+    )

@@ -1,0 +1,215 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of a trajectory: KITTI's segment errors, APE and RPE."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..api.keywords import by_name
+from ..api.source import warn
+from ..bags.locate import looks_like_bag
+from ..bags.open_source import open_bag_source
+from ..messages.naming import FrameNames
+from ..model.errors import MissingPathError, UsageError
+from ..options.evaluation_tables import ODOMETRY, make_odometry_options
+from .bag_trajectory import choose_result, read_poses, survey_poses
+from .frame_matching import match_result
+from .ground_truth import is_text, open_truth
+from .pose_errors import check_evo, pose_errors, rmse
+from .rig_frames import frame_t_cam0
+from .segment_errors import LENGTHS_M, path_distances, segment_errors
+from .trajectories import read_trajectory
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+    from typing_extensions import Unpack
+
+    from ..api.keywords import OdometryKeywords
+    from ..model.geometry import Float64Array
+    from ..model.losses import Loss
+    from ..model.samples import Float32Array, Int64Array
+    from ..options.eval_odometry import Alignment, OdometryOptions
+    from ..options.read import ReadOptions
+    from ..rig.tf_tree import Link
+    from .pose_errors import PoseErrors
+    from .segment_errors import SegmentErrors
+    from .trajectories import CameraTrajectory
+
+__all__ = ['OdometryScores', 'evaluate_odometry']
+
+_EXPECTED = 'a result is a poses file, a TUM file or a bag'
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryScores:
+    """The scores of a trajectory.
+
+    Attributes:
+        name: Sequence or drive of the ground truth, such as 09.
+        ground_truth, result: Descriptions of both.
+        numbers: (N,) frame numbers of the ground truth.
+        known: (N,) which of them have a result.
+        positions: (N, 3) of the ground truth, in its first camera 0, metres.
+        distances_m: (N,) along the ground truth up to each frame.
+        segments: KITTI's segment errors.
+        errors: APE and RPE of the frames with a result.
+        alignment: How the result was aligned for APE and RPE.
+        matched_by: What poses and frames were matched by.
+        losses: What was missing or could not be used.
+        notes: Remarks that are no loss.
+    """
+
+    name: str
+    ground_truth: str
+    result: str
+    numbers: Int64Array
+    known: npt.NDArray[np.bool_]
+    positions: Float64Array
+    distances_m: Float32Array
+    segments: SegmentErrors
+    errors: PoseErrors
+    alignment: Alignment
+    matched_by: str
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def t_err_percent(self) -> float | None:
+        """KITTI's translation error in percent; None without a segment."""
+        return self.segments.t_err_percent
+
+    @property
+    def r_err_deg_per_m(self) -> float | None:
+        """KITTI's rotation error in degrees per metre; None without a segment."""
+        return self.segments.r_err_deg_per_m
+
+    @property
+    def ape_m(self) -> float | None:
+        """Absolute pose error of the translation, root mean square, metres."""
+        return rmse(self.errors.ape_m)
+
+    @property
+    def rpe_m(self) -> float | None:
+        """Relative pose error from frame to frame, the same; None without two neighbours."""
+        return rmse(self.errors.rpe_m)
+
+
+def evaluate_odometry(
+    ground_truth: str | os.PathLike[str],
+    result: str | os.PathLike[str],
+    **options: Unpack[OdometryKeywords],
+) -> OdometryScores:
+    """Score a trajectory as KITTI's odometry benchmark does, and with APE and RPE.
+
+    Args:
+        ground_truth: A poses file, the folder of a sequence or drive, or a bag.
+        result: A poses file (12 columns, or 13 with the frame number first), a TUM file or a bag.
+        options: Those of `kitti-ros2 eval odometry --help`, with the same defaults:
+            topic='/odom', tf=['odom', 'base_link'], frame='velo_link', align='se3',
+            tolerance=0.02, sequence='09'.
+
+    Returns:
+        The scores; each loss is also a KittiRos2Warning.
+
+    Raises:
+        KittiRos2Error: A path cannot be read, an option is invalid, or no pose has a frame.
+
+    Examples:
+        >>> from kitti_ros2.evaluation import evaluate_odometry
+        >>> evaluate_odometry('odometry/poses/00.txt', 'my_00.txt').ape_m  # doctest: +SKIP
+        1.273
+    """
+    read, chosen = make_odometry_options(by_name(options, ODOMETRY))
+    scores = score_trajectory(Path(ground_truth), Path(result), read, chosen)
+    for loss in scores.losses:
+        warn(loss.text())
+    return scores
+
+
+def score_trajectory(
+    ground_truth: Path, result: Path, read: ReadOptions, options: OdometryOptions
+) -> OdometryScores:
+    """Score a trajectory; see evaluate_odometry."""
+    check_evo()
+    truth = open_truth(ground_truth, read, options)
+    found = _open_result(result, options, truth.links)
+    poses, numbers = truth.trajectory.poses, truth.trajectory.numbers
+    if numbers is None:
+        numbers = np.arange(len(poses), dtype=np.int64)
+    match = match_result(truth, numbers, found, options.tolerance_ns)
+    known = match.known
+    at_frames = found.poses[match.indices]
+    segments = segment_errors(numbers, poses, at_frames, known)
+    errors = pose_errors(numbers[known], poses[known], at_frames[known], options.align)
+    distances = path_distances(poses)
+    short = _note_short(segments, float(distances[-1]))
+    return OdometryScores(
+        truth.name,
+        truth.trajectory.source,
+        found.source,
+        numbers,
+        known,
+        poses[:, :3, 3],
+        distances,
+        segments,
+        errors,
+        options.align,
+        match.by,
+        (*truth.trajectory.losses, *found.losses, *match.losses),
+        (*truth.trajectory.notes, *found.notes, *match.notes, *short),
+    )
+
+
+def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
+    """Return the reason why there are no figures of KITTI's, if there are none."""
+    if len(segments):
+        return ()
+    reason = f'the ground truth is {length_m:.1f} m long, and the shortest {LENGTHS_M[0]} m'
+    if segments.left_out:
+        reason = f'all {segments.left_out} have no pose at their first or their last frame'
+    return (f"there are no segments of KITTI's: {reason}",)
+
+
+def _open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> CameraTrajectory:
+    """Read a result, and convert it to camera 0.
+
+    Args:
+        path: A file or a bag.
+        options: The topic, link and frame.
+        links: Static transforms of the ground truth.
+    """
+    own: Sequence[Link] = ()
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_dir() and not looks_like_bag(path):
+        raise UsageError(f'{path}: is a folder without a bag; {_EXPECTED}')
+    if is_text(path):
+        _refuse_topics(path, options)
+        found = read_trajectory(path)
+        frame = options.frame or ''
+    else:
+        with open_bag_source(path) as bag:
+            survey = survey_poses(bag)
+            plan = choose_result(bag, survey, options)
+            found = read_poses(bag, survey, plan)
+            own = survey.static
+        frame = (options.frame or found.frame).lstrip('/')
+        if not plan.body and options.frame is None:
+            frame = FrameNames().base
+            note = f'{plan.topic}: does not name its frame, taken as {frame}; see --frame'
+            found = replace(found, notes=(*found.notes, note))
+    return found.moved(frame_t_cam0(frame, own, links)) if frame else found
+
+
+def _refuse_topics(path: Path, options: OdometryOptions) -> None:
+    if options.topic is not None or options.tf:
+        given = '--tf' if options.tf else '--topic'
+        raise UsageError(f'{path}: is a file of poses; {given} is for a bag')

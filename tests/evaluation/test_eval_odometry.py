@@ -1,0 +1,463 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 eval odometry: files, bags, frames, missing poses, plots and mistakes."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from builders import convert_recording, one_line
+from drives import (
+    drifted,
+    drive,
+    link,
+    odometry,
+    offsets_ns,
+    path_of,
+    shaken,
+    stamped,
+    stamps_of,
+    static,
+    write_bag,
+    write_poses,
+    write_sequence,
+    write_tum,
+)
+
+from kitti_ros2 import KittiRos2Warning
+from kitti_ros2.cli import main
+from kitti_ros2.evaluation import evaluate_odometry
+from kitti_ros2.kitti.calib_file import parse_calibration
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.poses import rect_from_imu
+from kitti_ros2.messages.naming import base_t_imu
+from kitti_ros2.model.errors import KittiRos2Error, UsageError
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.messages import MessageOptions
+
+pytestmark = pytest.mark.skipif(find_spec('evo') is None, reason='evo is not installed')
+needs_matplotlib = pytest.mark.skipif(
+    find_spec('matplotlib') is None, reason='matplotlib is not installed'
+)
+KEYS = ['t_err_percent', 'r_err_deg_per_m', 'segments', 'ape_m', 'rpe_m']
+FRAMES = 400
+TRUTH = drive(FRAMES)
+RESULT = shaken(TRUTH)
+
+
+@pytest.fixture(autouse=True)
+def columns(monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+
+
+@pytest.fixture
+def root(tmp_path):
+    """An odometry set of one sequence, 07, without images and scans."""
+    return write_sequence(tmp_path / 'odometry', TRUTH)
+
+
+@pytest.fixture
+def run(capsys):
+    """A function that runs the command, and returns its exit code, output and errors."""
+
+    def call(*words):
+        code = main(['eval', 'odometry', *map(str, words)])
+        found = capsys.readouterr()
+        return code, found.out, found.err
+
+    return call
+
+
+@pytest.fixture
+def scores_of(run):
+    """A function that returns the figures of the only trajectory."""
+
+    def call(*words, code=0):
+        found, out, err = run(*words, '--json')
+        assert found == code, err
+        (scores,) = json.loads(out)['odometry'].values()
+        return scores
+
+    return call
+
+
+def gt(root):
+    return root / 'poses' / '07.txt'
+
+
+def body_poses(root, frame):
+    """The result as poses of base_link or velo_link in a fixed frame of their own."""
+    path = root / 'sequences/07/calib.txt'
+    calibration = parse_calibration(path.read_text(), path, 'calib.txt')
+    imu_t_cam0 = rect_from_imu(calibration).inverse()
+    mounts = {
+        'velo_link': calibration.velo_T_imu @ imu_t_cam0,
+        'base_link': base_t_imu(MessageOptions()) @ imu_t_cam0,
+    }
+    mount = mounts[frame].matrix()
+    world = Transform(rotation_from_rpy(0.1, -0.2, 2.0), np.array([500.0, -20, 7])).matrix()
+    return world @ RESULT @ np.linalg.inv(mount)
+
+
+def test_the_json_has_these_keys_only(root, tmp_path, run):
+    code, out, err = run(gt(root), write_poses(tmp_path / 'r.txt', RESULT), '--json')
+    assert (code, err) == (0, '')
+    values = json.loads(out)
+    assert [*values] == ['odometry']
+    assert [*values['odometry']] == ['07']
+    assert [*values['odometry']['07']] == KEYS
+    assert all(value > 0 for value in values['odometry']['07'].values())
+
+
+def test_a_known_drift_is_in_the_table(root, tmp_path, run):
+    turned = write_poses(tmp_path / 'r.txt', drifted(TRUTH, 0, 0.01))
+    code, out, err = run(gt(root), turned)
+    assert (code, err) == (0, '')
+    rows = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
+    assert rows['all'][-1].startswith('0.0100')
+    assert [line.split()[0] for line in out.splitlines() if ' m ' in line[:6]] == [
+        '100',
+        '200',
+        '300',
+    ]
+    shown = [line for line in out.splitlines() if str(tmp_path) not in line]
+    assert max(map(len, shown)) <= 80
+    assert 'first pose aligned' in out
+
+
+def test_the_figures_do_not_depend_on_the_kind_of_file(root, tmp_path, scores_of):
+    plain = scores_of(gt(root), write_poses(tmp_path / 'a.txt', RESULT))
+    numbered = write_poses(tmp_path / 'b.txt', RESULT, range(FRAMES))
+    assert scores_of(gt(root), numbered) == plain
+    absolute = write_tum(tmp_path / 'c.tum', (f'{ns}e-9' for ns in stamps_of(FRAMES)), RESULT)
+    relative = write_tum(tmp_path / 'd.tum', (f'{ns}e-9' for ns in offsets_ns(FRAMES)), RESULT)
+    for source in (gt(root), root):
+        for result in (absolute, relative):
+            assert scores_of(source, result) == pytest.approx(plain, rel=1e-4)
+
+
+def test_a_trajectory_against_itself_has_no_error(root, scores_of):
+    found = scores_of(root, gt(root), '--sequence', '07')
+    assert found.pop('segments') > 40
+    assert [*found.values()] == pytest.approx([0] * 4, abs=1e-6)
+
+
+def test_a_result_that_begins_late_and_lacks_frames(root, tmp_path, run):
+    numbers = np.setdiff1d(np.arange(20, FRAMES), [100, 101, 250])
+    late = np.linalg.inv(RESULT[20]) @ RESULT[numbers]
+    path = write_poses(tmp_path / '09.txt', late, numbers)
+    code, out, err = run(gt(root), path, '--json')
+    found = json.loads(out)['odometry']['07']
+    whole = evaluate_odometry(gt(root), write_poses(tmp_path / 'all.txt', RESULT))
+    kept = np.isin(whole.segments.first, numbers) & np.isin(whole.segments.last, numbers)
+    assert 0 < found['segments'] == kept.sum() < len(kept)
+    assert found['t_err_percent'] == pytest.approx(whole.segments.chosen(kept).t_err_percent, 1e-5)
+    assert code == 1
+    assert err.splitlines()[0] == (
+        f'skipped result (23): {path} (poses file with frame numbers): no pose of frames 0-19,'
+        f' 100-101, 250'
+    )
+    assert run(gt(root), path, '-q') == (1, '', err)
+
+
+def test_frames_that_the_ground_truth_does_not_have_are_named(root, tmp_path, run):
+    longer = write_poses(tmp_path / 'r.txt', drive(FRAMES + 3))
+    code, _, err = run(gt(root), longer)
+    assert code == 1
+    assert f'the ground truth has no frames {FRAMES}-{FRAMES + 2}' in err
+
+
+def test_steps_over_missing_frames_are_not_in_rpe(root, tmp_path):
+    numbers = np.setdiff1d(np.arange(FRAMES), range(50, 200))
+    path = write_poses(tmp_path / 'r.txt', RESULT[numbers], numbers)
+    with pytest.warns(KittiRos2Warning, match='no pose of frames 50-199'):
+        scores = evaluate_odometry(gt(root), path)
+    assert len(scores.errors.rpe_m) == len(numbers) - 2
+    assert scores.errors.rpe_m.max() < 0.2
+
+
+def test_errors_are_those_of_definition(root, tmp_path):
+    """APE and RPE computed without evo."""
+    scores = evaluate_odometry(gt(root), write_poses(tmp_path / 'r.txt', RESULT), align='none')
+    far = np.linalg.norm(RESULT[:, :3, 3] - TRUTH[:, :3, 3], axis=1)
+    assert scores.ape_m == pytest.approx(np.sqrt(np.mean(far**2)), rel=1e-6)
+    steps = [np.linalg.inv(poses[:-1]) @ poses[1:] for poses in (TRUTH, RESULT)]
+    wrong = (np.linalg.inv(steps[0]) @ steps[1])[:, :3, 3]
+    assert scores.rpe_m == pytest.approx(np.sqrt(np.mean(np.sum(wrong**2, axis=1))), rel=1e-5)
+
+
+def test_alignments(root, tmp_path, run, scores_of):
+    moved = Transform(rotation_from_rpy(0.3, 0.1, 1.0), np.array([9.0, 3, 1])).matrix() @ TRUTH
+    moved[:, :3, 3] *= 2
+    path = write_poses(tmp_path / 'r.txt', moved)
+    ape = {kind: scores_of(gt(root), path, '--align', kind)['ape_m']
+           for kind in ('none', 'first', 'se3', 'sim3')}  # fmt: skip
+    assert ape['none'] > ape['first'] > ape['se3'] > 1
+    assert ape['sim3'] == pytest.approx(0, abs=1e-5)
+    assert 'Sim(3), scale 0.5 for' in run(gt(root), path, '--align', 'sim3')[1]
+    assert scores_of(gt(root), path)['ape_m'] == ape['first']
+
+
+def test_an_alignment_of_a_straight_way_is_refused(tmp_path, run):
+    straight = write_poses(tmp_path / '01.txt', drive(300, bend=0))
+    code, _, err = run(straight, straight, '--align', 'se3')
+    assert code == 2
+    assert err.startswith('kitti-ros2: --align se3 is not possible')
+    assert one_line(err).endswith('give --align first')
+    assert run(straight, straight)[0] == 0
+
+
+def test_a_short_way_has_null(tmp_path, run):
+    path = write_poses(tmp_path / '03.txt', drive(30, 1.0))
+    code, out, err = run(path, path)
+    assert (code, err) == (0, '')
+    assert "note: there are no segments of KITTI's: the ground truth is 30.7 m long" in out
+    code, out, err = run(path, path, '--json')
+    assert json.loads(out)['odometry']['03'] == {
+        't_err_percent': None,
+        'r_err_deg_per_m': None,
+        'segments': 0,
+        'ape_m': pytest.approx(0, abs=1e-9),
+        'rpe_m': pytest.approx(0, abs=1e-9),
+    }
+
+
+def test_a_single_pose_has_no_step(tmp_path, scores_of):
+    path = write_poses(tmp_path / '03.txt', drive(1))
+    assert scores_of(path, path)['rpe_m'] is None
+
+
+def bag_of(root, path, *, child='base_link', topic='/odom'):
+    poses = body_poses(root, child)
+    times = stamps_of(FRAMES)
+    return write_bag(path, *(
+        (topic, ns, odometry(ns, pose, child)) for ns, pose in zip(times, poses, strict=True)
+    ))  # fmt: skip
+
+
+@pytest.mark.parametrize('child', ['base_link', 'velo_link'])
+def test_poses_of_other_frames_are_brought_to_camera_0(child, root, tmp_path, scores_of):
+    expected = scores_of(gt(root), write_poses(tmp_path / 'r.txt', RESULT))
+    bag = bag_of(root, tmp_path / 'run.mcap', child=child)
+    assert scores_of(root, bag) == pytest.approx(expected, rel=1e-3)
+    assert scores_of(gt(root), bag, '--topic', '/odom') == pytest.approx(expected, rel=1e-3)
+    file = write_poses(tmp_path / 'f.txt', body_poses(root, child))
+    assert scores_of(root, file, '--frame', child) == pytest.approx(expected, rel=1e-3)
+    assert scores_of(root, file)['t_err_percent'] > 2 * expected['t_err_percent']
+
+
+def test_every_kind_of_message_has_the_same_figures(root, tmp_path, scores_of):
+    poses, times = body_poses(root, 'base_link'), stamps_of(FRAMES)
+    pairs = [*zip(times, poses, strict=True)]
+    bag = write_bag(
+        tmp_path / 'run.mcap',
+        *(('/odom', ns, odometry(ns, pose)) for ns, pose in pairs),
+        *(('/pose', ns, stamped(ns, pose)) for ns, pose in pairs),
+        *(('/tf', ns, link(ns, pose)) for ns, pose in pairs),
+        ('/path', times[200], path_of(times[:200], poses[:200])),
+        ('/path', times[-1], path_of(times, poses)),
+    )
+    found = [scores_of(root, bag, '--topic', topic) for topic in ('/odom', '/pose', '/path')]
+    found.append(scores_of(root, bag, '--tf', 'odom', 'base_link'))
+    assert found[1:] == [pytest.approx(found[0], rel=1e-6)] * 3
+
+
+def test_a_frame_of_the_bag_is_resolved_by_its_static_transforms(root, tmp_path, scores_of):
+    expected = scores_of(gt(root), write_poses(tmp_path / 'r.txt', RESULT))
+    mount = Transform(rotation_from_rpy(0.2, 0.1, -0.4), np.array([1.0, 0.3, 0.8]))
+    poses = body_poses(root, 'velo_link') @ mount.matrix()
+    times = stamps_of(FRAMES)
+    bag = write_bag(
+        tmp_path / 'run.mcap',
+        ('/tf_static', times[0], static(('velo_link', 'gnss', mount))),
+        *(('/odom', ns, odometry(ns, pose, 'gnss')) for ns, pose in zip(times, poses, strict=True)),
+    )
+    assert scores_of(root, bag) == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_bag_of_the_sequence_is_the_same_ground_truth(root, tmp_path, scores_of):
+    bag = tmp_path / 'gt.mcap'
+    convert_recording(root / 'sequences' / '07', bag, storage='mcap')
+    result = bag_of(root, tmp_path / 'run.mcap')
+    assert scores_of(bag, result) == pytest.approx(scores_of(root, result), rel=1e-3)
+    file = write_poses(tmp_path / 'r.txt', RESULT)
+    assert scores_of(bag, file) == pytest.approx(scores_of(root, file), rel=1e-3)
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.ODOMETRY])
+def test_recordings_and_their_bags_agree(layout, recordings, tmp_path, run):
+    source, bag = recordings[layout], tmp_path / 'own.mcap'
+    convert_recording(source, bag, storage='mcap')
+    code, out, _ = run(source, bag, '--topic', '/kitti/ground_truth/odometry', '--json')
+    assert code == 0
+    (found,) = json.loads(out)['odometry'].items()
+    assert found[0] == open_recording(source).name
+    assert found[1]['ape_m'] == pytest.approx(0, abs=1e-5)
+    assert run(bag, bag, '--topic', '/kitti/ground_truth/odometry')[0] == 0
+
+
+def test_a_bag_of_others_is_a_ground_truth(tmp_path, scores_of):
+    """Camera 0 is not known in it: both are at its nominal place on the body."""
+    times, still = stamps_of(FRAMES), Transform.from_translation([0.0, 0, 1])
+    bag = write_bag(
+        tmp_path / 'both.mcap',
+        ('/tf_static', times[0], static(('base_link', 'lidar', still))),
+        *(('/gt', ns, odometry(ns, pose)) for ns, pose in zip(times, TRUTH, strict=True)),
+        *(('/odom', ns, odometry(ns, pose)) for ns, pose in zip(times, RESULT, strict=True)),
+    )
+    found = scores_of(bag, bag, '--gt-topic', '/gt', '--topic', '/odom')
+    assert found['segments'] > 40
+    assert found['t_err_percent'] > 0.1
+    same = scores_of(bag, bag, '--gt-topic', '/gt', '--topic', '/gt')
+    assert same['ape_m'] == pytest.approx(0, abs=1e-9)
+
+
+def test_stamps_match_within_a_tolerance_only(root, tmp_path, run):
+    times = [f'{ns + 30_000_000}e-9' for ns in stamps_of(FRAMES)]
+    late = write_tum(tmp_path / 'late.tum', times, RESULT)
+    code, out, _ = run(root, late)
+    assert code == 0
+    assert 'by stamp, at most 30.0 ms apart' in out
+    code, _, err = run(root, late, '--tolerance', '0.02')
+    assert code == 2
+    assert 'no pose within 0.020 s of a frame; its stamps are 2011-09-26 00:00:00.03' in err
+
+
+def test_two_poses_of_one_stamp_are_counted(root, tmp_path, run):
+    times = stamps_of(FRAMES)
+    pairs = [*zip(times, body_poses(root, 'base_link'), strict=True)]
+    bag = write_bag(tmp_path / 'run.mcap', *(
+        ('/odom', ns, odometry(ns, pose)) for ns, pose in [*pairs, pairs[7]]
+    ))  # fmt: skip
+    code, _, err = run(root, bag)
+    assert code == 1
+    assert err.startswith('skipped /odom (1): /odom: a second pose of the same stamp\n')
+
+
+def test_an_invalid_message_costs_its_frame(root, tmp_path, run):
+    times, poses = stamps_of(FRAMES), body_poses(root, 'base_link')
+    poses[5, 0, 3] = np.nan
+    bag = write_bag(tmp_path / 'run.mcap', *(
+        ('/odom', ns, odometry(ns, pose)) for ns, pose in zip(times, poses, strict=True)
+    ))  # fmt: skip
+    code, _, err = run(root, bag)
+    assert code == 1
+    assert 'no pose of frames 5\n' in err
+    assert 'no pose (a pose of NaN' in err
+
+
+@pytest.fixture
+def busy(tmp_path):
+    """A bag with two topics and a link that have poses."""
+    times = stamps_of(3)
+    pose = np.eye(4)
+    return write_bag(tmp_path / 'run.mcap', *(
+        (topic, ns, make(ns, np.array(pose) + n * np.eye(4, k=3)))
+        for n, ns in enumerate(times)
+        for topic, make in (('/odom', odometry), ('/pose', stamped), ('/tf', link))
+    ))  # fmt: skip
+
+
+USABLE = (
+    '--topic takes /odom (nav_msgs/msg/Odometry), /pose (geometry_msgs/msg/PoseStamped); --tf takes'
+    ' odom base_link'
+)
+
+
+@pytest.mark.parametrize(
+    ('words', 'complaint'),
+    [
+        ((), f'has several topics with poses; {USABLE}'),
+        (('--topic', '/odometry'), f'has no poses on /odometry; {USABLE}'),
+        (('--topic', '/odm'), f'has no poses on /odm; did you mean /odom; {USABLE}'),
+        (('--topic', '/tf'), f'has no poses on /tf; {USABLE}'),
+        (('--tf', 'map', 'base_link'), f'has no moving link map -> base_link; {USABLE}'),
+        (('--tf', 'odom'), 'takes the parent and the child of a link'),
+        (('--topic', '/pose', '--frame', 'lidar'), 'no static transform from lidar to camera 0'),
+    ],
+)
+def test_a_result_that_is_not_there_is_an_error_that_lists_what_is(
+    words, complaint, root, busy, run
+):
+    code, out, err = run(root, busy, *words)
+    assert (code, out) == (2, '')
+    assert complaint in one_line(err)
+
+
+def test_a_bag_without_poses_is_an_error(root, tmp_path, run):
+    still = Transform.from_translation([0.0, 0, 1])
+    bag = write_bag(tmp_path / 'run.mcap', ('/tf_static', 1, static(('base_link', 'a', still))))
+    code, _, err = run(root, bag)
+    assert code == 2
+    assert 'has no topic with poses; it needs an Odometry, a PoseStamped, a Path' in one_line(err)
+
+
+def test_mistakes_are_one_line(root, recordings, tmp_path, run):
+    file = write_poses(tmp_path / 'r.txt', RESULT)
+    tum = write_tum(tmp_path / 'r.tum', (f'{ns}e-9' for ns in stamps_of(FRAMES)), RESULT)
+    alone = write_poses(tmp_path / '07.txt', TRUTH)
+    far = write_poses(tmp_path / 'far.txt', RESULT[:2], [7000, 7001])
+    (tmp_path / 'empty.txt').touch()
+    for words, complaint in (
+        ((tmp_path / 'absent.txt', file), 'absent.txt'),
+        ((gt(root), tmp_path / 'absent.txt'), 'absent.txt: no such file or folder'),
+        ((gt(root), tmp_path / 'empty.txt'), 'empty.txt: is empty'),
+        ((tum, file), 'is a TUM file; as ground truth give a poses file'),
+        ((alone, tum), 'has no time stamps'),
+        ((alone, file, '--frame', 'velo_link'), 'neither the ground truth nor the result has'),
+        ((gt(root), file, '--topic', '/odom'), '--topic is for a bag'),
+        ((gt(root), file, '--gt-topic', '/gt'), '--gt-topic is for a bag'),
+        ((gt(root), file, '--align', 'se2'), 'align'),
+        ((gt(root), far), 'has 2 frames, 7000 to 7001; the ground truth has 400 frames, 0 to 399'),
+        ((recordings[Layout.OBJECT], file), 'has no poses'),
+        ((gt(root), root), 'is a folder without a bag; a result is a poses file'),
+        ((gt(root), file, '-o', tmp_path / 'a.jpg'), 'a plot ends in .png, .pdf or .svg'),
+    ):
+        code, out, err = run(*words)
+        assert (code, out) == (2, ''), words
+        assert complaint in one_line(err)
+
+
+def test_a_wrong_line_of_the_ground_truth_is_a_loss(root, tmp_path, run):
+    lines = gt(root).read_text().splitlines()
+    lines[33] = 'nan' + lines[33]
+    gt(root).write_text('\n'.join(lines))
+    code, _, err = run(gt(root), write_poses(tmp_path / 'r.txt', RESULT))
+    assert code == 1
+    assert f'{gt(root)}:34: ' in err
+
+
+@needs_matplotlib
+@pytest.mark.parametrize('ending', ['png', 'pdf', 'svg'])
+def test_the_plot_is_drawn(ending, root, tmp_path, run):
+    numbers = np.setdiff1d(np.arange(FRAMES), range(50, 90))
+    path = write_poses(tmp_path / 'r.txt', RESULT[numbers], numbers)
+    out = tmp_path / f'07.{ending}'
+    assert run(gt(root), path, '-o', out)[0] == 1
+    assert out.stat().st_size > 5000
+    assert run(gt(root), path, '-o', out)[0] == 2
+    assert run(gt(root), path, '-o', out, '--overwrite')[0] == 1
+
+
+@needs_matplotlib
+def test_a_short_way_has_a_plot(tmp_path, run):
+    path = write_poses(tmp_path / '03.txt', drive(3))
+    assert run(path, path, '-o', tmp_path / 'a.svg')[0] == 0
+
+
+def test_without_evo_the_error_says_how_to_install_it(root, monkeypatch, run):
+    monkeypatch.setattr('kitti_ros2.evaluation.pose_errors.find_spec', lambda _: None)
+    code, _, err = run(gt(root), gt(root))
+    assert code == 2
+    assert "pip install 'kitti_ros2[eval]'" in err
+
+
+def test_the_function_raises_what_the_command_prints(root, tmp_path):
+    with pytest.raises(UsageError, match='unknown option'):
+        evaluate_odometry(gt(root), gt(root), alignment='se3')
+    with pytest.raises(KittiRos2Error, match=r'absent\.txt'):
+        evaluate_odometry(gt(root), tmp_path / 'absent.txt')

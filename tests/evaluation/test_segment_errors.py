@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's segment errors against a program that goes frame by frame, and known drifts."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from drives import drifted, drive, shaken
+
+from kitti_ros2.evaluation.segment_errors import segment_errors
+
+from kitti_ros2.kitti.poses_file import parse_poses  # isort: skip
+
+
+def brute_force(numbers, truth, result):
+    """Segments one by one, in the words of the devkit's publication; result by frame number.
+
+    Angles are those of the rotation's quaternion, not of its trace, and everything is float64 but
+    for the distances, whose rounding decides on which frame a segment ends.
+    """
+    way = [np.float32(0)]
+    for before, after in pairwise(truth):
+        x, y, z = (np.float32(value) for value in after[:3, 3] - before[:3, 3])
+        way.append(way[-1] + np.sqrt(x * x + y * y + z * z))
+    found = []
+    for first, number in enumerate(numbers):
+        if (number - numbers[0]) % 10:
+            continue
+        for length in range(100, 801, 100):
+            end = way[first] + np.float32(length)
+            last = next((n for n in range(first, len(way)) if way[n] > end), None)
+            if last is None or number not in result or numbers[last] not in result:
+                continue
+            moved = np.linalg.solve(truth[first], truth[last])
+            claimed = np.linalg.solve(result[number], result[numbers[last]])
+            error = np.linalg.solve(claimed, moved)
+            half_sine = np.linalg.norm(error[:3, :3] - np.eye(3)) / math.sqrt(8)
+            angle = 2 * math.asin(min(half_sine, 1.0))
+            found.append(
+                (first, last, length, np.linalg.norm(error[:3, 3]) / length, angle / length)
+            )
+    return np.array(found).reshape(-1, 5)
+
+
+def score(truth, result, numbers=None, known=None):
+    numbers = np.arange(len(truth)) if numbers is None else np.array(numbers)
+    known = np.ones(len(truth), bool) if known is None else known
+    return segment_errors(numbers, truth, result, known)
+
+
+def compare(found, expected):
+    assert len(found) == len(expected) > 100
+    assert found.first.tolist() == expected[:, 0].tolist()
+    assert found.last.tolist() == expected[:, 1].tolist()
+    assert found.lengths_m.tolist() == expected[:, 2].tolist()
+    np.testing.assert_allclose(found.translations, expected[:, 3], rtol=2e-5, atol=1e-9)
+    # The trace in float32 resolves angles to the root of 2^-22.
+    resolution = 2.0**-22 / np.maximum(expected[:, 4] * expected[:, 2], 2.0**-11)
+    assert (np.abs(found.rotations - expected[:, 4]) * expected[:, 2] <= 2 * resolution).all()
+    assert found.t_err_percent == pytest.approx(100 * expected[:, 3].mean(), rel=1e-5)
+    assert found.r_err_deg_per_m == pytest.approx(np.degrees(expected[:, 4].mean()), rel=1e-4)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_segments_are_those_of_a_program_that_goes_frame_by_frame(seed):
+    truth = drive(1500, 0.8 + 0.2 * seed)
+    result = shaken(truth, seed)
+    expected = brute_force(range(len(truth)), truth, dict(enumerate(result)))
+    compare(score(truth, result), expected)
+
+
+def test_holes_of_both_leave_out_their_segments_only():
+    truth, rng = drive(1500), np.random.default_rng(4)
+    result = shaken(truth)
+    numbers = np.setdiff1d(np.arange(1500), [*range(177, 181), 300, 905]) + 20
+    truth, result = truth[numbers - 20], result[numbers - 20]
+    known = rng.random(len(numbers)) > 0.1
+    known[:35] = False
+    given = {n: pose for n, pose, has in zip(numbers, result, known, strict=True) if has}
+    whole = brute_force(numbers, truth, dict(zip(numbers, result, strict=True)))
+    found = score(truth, np.where(known[:, None, None], result, np.eye(4)), numbers, known)
+    expected = brute_force(numbers, truth, given)
+    compare(found, expected)
+    assert found.left_out == len(whole) - len(expected) > 100
+
+
+def test_a_trajectory_has_no_error_against_itself_also_with_rounded_matrices():
+    truth = drive(1200)
+    for poses in (truth, np.round(truth, 4)):
+        found = score(poses, poses)
+        assert len(found) > 300
+        assert (found.t_err_percent, found.r_err_deg_per_m) == (pytest.approx(0, abs=1e-9), 0)
+
+
+def test_the_fixed_frame_does_not_matter():
+    truth = drive(1200)
+    result, moved = shaken(truth), np.eye(4)
+    moved[:3] = [[0, -1, 0, 70], [0, 0, -1, -3], [1, 0, 0, 900]]
+    first, second = score(truth, result), score(truth, moved @ result)
+    assert second.t_err_percent == pytest.approx(first.t_err_percent, rel=1e-6)
+    assert second.r_err_deg_per_m == pytest.approx(first.r_err_deg_per_m, rel=1e-3)
+
+
+def shows_drift(truth):
+    """1 % of the way, and 0.01 degrees a metre, to three digits."""
+    aside = score(truth, drifted(truth, share=0.01))
+    assert f'{aside.t_err_percent:.2f}' == '1.00'
+    assert aside.r_err_deg_per_m == 0
+    turned = score(truth, drifted(truth, deg_per_m=0.01))
+    assert f'{turned.r_err_deg_per_m:.4f}' == '0.0100'
+    both = score(truth, drifted(truth, 0.01, 0.01))
+    assert f'{both.r_err_deg_per_m:.4f}' == '0.0100'
+
+
+def test_a_known_drift_has_its_figures():
+    shows_drift(drive(4000))
+
+
+def test_a_scale_of_a_straight_way_is_its_error():
+    truth = drive(3000, bend=0)
+    scaled = truth.copy()
+    scaled[:, :3, 3] *= 1.01
+    found = score(truth, scaled)
+    assert f'{found.t_err_percent:.2f}' == '1.00'
+    assert found.r_err_deg_per_m == 0
+
+
+def test_a_known_drift_on_a_real_way_has_its_figures(real_kitti):
+    path = real_kitti / 'odometry/dataset/poses/00.txt'
+    values = parse_poses(path.read_text(), path).values
+    truth = np.array([np.vstack([pose, [0, 0, 0, 1]]) for pose in values])
+    assert len(truth) == 4541
+    found = score(truth, truth)
+    assert (f'{found.t_err_percent:.6f}', found.r_err_deg_per_m) == ('0.000000', 0)
+    shows_drift(truth)
+    scaled = drifted(truth, deg_per_m=0.01)
+    scaled[:, :3, 3] *= 1.01
+    compare(score(truth, scaled), brute_force(range(4541), truth, dict(enumerate(scaled))))
+
+
+@pytest.mark.parametrize('frames', [1, 2, 50])
+def test_a_short_way_has_no_segment(frames):
+    found = score(drive(frames, 1.0), drive(frames, 1.0))
+    assert (len(found), found.left_out) == (0, 0)
+    assert found.t_err_percent is found.r_err_deg_per_m is None
+
+
+def test_a_hand_made_segment():
+    """101 frames a metre apart: one segment of 100 m ends beyond it, at frame 101 of 102."""
+    truth = np.tile(np.eye(4), (102, 1, 1))
+    truth[:, 2, 3] = np.arange(102)
+    result = truth.copy()
+    result[101, :3, 3] = [3, 0, 105]  # 3 m aside and 4 m too far
+    found = score(truth, result)
+    assert (found.first.tolist(), found.last.tolist()) == ([0], [101])
+    assert found.t_err_percent == pytest.approx(5.0)
+    assert found.speeds_m_s.tolist() == [pytest.approx(100 / 10.2)]

@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of poses: 12, 13 and 8 columns, and what is damaged in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drives import drive, write_poses, write_tum
+
+from kitti_ros2.evaluation.trajectories import read_trajectory
+from kitti_ros2.model.errors import BadFileError
+
+LINE = '1 0 0 {} 0 1 0 0 0 0 1 0'
+
+
+def write(tmp_path, *lines):
+    path = tmp_path / '09.txt'
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def test_twelve_columns_are_frames_by_line(tmp_path):
+    poses = drive(5)
+    found = read_trajectory(write_poses(tmp_path / '09.txt', poses))
+    assert (found.numbers.tolist(), found.stamps_ns, found.losses) == ([0, 1, 2, 3, 4], None, ())
+    np.testing.assert_allclose(found.poses, poses, atol=1e-8)
+
+
+def test_thirteen_columns_begin_with_the_frame(tmp_path):
+    poses = drive(5)
+    found = read_trajectory(write_poses(tmp_path / '09.txt', poses[[4, 1, 2]], [4, 1, 2]))
+    assert found.numbers.tolist() == [1, 2, 4]
+    np.testing.assert_allclose(found.poses, poses[[1, 2, 4]], atol=1e-8)
+    assert found.notes == (f'{tmp_path / "09.txt"}: frame numbers are not in order; sorted',)
+
+
+def test_numbers_with_a_point_are_frame_numbers(tmp_path):
+    path = write(tmp_path, *(f'{n:.6e} {LINE.format(n)}' for n in (3, 7)))
+    assert read_trajectory(path).numbers.tolist() == [3, 7]
+
+
+def test_tum_keeps_all_nanoseconds_and_is_sorted(tmp_path):
+    poses = drive(4)
+    stamps = [f'1317042145.{ns:09d}' for ns in (951199337, 2, 1, 500)]
+    found = read_trajectory(write_tum(tmp_path / 'a.tum', stamps, poses))
+    second = 1317042145 * 10**9
+    assert found.stamps_ns.tolist() == [second + 1, second + 2, second + 500, second + 951199337]
+    np.testing.assert_allclose(found.poses, poses[[2, 1, 3, 0]], atol=1e-9)
+    assert found.notes
+
+
+@pytest.mark.parametrize(
+    ('line', 'complaint'),
+    [
+        ('nan' + LINE.format(0)[1:], "'nan' is no finite number"),
+        (LINE.format('inf'), "'inf' is no finite number"),
+        (LINE.format('x'), "'x' is no number"),
+        (LINE.format(0) + ' 1', '13 values'),
+        ('1 0 0', '3 values'),
+        (LINE.format('2e9'), 'a position beyond 1e9 m'),
+        ('1.1' + LINE.format(0)[1:], 'the matrix is no rotation (R^T R is off by 0.21)'),
+        ('-1' + LINE.format(0)[1:], 'the matrix is no rotation'),
+        ('0 0 0 0 0 0 0 0 0 0 0 0', 'the matrix is no rotation'),
+    ],
+)
+def test_an_invalid_line_costs_its_frame(line, complaint, tmp_path):
+    path = write(tmp_path, LINE.format(0), line, LINE.format(2))
+    found = read_trajectory(path)
+    assert found.numbers.tolist() == [0, 2]
+    (loss,) = found.losses
+    assert loss.text().startswith(f'{path}:2: {complaint}')
+
+
+@pytest.mark.parametrize(
+    ('line', 'complaint'),
+    [
+        ('-1 0 0 0 0 0 0 1', "'-1' is no number of seconds"),
+        ('1e12 0 0 0 0 0 0 1', 'no number of seconds'),
+        ('2 0 0 0 0 0 0 0', 'the quaternion has length 0, not 1'),
+        ('2 0 0 0 0 0 0 2', 'the quaternion has length 2, not 1'),
+        ('2 0 0 nan 0 0 0 1', "'nan' is no finite number"),
+    ],
+)
+def test_an_invalid_line_of_tum_costs_its_pose(line, complaint, tmp_path):
+    path = write(tmp_path, '# a comment', '1 0 0 0 0 0 0 1', '', line, '3 0 0 0 0 0 0 1')
+    found = read_trajectory(path)
+    assert found.stamps_ns.tolist() == [10**9, 3 * 10**9]
+    assert complaint in found.losses[0].text()
+    assert found.losses[0].text().startswith(f'{path}:4: ')
+
+
+def test_the_first_of_two_poses_of_a_frame_is_used(tmp_path):
+    path = write(tmp_path, *(f'{n} {LINE.format(x)}' for n, x in ((0, 0), (1, 1), (1, 5), (2, 2))))
+    found = read_trajectory(path)
+    assert found.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert [loss.count for loss in found.losses] == [1]
+    assert 'a second pose of the same frame number' in found.losses[0].text()
+
+
+@pytest.mark.parametrize(
+    ('content', 'complaint'),
+    [
+        (b'# only a comment\n', 'holds no poses'),
+        (b'1 2 3\n', ':1: 3 columns; expected 12 numbers a line'),
+        (b'\xff\xfe\x00', 'is no text'),
+        (b'nan 0 0 0 0 1 0 0 0 0 1 0\n', ":1: 'nan' is no finite number; expected twelve numbers"),
+    ],
+)
+def test_a_file_without_a_pose_is_an_error(content, complaint, tmp_path):
+    path = tmp_path / '09.txt'
+    path.write_bytes(content)
+    with pytest.raises(BadFileError) as raised:
+        read_trajectory(path)
+    assert str(raised.value).startswith(str(path))
+    assert complaint in str(raised.value)
