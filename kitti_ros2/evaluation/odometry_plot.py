@@ -27,8 +27,11 @@ _INCHES = (10.0, 6.6)
 _DPI = 200
 _RESULT = '#c8502b'
 _PLACES = (('path', 't'), ('path', 'r'), ('ape', 'ape'))
-_SPEEDS_M_S = np.arange(2, 26, 2)
-"""Bins of 2 m/s around these, as in saveErrorPlots of evaluate_odometry.cpp."""
+_SPEEDS_M_S = np.arange(2, 25, 2)
+_SPEED_RANGE_M_S = 2.0
+_LEAST = 3
+"""Means are of the segments within 2 m/s of a speed, and of 3 segments at least, as in
+saveErrorPlots of evaluate_odometry.cpp."""
 
 
 def draw_odometry(scores: OdometryScores, path: Path) -> None:
@@ -104,22 +107,22 @@ def _draw_means(
     if not len(segments):
         axes.text(0.5, 0.5, 'no segment', ha='center', transform=axes.transAxes)
         return
-    by_length = [mean(segments.of_length(length)) for length in LENGTHS_M]
-    axes.plot(LENGTHS_M, _numbers(by_length), 'o-', color=_RESULT, markersize=3, label='by length')
+    by_length = [segments.of_length(length) for length in LENGTHS_M]
+    near = (np.abs(segments.speeds_m_s - speed) < _SPEED_RANGE_M_S for speed in _SPEEDS_M_S)
+    by_speed = [segments.chosen(kept) for kept in near]
+    means, means_by_speed = (
+        [np.nan if len(part) < _LEAST else mean(part) for part in parts]
+        for parts in (by_length, by_speed)
+    )
+    axes.plot(LENGTHS_M, means, 'o-', color=_RESULT, markersize=3, label='by length')
     speeds = axes.twiny()
-    near = (np.abs(segments.speeds_m_s - speed) < 1 for speed in _SPEEDS_M_S)
-    by_speed = [mean(segments.chosen(kept)) for kept in near]
-    speeds.plot(_SPEEDS_M_S, _numbers(by_speed), 's--', color=INK, markersize=3, linewidth=0.8)
+    speeds.plot(_SPEEDS_M_S, means_by_speed, 's--', color=INK, markersize=3, linewidth=0.8)
     axes.plot([], [], 's--', color=INK, markersize=3, linewidth=0.8, label='by speed')
     speeds.set_xlabel('speed, m/s', loc='right')
     speeds.grid(visible=False)
     speeds.spines['top'].set_visible(True)
     axes.set_ylim(bottom=0)
     axes.legend(loc='lower right')
-
-
-def _numbers(values: list[float | None]) -> list[float]:
-    return [np.nan if value is None else value for value in values]
 
 
 def _draw_ape(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401 - as above
