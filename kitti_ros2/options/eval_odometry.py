@@ -82,6 +82,8 @@ class OdometryOptions:
     )
 
     def __post_init__(self) -> None:
+        if self.tf and self.topic is not None:
+            raise UsageError('--topic and --tf exclude each other; give one of them')
         if self.tf and len(self.tf) != 2:
             raise UsageError(
                 f'--tf takes the parent and the child of a link, such as odom base_link, not'
