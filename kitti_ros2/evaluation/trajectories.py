@@ -29,8 +29,11 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
 
 _FARTHEST_M = 1e9
-_ROTATION = 1e-2
-"""How far R transposed times R, or the length of a quaternion, may be from 1, as in tf2."""
+_QUATERNION = 1e-2
+"""How far the length of a quaternion may be from 1, as in tf2."""
+_ROTATION = 0.1
+"""The same of R^T R; the devkit accepts any matrix, and products of many are not exact."""
+_REPORTED_ROTATION = 1e-3
 _EXPECTED = '12 numbers a line (KITTI), 13 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
 
 
@@ -83,34 +86,49 @@ def read_trajectory(path: Path) -> CameraTrajectory:
     if not rows:
         raise BadFileError(path, 'holds no poses', _EXPECTED)
     ((columns, _),) = Counter(len(words) for _, words in rows).most_common(1)
-    kind = _FORMATS.get(columns)
-    if kind is None:
+    form = _FORMATS.get(columns)
+    if form is None:
         raise BadFileError(path, f'{columns} columns', _EXPECTED, line=rows[0][0])
+    keys, poses, losses = _parse_rows(path, rows, form)
+    order, twice = _ascending(keys)
+    if twice:
+        losses.append(Loss(path.name, twice, f'{path}: a second pose of the same {form.key}'))
+    ascending = np.array(keys, dtype=np.int64)[order]
+    found = np.array(poses)[order]
+    notes = [f'{path}: {form.key}s are not in order; sorted'] if keys != sorted(keys) else []
+    off = max(map(_error_of_rotation, found))
+    if off > _REPORTED_ROTATION:
+        notes.append(f'{path}: matrices are no exact rotations, R^T R is off by up to {off:.2g}')
+    return CameraTrajectory(
+        f'{path} ({form.name})',
+        found,
+        numbers=None if form.timed else ascending,
+        stamps_ns=ascending if form.timed else None,
+        losses=tuple(losses),
+        notes=tuple(notes),
+    )
+
+
+def _parse_rows(
+    path: Path, rows: Sequence[tuple[int, list[str]]], form: _PoseFormat
+) -> tuple[list[int], list[Float64Array], list[Loss]]:
+    """Return the key and the pose of each valid row, and the others as losses.
+
+    Raises:
+        BadFileError: No row is valid.
+    """
     keys, poses, bad = [], [], []
-    for position, (number, row) in enumerate(rows):
+    for position, (number, words) in enumerate(rows):
         try:
-            key, pose = kind.parse(row, position)
+            key, pose = form.parse(words, position)
         except ValueError as error:
-            bad.append(BadFileError(path, str(error), kind.expected, line=number))
+            bad.append(BadFileError(path, str(error), form.expected, line=number))
             continue
         keys.append(key)
         poses.append(pose)
     if not poses:
         raise bad[0]
-    losses = [Loss(path.name, 1, str(error)) for error in bad]
-    order, twice = _ascending(keys)
-    if twice:
-        losses.append(Loss(path.name, twice, f'{path}: a second pose of the same {kind.key}'))
-    ascending = np.array(keys, dtype=np.int64)[order]
-    notes = (f'{path}: {kind.key}s are not in order; sorted',) if keys != sorted(keys) else ()
-    return CameraTrajectory(
-        f'{path} ({kind.name})',
-        np.array(poses)[order],
-        numbers=None if kind.timed else ascending,
-        stamps_ns=ascending if kind.timed else None,
-        losses=tuple(losses),
-        notes=notes,
-    )
+    return keys, poses, [Loss(path.name, 1, str(error)) for error in bad]
 
 
 def _ascending(keys: Sequence[int]) -> tuple[Int64Array, int]:
@@ -143,7 +161,7 @@ def _parse_numbered(words: list[str], _: int) -> tuple[int, Float64Array]:
 
 def _parse_tum(words: list[str], _: int) -> tuple[int, Float64Array]:
     values = parse_numbers(words, 8)[1:]
-    if abs(np.linalg.norm(values[3:]) - 1) > _ROTATION:
+    if abs(np.linalg.norm(values[3:]) - 1) > _QUATERNION:
         raise ValueError(f'the quaternion has length {np.linalg.norm(values[3:]):.3g}, not 1')
     pose = Transform.from_quaternion(values[3:], values[:3]).matrix()
     return parse_seconds(words[0]), _checked(pose)
@@ -162,10 +180,16 @@ def _checked(pose: Float64Array) -> Float64Array:
     rotation = pose[:3, :3]
     if np.abs(pose).max() > _FARTHEST_M:
         raise ValueError('a position beyond 1e9 m')
-    off = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    off = _error_of_rotation(pose)
     if off > _ROTATION or np.linalg.det(rotation) < 0:
         raise ValueError(f'the matrix is no rotation (R^T R is off by {off:.2g})')
     return pose
+
+
+def _error_of_rotation(pose: Float64Array) -> float:
+    """Return how far R^T R is from the identity."""
+    rotation = pose[:3, :3]
+    return float(np.abs(rotation.T @ rotation - np.eye(3)).max())
 
 
 @dataclass(frozen=True)

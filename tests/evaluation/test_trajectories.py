@@ -72,6 +72,13 @@ def test_an_invalid_line_costs_its_frame(line, complaint, tmp_path):
     assert loss.text().startswith(f'{path}:2: {complaint}')
 
 
+def test_matrices_that_are_nearly_rotations_are_taken_with_a_note(tmp_path):
+    lines = [LINE.format(0), '1.02' + LINE.format(1)[1:]]
+    found = read_trajectory(write(tmp_path, *lines))
+    assert (len(found), found.losses) == (2, ())
+    assert found.notes[0].endswith('no exact rotations, R^T R is off by up to 0.04')
+
+
 @pytest.mark.parametrize(
     ('line', 'complaint'),
     [
