@@ -4,30 +4,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..api.keywords import by_name
-from ..api.source import warn
-from ..bags.locate import looks_like_bag
-from ..bags.open_source import open_bag_source
-from ..messages.naming import FrameNames
-from ..model.errors import MissingPathError, UsageError
 from ..options.evaluation_tables import ODOMETRY, make_odometry_options
-from .bag_trajectory import choose_result, read_poses, survey_poses
 from .frame_matching import match_result
-from .ground_truth import is_text, open_truth
+from .open_trajectories import open_result, open_truth
 from .pose_errors import check_evo, pose_errors, rmse
-from .rig_frames import frame_t_cam0
 from .segment_errors import LENGTHS_M, path_distances, segment_errors
-from .trajectories import read_trajectory
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
 
     import numpy.typing as npt
     from typing_extensions import Unpack
@@ -38,14 +28,10 @@ if TYPE_CHECKING:
     from ..model.samples import Float32Array, Int64Array
     from ..options.eval_odometry import Alignment, OdometryOptions
     from ..options.read import ReadOptions
-    from ..rig.tf_tree import Link
     from .pose_errors import PoseErrors
     from .segment_errors import SegmentErrors
-    from .trajectories import CameraTrajectory
 
 __all__ = ['OdometryScores', 'evaluate_odometry']
-
-_EXPECTED = 'a result is a poses file, a TUM file or a bag'
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +113,9 @@ def evaluate_odometry(
         >>> evaluate_odometry('odometry/poses/00.txt', 'my_00.txt').ape_m  # doctest: +SKIP
         1.273
     """
+    from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
+    from ..api.source import warn  # noqa: PLC0415 - as above
+
     read, chosen = make_odometry_options(by_name(options, ODOMETRY))
     scores = score_trajectory(Path(ground_truth), Path(result), read, chosen)
     for loss in scores.losses:
@@ -140,7 +129,7 @@ def score_trajectory(
     """Score a trajectory; see evaluate_odometry."""
     check_evo()
     truth = open_truth(ground_truth, read, options)
-    found = _open_result(result, options, truth.links)
+    found = open_result(result, options, truth.links)
     poses, numbers = truth.trajectory.poses, truth.trajectory.numbers
     if numbers is None:
         numbers = np.arange(len(poses), dtype=np.int64)
@@ -176,40 +165,3 @@ def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
     if segments.left_out:
         reason = f'all {segments.left_out} have no pose at their first or their last frame'
     return (f"there are no segments of KITTI's: {reason}",)
-
-
-def _open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> CameraTrajectory:
-    """Read a result, and convert it to camera 0.
-
-    Args:
-        path: A file or a bag.
-        options: The topic, link and frame.
-        links: Static transforms of the ground truth.
-    """
-    own: Sequence[Link] = ()
-    if not path.exists():
-        raise MissingPathError(path)
-    if path.is_dir() and not looks_like_bag(path):
-        raise UsageError(f'{path}: is a folder without a bag; {_EXPECTED}')
-    if is_text(path):
-        _refuse_topics(path, options)
-        found = read_trajectory(path)
-        frame = options.frame or ''
-    else:
-        with open_bag_source(path) as bag:
-            survey = survey_poses(bag)
-            plan = choose_result(bag, survey, options)
-            found = read_poses(bag, survey, plan)
-            own = survey.static
-        frame = (options.frame or found.frame).lstrip('/')
-        if not plan.body and options.frame is None:
-            frame = FrameNames().base
-            note = f'{plan.topic}: does not name its frame, taken as {frame}; see --frame'
-            found = replace(found, notes=(*found.notes, note))
-    return found.moved(frame_t_cam0(frame, own, links)) if frame else found
-
-
-def _refuse_topics(path: Path, options: OdometryOptions) -> None:
-    if options.topic is not None or options.tf:
-        given = '--tf' if options.tf else '--topic'
-        raise UsageError(f'{path}: is a file of poses; {given} is for a bag')
