@@ -21,7 +21,7 @@ from ..model.streams import Clock
 from ..own_bags.numbering import BY_POSITION, number_bag
 from ..own_bags.recording import BagRecording
 from .bag_trajectory import plan_of, read_poses
-from .ground_truth import GroundTruth, truth_of_recording
+from .ground_truth_poses import GroundTruth, truth_of_recording
 from .rig_frames import CAMERA_0
 
 if TYPE_CHECKING:

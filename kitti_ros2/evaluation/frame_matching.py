@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.samples import Int64Array
-    from .ground_truth import GroundTruth
+    from .ground_truth_poses import GroundTruth
     from .trajectories import CameraTrajectory
 
 _LONGEST_RELATIVE_NS = 100_000_000 * NS_PER_S

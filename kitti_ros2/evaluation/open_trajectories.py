@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..bags.locate import locate_bag, looks_like_bag
 from ..messages.naming import FrameNames
 from ..model.errors import MissingPathError, NotABagError, UsageError
-from .ground_truth import truth_of_file, truth_of_folder
+from .ground_truth_poses import truth_of_file, truth_of_folder
 from .rig_frames import frame_t_cam0
 from .trajectories import read_trajectory
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..options.eval_odometry import OdometryOptions
     from ..options.read import ReadOptions
     from ..rig.tf_tree import Link
-    from .ground_truth import GroundTruth
+    from .ground_truth_poses import GroundTruth
     from .trajectories import CameraTrajectory
 
 _EXPECTED = 'a result is a poses file, a TUM file or a bag'
