@@ -134,6 +134,16 @@ class StatisticsKeywords(TypedDict, total=False):
     sequence: str | None
 
 
+class DetectionKeywords(TypedDict, total=False):
+    """Options of eval detection."""
+
+    classes: OneOrMore | Mapping[str, float | None]
+    frames: str | os.PathLike[str] | None
+    loose: bool
+    layout: str | None
+    sequence: str | None
+
+
 class OdometryKeywords(TypedDict, total=False):
     """Options of eval odometry."""
 

@@ -15,6 +15,7 @@ from .commands.crop import crop
 from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.download import download
+from .commands.eval_detection import eval_detection
 from .commands.eval_odometry import eval_odometry
 from .commands.eval_tracking import eval_tracking
 from .commands.extract import extract
@@ -151,6 +152,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'demo': demo,
 }
 _EVAL: dict[str, Callable[..., int]] = {
+    'detection': eval_detection,
     'odometry': eval_odometry,
     'tracking': eval_tracking,
 }

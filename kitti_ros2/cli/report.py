@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
+from ..options.eval_detection import DetectionOptions
 from ..options.table import make_settings
-from ..report.gather import gather
+from ..report.gather import gather, with_scores
 from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from ..evaluation.detection import DetectionScores
+    from ..options.read import ReadOptions
+
 _ENDINGS = ('.html', '.htm')
 _KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
@@ -31,6 +35,7 @@ def run_report(
     out: Path,
     given: Mapping[str, object],
     *,
+    results: Path | None = None,
     overwrite: bool,
     quiet: bool,
     show: bool = False,
@@ -41,6 +46,7 @@ def run_report(
         src: The folder or the bag.
         out: The page.
         given: The options layout and sequence.
+        results: Results of a detector to score, None for none.
         overwrite: Whether an existing page may be replaced.
         quiet: Print only losses.
         show: Whether to open the page in the browser.
@@ -57,7 +63,10 @@ def run_report(
     refusal = _KEEP_ALL_BUT_PAGES if overwrite else keep_all
     Staging(out, refusal).discard()  # raises now for what could not be written later
     with step_progress('reading', show=not quiet) as progress:
+        scores = None if results is None else _score(src, results, options)
         report = gather(src, options, progress)
+        if scores is not None:
+            report = with_scores(report, scores)
     with staged_file(out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())
     for finding in report.findings:
@@ -75,6 +84,12 @@ def run_report(
         return EXIT_OK
     complain(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
+
+
+def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
+    from ..evaluation.detection import score_paths
+
+    return score_paths(src, results, options, DetectionOptions())
 
 
 def _open(page: Path) -> None:

@@ -13,13 +13,16 @@ from ..model.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .bag_results import *
+    from .detection import *
     from .odometry import *
     from .tracking import *
 
 _MODULES: dict[str, str] = {
     'BagResults': 'evaluation.bag_results',
+    'DetectionScores': 'evaluation.detection',
     'OdometryScores': 'evaluation.odometry',
     'TrackingScores': 'evaluation.tracking',
+    'evaluate_detection': 'evaluation.detection',
     'evaluate_odometry': 'evaluation.odometry',
     'evaluate_tracking': 'evaluation.tracking',
     'read_bag_results': 'evaluation.bag_results',
@@ -27,8 +30,10 @@ _MODULES: dict[str, str] = {
 
 __all__ = [
     'BagResults',
+    'DetectionScores',
     'OdometryScores',
     'TrackingScores',
+    'evaluate_detection',
     'evaluate_odometry',
     'evaluate_tracking',
     'read_bag_results',

@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING
 
 from .bag_results import BagResultsOptions
 from .declare import options_of, parse_values, values_for
+from .eval_detection import DetectionOptions
 from .eval_odometry import OdometryOptions
 from .read import ReadOptions
+from .table import SOURCE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+DETECTION = (
+    *options_of(DetectionOptions),
+    *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
+)
 _OF_FOLDERS = {'layout', 'sequence', 'epoch'}
 ODOMETRY = (
     *options_of(OdometryOptions),
@@ -29,6 +35,19 @@ TRACKING = (
     ),
 )
 """Ground truth has the epoch and the period that it was played with."""
+
+
+def make_detection_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, DetectionOptions]:
+    """Make the options of eval detection from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, DETECTION)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, DetectionOptions(**values_for(DetectionOptions, parsed))
 
 
 def make_odometry_options(

@@ -93,6 +93,22 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     return shares
 
 
+def parse_overlaps(name: str, value: object) -> tuple[tuple[str, float | None], ...]:
+    """Parse class names, each alone or with an overlap, such as car truck=0.5, or a mapping."""
+    if isinstance(value, dict):
+        value = [
+            each if overlap is None else f'{each}={overlap}' for each, overlap in value.items()
+        ]
+    pairs = [word.partition('=') for word in parse_texts(name, value)]
+    try:
+        return tuple(
+            (word.lower(), float(overlap) if equals else None) for word, equals, overlap in pairs
+        )
+    except ValueError:
+        given = ' '.join(map(''.join, pairs))
+        raise UsageError(f'{name} takes names such as car or truck=0.5, not {given!r}') from None
+
+
 def parse_flag(name: str, value: object) -> bool:
     """Parse true or false."""
     if isinstance(value, bool):

@@ -13,6 +13,7 @@ from ..model.text import format_count
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..evaluation.detection import DetectionScores
     from ..model.route import Route
     from ..model.streams import Clock
     from .overview import Overview
@@ -156,6 +157,7 @@ class Report:
         classes: None without labels.
         projections: Points of the scanner over images.
         scenes: A few frames spread over the recording.
+        scores: Those of a detector's results, if given.
     """
 
     overview: Overview
@@ -166,6 +168,7 @@ class Report:
     classes: ClassStatistics | None = None
     projections: Sequence[ReportPicture] = ()
     scenes: Sequence[Scene] = ()
+    scores: DetectionScores | None = None
 
     @property
     def clock(self) -> Clock:

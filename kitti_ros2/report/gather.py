@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from ..evaluation.detection import DetectionScores
     from ..importer.survey import Survey
     from ..kitti.recording import KittiRecording
     from ..model.route import Route
@@ -255,6 +256,13 @@ def _finished(report: Report, findings: Sequence[Finding]) -> Report:
     severity = Severity.NOTE if report.overview.complete else Severity.LOSS
     notes = [Finding(severity, '', note) for note in report.overview.notes]
     return replace(report, findings=_in_order([*findings, *notes]))
+
+
+def with_scores(report: Report, scores: DetectionScores) -> Report:
+    """Return the report with the scores of a detector, and what they lack among its findings."""
+    losses = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in scores.losses]
+    notes = [Finding(Severity.NOTE, 'results', note) for note in scores.notes]
+    return replace(report, scores=scores, findings=_in_order([*report.findings, *losses, *notes]))
 
 
 def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:

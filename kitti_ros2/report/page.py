@@ -22,6 +22,7 @@ from ..model.streams import Clock
 from ..model.text import format_bytes, format_count, format_duration
 from .contents import Severity
 from .plots import class_colour
+from .scores_section import scores_section
 from .sections import calibration_section, frames_section, objects_section, route_section
 from .streams_section import streams_section
 
@@ -54,6 +55,7 @@ def make_page(report: Report) -> str:
         ('streams', 'Streams', streams_section(report)),
         ('route', 'Route', route_section(report)),
         ('objects', 'Objects', objects_section(report)),
+        ('scores', 'Scores', scores_section(report)),
         ('calibration', 'Calibration', calibration_section(report)),
     )
     page = _environment().get_template('page.html')

@@ -12,7 +12,7 @@ from ..drawing.palette import rgb_of
 from .svg import WIDTH, bar, box, figure, line, number, path, plain, text, ticks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from ..model.geometry import Float64Array
     from .timing import Timing
@@ -202,6 +202,22 @@ def course_plot(key: str, title: str, times: Float64Array, values: Float64Array,
         (WIDTH, _COURSE_HEIGHT),
         area.axes('s', unit),
         path(_course(area, times, values), 'course'),
+    )
+
+
+def curves_plot(
+    key: str, title: str, recall: Float64Array, curves: Mapping[str, Float64Array]
+) -> str:
+    """Draw curves by name, percent over recall in percent; each has its class of the page."""
+    area = _PlotArea((0, 100), (0, 100), _INTERVAL_HEIGHT)
+    means = ', '.join(f'{name} {values.mean():.1f}' for name, values in curves.items())
+    return figure(
+        key,
+        title,
+        f'Precision over recall, percent; the mean of the samples is {means}.',
+        (WIDTH, _INTERVAL_HEIGHT),
+        area.axes('recall %', 'precision %'),
+        *(path(_course(area, recall, values), f'course {name}') for name, values in curves.items()),
     )
 
 

@@ -22,7 +22,7 @@ import pytest
 from folder_and_bag import BAGS, make_bag, make_holes
 
 import kitti_ros2
-from kitti_ros2 import datasets
+from kitti_ros2 import datasets, evaluation
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -258,7 +258,7 @@ def test_importing_is_lazy():
 
 
 packages = pytest.mark.parametrize(
-    'package', [kitti_ros2, datasets], ids=lambda each: each.__name__
+    'package', [kitti_ros2, datasets, evaluation], ids=lambda each: each.__name__
 )
 
 

@@ -36,6 +36,7 @@ COMMANDS = {
     'demo': '[OUT]',
     'eval tracking': 'GT RESULTS',
     'play': '[SRC]',
+    'eval detection': 'GROUND_TRUTH RESULTS',
     'eval odometry': 'GT RESULT',
 }
 TABLES = {
@@ -51,6 +52,7 @@ TABLES = {
     'report': table.SOURCE,
     'stats': dataset_tables.STATS,
     'split': dataset_tables.SPLIT,
+    'eval detection': evaluation_tables.DETECTION,
     'eval odometry': evaluation_tables.ODOMETRY,
     'eval tracking': evaluation_tables.TRACKING,
 }

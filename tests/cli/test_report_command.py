@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,20 @@ def test_the_command_says_what_the_page_says(recordings, drive, tmp_path, capsys
         assert capsys.readouterr().out.startswith(f'{out}: {verdict}')
         words = [each.lower() for each in (*Page.of(out).words('p'), *Page.of(out).words('span'))]
         assert f'{verdict}.' in words
+
+
+def test_results_of_a_detector_are_a_section(recordings, tmp_path, capsys):
+    split, out = recordings[Layout.OBJECT] / 'training', tmp_path / 'r.html'
+    results = shutil.copytree(split / 'label_2', tmp_path / 'results')
+    words = ['report', str(split), '--results', str(results), '-o', str(out), '--overwrite']
+    assert main(words) == 0
+    page = Page.of(out)
+    assert page.faults == []
+    assert 'Scores' in page.words('h2')
+    capsys.readouterr()
+    (results / '000000.txt').unlink()
+    assert main(words) == 1
+    assert f'results: {results}: no file for frames 0,' in capsys.readouterr().err
 
 
 def test_the_page_is_called_report_html(recordings, tmp_path, capsys, monkeypatch):

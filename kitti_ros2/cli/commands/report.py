@@ -3,7 +3,7 @@
 """The command report."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -17,6 +17,10 @@ def report(
         Path,
         typer.Option('--out', '-o', metavar='OUT', help='The page to write'),
     ] = Path('report.html'),
+    results: Annotated[
+        Optional[Path],
+        typer.Option('--results', metavar='PATH', help='Result files of a detector, to score'),
+    ] = None,
     show: Annotated[bool, typer.Option('--open', help='Open the page in the browser')] = False,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
@@ -33,4 +37,6 @@ def report(
     """
     from ..report import run_report
 
-    return run_report(src, out, chosen(given), overwrite=overwrite, show=show, quiet=quiet)
+    return run_report(
+        src, out, chosen(given), results=results, overwrite=overwrite, show=show, quiet=quiet
+    )

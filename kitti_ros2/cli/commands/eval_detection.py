@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command eval detection."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, takes
+
+
+@takes('DETECTION', of='evaluation_tables')
+def eval_detection(
+    ground_truth: Annotated[
+        Path, argument('GROUND_TRUTH', 'label_2, an object split, or a recording with labels')
+    ],
+    results: Annotated[Path, argument('RESULTS', 'Folder of result files, 000000.txt ...')],
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', metavar='OUT', help='Curves to draw (.png, .pdf, .svg)'),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Score detections: average precision as KITTI's object benchmark.
+
+    2D, orientation (AOS), bird's-eye view and 3D for easy, moderate and hard objects, exactly as
+    the devkit computes them, at 40 (R40) and at 11 values of recall (R11). Frames without a result
+    file are listed and not scored.
+
+    Examples:
+      kitti-ros2 eval detection object/training results/data
+      kitti-ros2 eval detection object results --frames val.txt --loose -o curves.png
+    """
+    from ..eval_detection import run_eval_detection
+
+    return run_eval_detection(
+        ground_truth,
+        results,
+        chosen(given),
+        out=out,
+        overwrite=overwrite,
+        json=json,
+        quiet=quiet,
+    )

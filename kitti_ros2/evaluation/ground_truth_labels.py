@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The labels that results are compared with: label files, or the labels of a recording."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..importer.labels import TrackIds, make_boxes
+from ..kitti.layouts import open_recording
+from ..kitti.names import OBJECT_LABELS, SPLITS
+from ..model.errors import KittiRos2Error, MissingPathError, UsageError, describe_error
+from ..model.losses import Loss
+from ..model.streams import Stream
+from .result_files import FrameBoxes, find_frame_files, read_frame_column, read_frame_files
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from ..kitti.recording import KittiRecording
+    from ..model.boxes import Box
+    from ..model.samples import FrameLabels
+    from ..options.read import ReadOptions
+    from .result_files import Progress
+
+_STREAM = 'ground truth'
+_CAMERA = 2
+_VISIBLE = 0
+
+
+def read_ground_truth(
+    path: Path, options: ReadOptions, progress: Progress = lambda: None
+) -> FrameBoxes:
+    """Read the labels of a path.
+
+    Args:
+        path: label_2, a split or root of the object layout, a tracking label file, or the folder of
+            a recording with labels.
+        options: Layout and sequence of a recording.
+        progress: Called for each frame.
+
+    Raises:
+        KittiRos2Error: There are no labels; the message says what to give.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_file():
+        return read_frame_column(path, _STREAM)
+    if options.layout is None and options.sequence is None:
+        for folder in (path, *(path / part / OBJECT_LABELS for part in ('.', SPLITS[0]))):
+            found = find_frame_files(folder)
+            if found is not None:
+                return read_frame_files(found, _STREAM, progress)
+    return _read_recording(path, open_recording(path, options), progress)
+
+
+def _read_recording(path: Path, recording: KittiRecording, progress: Progress) -> FrameBoxes:
+    """Read the labels of a recording; a frame of a drive or sequence may have none."""
+    if Stream.LABELS not in recording.streams:
+        raise UsageError(
+            f'{path}: {recording.layout.value} {recording.name} has no labels (KITTI publishes'
+            f' none of {SPLITS[1]}); give label_2 of {SPLITS[0]}, or a drive or sequence that has'
+            f' labels'
+        )
+    numbers = set(recording.streams[Stream.LABELS].numbers.tolist())
+    if not recording.layout.traits.frame_set:
+        for stream in {Stream.SCAN, Stream.IMAGE_2} & recording.streams.keys():
+            numbers |= {*recording.streams[stream].numbers.tolist()}
+    labelled = {*recording.streams[Stream.LABELS].numbers.tolist()}
+    tracks = TrackIds()
+    boxes: dict[int, Sequence[Box]] = {}
+    losses: list[Loss] = []
+    notes: tuple[str, ...] = ()
+    for number in sorted(numbers):
+        progress()
+        boxes[number] = ()
+        if number not in labelled:
+            continue
+        try:
+            labels: FrameLabels = recording.read(Stream.LABELS, number)  # type: ignore[assignment]
+            boxes[number] = _boxes_of(labels, recording, number, tracks)
+        except (KittiRos2Error, OSError, ValueError) as error:
+            del boxes[number]
+            reason = str(error) if isinstance(error, ValueError) else describe_error(error)
+            losses.append(Loss(_STREAM, 1, reason, (number,)))
+            continue
+        losses += [Loss(_STREAM, 1, reason, (number,)) for reason in labels.missing.values()]
+        if labels.cuboids:
+            notes = (f'{path}: tracklets count as visible: their occlusion is not read',)
+    return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes)
+
+
+def _boxes_of(
+    labels: FrameLabels, recording: KittiRecording, number: int, tracks: TrackIds
+) -> list[Box]:
+    """Return the labels of a frame; those of tracklets are projected into camera 2.
+
+    Raises:
+        ValueError: A required part of the calibration is missing.
+    """
+    if not labels.cuboids:
+        return [box for box in labels.boxes if box is not None]
+    calibration = recording.calibration(number)
+    camera = calibration.cameras.get(_CAMERA)
+    if camera is None or camera.size is None:
+        raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
+    return make_boxes(labels.cuboids, calibration, _CAMERA, camera.size, tracks, occluded=_VISIBLE)[
+        0
+    ]
