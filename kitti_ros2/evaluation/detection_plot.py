@@ -77,6 +77,6 @@ def _draw(axes: Any, curves: Mapping[Difficulty, Curve | None]) -> None:  # noqa
             label = f'{level.value} {curve.r40:.2f}'
             axes.plot(recall, 100 * curve.values, color=color, ls=dashes, lw=1.4, label=label)
     if axes.lines:
-        axes.legend(loc='lower left', title='R40', title_fontsize=7, alignment='left')
+        axes.legend(loc='best', title='R40', title_fontsize=7, alignment='left')
     else:
         axes.text(50, 50, 'no objects, or not evaluated', ha='center', va='center')

@@ -261,4 +261,6 @@ def test_curves_are_drawn(folders, tmp_path, capsys):
     code, _, err = run(capsys, *folders, '-o', out)
     assert code == 2
     assert 'exists already' in one_line(err)
-    assert run(capsys, *folders, '-o', out, '--overwrite', '-q') == (0, '', '')
+    words = ['-o', out, '--overwrite', '-q', '--classes', 'car']
+    assert run(capsys, *folders, *words) == (0, '', '')
+    assert cv2.imread(str(out)).shape[0] < picture.shape[0]

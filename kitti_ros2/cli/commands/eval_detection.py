@@ -33,7 +33,7 @@ def eval_detection(
 
     Examples:
       kitti-ros2 eval detection object/training results/data
-      kitti-ros2 eval detection object results --frames val.txt --loose -o curves.png
+      kitti-ros2 eval detection object results --frames val.txt --loose -o pr.png
     """
     from ..eval_detection import run_eval_detection
 
