@@ -14,7 +14,7 @@ from .contents import NUMBER, TEXT, Table
 from .plots import curves_plot
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from ..evaluation.detection import DetectionScores
     from ..evaluation.object_benchmark import Curve
@@ -35,19 +35,21 @@ def scores_section(report: Report) -> dict[str, object] | None:
         f' {format_count(scores.frames, "frame")}, percent: at 40 values of recall, and at 11 in'
         f' brackets.'
     )
-    return {'words': words, 'classes': list(_classes(scores))}
+    plots = {name: _plot(name, each[_PLOTTED]) for name, each in scores.scores.items()}
+    return {
+        'words': words,
+        'tables': [_table(class_name, scores) for class_name in scores.scores],
+        'plots': [(class_name, plot) for class_name, plot in plots.items() if plot],
+    }
 
 
-def _classes(scores: DetectionScores) -> Iterator[tuple[Table, str]]:
-    """Yield the table of each class, and its curves; an empty text without any."""
-    for class_name, metrics in scores.scores.items():
-        columns = [('Metric', TEXT), *((level.value, NUMBER) for level in Difficulty)]
-        rows = [
-            [title, *(_figure(metrics[name][level]) for level in Difficulty)]
-            for name, title in _ROWS.items()
-        ]
-        caption = f'{class_name}, IoU above {scores.limits[class_name]:g}'
-        yield Table(caption, columns, rows), _plot(class_name, metrics[_PLOTTED])
+def _table(class_name: str, scores: DetectionScores) -> Table:
+    columns = [('Metric', TEXT), *((level.value, NUMBER) for level in Difficulty)]
+    rows = [
+        [title, *(_figure(scores.scores[class_name][name][level]) for level in Difficulty)]
+        for name, title in _ROWS.items()
+    ]
+    return Table(f'{class_name}, IoU above {scores.limits[class_name]:g}', columns, rows)
 
 
 def _figure(curve: Curve | None) -> str:
@@ -57,6 +59,7 @@ def _figure(curve: Curve | None) -> str:
 
 
 def _plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
+    """Draw the curves of a class; empty without any."""
     known = {
         level.value: 100 * curve.values
         for level, curve in curves.items()
