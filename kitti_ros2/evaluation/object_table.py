@@ -34,7 +34,9 @@ class ObjectTable:
 
     Attributes:
         frame: (N,) index of the frame in the series, ascending.
-        class_names: N class names, in lower case: the devkit compares them by strcasecmp.
+        class_names: The different class names, in lower case: the devkit compares them by
+            strcasecmp.
+        class_index: (N,) index of the class name.
         box_2d: (N, 4) left, top, right, bottom, pixels.
         size_hwl: (N, 3) height, width, length, metres.
         location: (N, 3) bottom face's centre in the rectified camera 0 frame, metres.
@@ -45,6 +47,7 @@ class ObjectTable:
 
     frame: Int64Array
     class_names: Sequence[str]
+    class_index: Int64Array
     box_2d: Float64Array
     size_hwl: Float64Array
     location: Float64Array
@@ -59,8 +62,8 @@ class ObjectTable:
 
     def of_classes(self, class_names: Collection[str]) -> BoolArray:
         """Return (N,) whether each object is of one of some classes, in lower case."""
-        found = (name in class_names for name in self.class_names)
-        return np.fromiter(found, np.bool_, len(self))
+        wanted = [index for index, name in enumerate(self.class_names) if name in class_names]
+        return np.isin(self.class_index, wanted)
 
 
 def table_of(frames: Sequence[Sequence[Box]]) -> ObjectTable:
@@ -79,11 +82,16 @@ def table_of(frames: Sequence[Sequence[Box]]) -> ObjectTable:
         )
         for box in boxes
     )
+    indices: dict[str, int] = {}
+    class_index = np.array(
+        [indices.setdefault(box.class_name.lower(), len(indices)) for box in boxes], np.int64
+    )
     count = _NUMBERS * len(boxes)
     columns = np.fromiter(chain.from_iterable(rows), np.float64, count).reshape(-1, _NUMBERS)
     return ObjectTable(
         np.repeat(np.arange(len(frames), dtype=np.int64), [len(frame) for frame in frames]),
-        [box.class_name.lower() for box in boxes],
+        [*indices],
+        class_index,
         columns[:, :4],
         columns[:, 4:7],
         columns[:, 7:10],

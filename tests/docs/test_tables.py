@@ -80,6 +80,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'validate': dataset_tables.VALIDATE,
         'report': declared.SOURCE,
         'stats': dataset_tables.STATS,
+        'eval detection': evaluation_tables.DETECTION,
         'eval odometry': evaluation_tables.ODOMETRY,
         'eval tracking': evaluation_tables.TRACKING,
     }.get(name, ())
