@@ -31,7 +31,7 @@ _IMPORTS = {
     'importer': 'model files options drawing kitti messages bags rig',
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
-    'player': 'model files options messages bags exporter importer own_bags',
+    'player': 'model files options kitti messages bags exporter importer own_bags',
     'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures'
     ' evaluation',
     'bridge': 'model options messages player',
@@ -43,7 +43,7 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
-    'evaluation': 'model options drawing kitti messages bags rig importer own_bags api',
+    'evaluation': 'model options drawing kitti messages bags rig importer own_bags pictures api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
@@ -166,6 +166,7 @@ def test_rooms_are_a_strict_order() -> None:
         'report',
         'api',
         'datasets',
+        'evaluation',
         'cli',
     ]
     assert 'messages' not in ROOMS['kitti']

@@ -30,6 +30,8 @@ COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 PATH = 'nav_msgs/msg/Path'
 
+OF_MARKERS = {'/kitti/labels/markers', '/kitti/predictions/markers'}
+
 RVIZ_SHOWS = {'PointCloud2': CLOUD, 'MarkerArray': MARKERS, 'Path': PATH, 'Image': IMAGE}
 
 
@@ -93,6 +95,7 @@ def test_the_scene_has_points_by_intensity_markers_and_the_path(layout, types):
     (scene,) = panels(layout, '3D')
     shown = {types[topic]: each for topic, each in scene['topics'].items() if each['visible']}
     assert set(shown) == {CLOUD, MARKERS, PATH}
+    assert {topic for topic in scene['topics'] if types[topic] == MARKERS} == OF_MARKERS
     assert shown[CLOUD]['colorField'] == 'intensity'
 
 
@@ -134,6 +137,8 @@ def test_rviz_shows_what_there_is(rviz, types):
         kind = display['Class'].split('/')[1]
         if kind in RVIZ_SHOWS:
             assert types[display['Topic']['Value']] == RVIZ_SHOWS[kind]
+    marked = {each['Topic']['Value'] for each in displays if each['Class'].endswith('MarkerArray')}
+    assert marked == OF_MARKERS
     cloud = next(each for each in displays if each['Class'].endswith('PointCloud2'))
     assert cloud['Channel Name'] == 'intensity'
 

@@ -14,6 +14,7 @@ from ..bags.open_source import open_bag_source
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
+from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
 from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
 from ..own_bags.to_kitti import Conversion
@@ -66,6 +67,7 @@ def to_bag(
     settings = make_settings(by_name(options, TO_BAG))
     bag = settings.bag(guess_storage(target, settings.storage))
     recording = open_folder(source, settings.read)
+    add_predictions(recording, settings.predictions.path)
     refuse_inside(source, target)
     report = convert(
         recording,

@@ -56,6 +56,8 @@ class ToBagKeywords(ReadKeywords, total=False):
     marker_lifetime: float
     trails: bool
     ego_marker: bool
+    predictions: str | os.PathLike[str] | None
+    iou: float | str | Sequence[str] | None
     storage: str | None
     strict: bool
     compression: str

@@ -120,7 +120,9 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     image = image_topic(recording.layout, recording.image_topic, preset)
     table = make_table(recording.cameras, image, MessageOptions(images=Images.BOTH, preset=preset))
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
-    return [row.topic for row in table if row.stream in {*recording.streams, *once}]
+    predicted = {Stream.PREDICTIONS} if given.get('predictions') else set()
+    present = {*recording.streams, *once, *predicted}
+    return [row.topic for row in table if row.stream in present]
 
 
 def _sequences(given: Mapping[str, Any]) -> Iterable[str]:

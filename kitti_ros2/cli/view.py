@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged, staged_file
-from ..model.errors import MissingDataError, UsageError
+from ..kitti.result_files import ResultFiles
+from ..model.errors import UsageError
 from ..model.losses import Loss
 from ..model.spelling import did_you_mean, not_one_of
 from ..model.streams import Stream
@@ -19,7 +20,7 @@ from ..pictures.modes import MODES
 from ..pictures.movie import NO_H264, Movie, has_h264
 from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
 from ..pictures.predictions import Predictions
-from ..pictures.series import Drawn, draw_frames, parse_frames, rate_of, select_frames
+from ..pictures.series import PictureTally, draw_frames, parse_frames, rate_of, select_frames
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -27,7 +28,7 @@ from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
@@ -35,45 +36,6 @@ if TYPE_CHECKING:
     from ..pictures.frame import FrameData, FrameSource
 
 _MOVIE = '.mp4'
-
-
-class _PictureTally:
-    """Result of drawing a series of frames."""
-
-    def __init__(self) -> None:
-        self.drawn = 0
-        self.kinds: set[str] = set()
-        self._missing: dict[tuple[str, str], list[int]] = {}
-
-    def pictures(
-        self, series: Iterable[Drawn], progress: Callable[[int], None]
-    ) -> Iterator[tuple[int, Pixels]]:
-        """Yield the pictures with their frame numbers; count missing data."""
-        for done, each in enumerate(series, 1):
-            for name, reason in each.missing.items():
-                self._missing.setdefault((name.split()[0], reason), []).append(each.number)
-            self.kinds |= each.kinds
-            if each.picture is not None:
-                self.drawn += 1
-                yield each.number, each.picture
-            progress(done)
-
-    def check(self) -> None:
-        """Raise if nothing was drawn.
-
-        Raises:
-            MissingDataError: Nothing was drawn; contains the reason.
-        """
-        if not self.drawn:
-            losses = self.losses() or (Loss('picture', 0, 'no frames'),)
-            raise MissingDataError(f'nothing to draw: {losses[-1].text()}')
-
-    def losses(self) -> tuple[Loss, ...]:
-        """Return the missing data, one loss per reason."""
-        return tuple(
-            Loss(name, len(numbers), reason, tuple(numbers))
-            for (name, reason), numbers in self._missing.items()
-        )
 
 
 def _concerned(
@@ -117,9 +79,12 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     single = out.suffix.lower() in PICTURES
     refuse_inside(src, out)
     _check(out, settings, single=single)
-    refine = _keep if settings.predictions is None else Predictions(settings.predictions).add_to
+    path, overlaps = settings.predictions.path, settings.predictions.overlaps
+    results = None if path is None else ResultFiles(path)
+    refine = _keep if results is None else Predictions(results.read, overlaps).add_to
     with closing(open_frames(src, settings.read)) as source:
         losses = _draw(source, settings, out, refine, quiet=quiet)
+    losses += () if results is None else results.losses
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
 
@@ -137,7 +102,7 @@ def _draw(
     _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
     series = draw_frames(source, numbers, MODES[settings.mode], settings.pictures, refine)
-    tally = _PictureTally()
+    tally = PictureTally()
     started = time.monotonic()
     with step_progress('drawing', len(numbers), show=not quiet and not single) as progress:
         pictures = tally.pictures(series, progress)
@@ -215,7 +180,7 @@ def _write(
     out: Path,
     pictures: Iterator[tuple[int, Pixels]],
     rate_hz: float,
-    tally: _PictureTally,
+    tally: PictureTally,
     *,
     overwrite: bool,
 ) -> str:

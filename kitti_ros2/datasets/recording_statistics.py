@@ -115,7 +115,7 @@ def count_recording(
     )
     tally, losses = ObjectTally(), _Losses()
     route = RouteTrace(source)
-    empty = _frames_without_objects(source)
+    empty = source.without_objects if isinstance(source, RecordingFrames) else frozenset()
     for facts in _facts(source, wanted):
         losses.add(facts)
         if facts.labels is not None or facts.number in empty:
@@ -143,18 +143,6 @@ def _facts(source: FrameSource, wanted: Collection[Stream]) -> Iterator[FrameFac
             lambda number: read_facts(source, number, wanted), numbers, worker_count()
         )
     return (read_facts(source, number, wanted) for number in numbers)
-
-
-def _frames_without_objects(source: FrameSource) -> set[int]:
-    """Return the frames that have no label because they have no object."""
-    labelled = source.streams.get(Stream.LABELS.value)
-    damaged = {Stream.LABELS.value, source.name}  # losses of a bag are under its name
-    lost = any(loss.stream in damaged for loss in source.losses)
-    if labelled is None or lost or not isinstance(source, RecordingFrames):
-        return set()
-    traits = source.recording.layout.traits
-    known = traits.tracklets or Stream.LABELS in traits.line_streams
-    return {*source.numbers.tolist()} - {*labelled.tolist()} if known else set()
 
 
 def _samples(source: FrameSource) -> Counter[str]:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.boxes import DONT_CARE
-from .looks import box_color, corners_of, name_of, objects_to_draw
+from .looks import box_color, corners_of, objects_to_draw
+from .objects import name_of
 from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of
 from .text import Tag, draw_tags
 

@@ -3,8 +3,9 @@
 """The appearance of an object: its colour, caption and line width.
 
 Ground truth has the colour of its class, solid lines and a filled tag; predictions have a colour of
-their own, dashed lines and an outlined tag. Where both are compared, the tag of a prediction shows
-TP or FP and the intersection over union, and that of a label that no prediction finds shows FN.
+their own, dashed lines and an outlined tag. Where both are compared, predictions have the colour of
+true or of false positives, labels that no prediction finds have that of misses, and all others are
+grey; tags show TP or FP and the intersection over union, or FN.
 Lines of an object that is labelled as occluded, or is small, are half as wide; the tag of a 2D box
 shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
 """
@@ -18,7 +19,8 @@ import numpy as np
 
 from ..model.boxes import cuboid_corners
 from ..model.matching import Verdict
-from .palette import PREDICTION_COLOR, rgb_of
+from .objects import distance_of, name_of
+from .palette import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS, rgb_of
 from .strokes import has_pixels
 
 if TYPE_CHECKING:
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
 PREDICTION_BGR = PREDICTION_COLOR[::-1]
 _KITTI_AREA = 1242 * 375
 _SMALL = 40.0
-_LEAST_SHOWN = 0.005
 _OCCLUSIONS = {1: ' occ 1', 2: ' occ 2', 3: ' occ ?'}
 
 
@@ -49,8 +50,13 @@ def class_color(class_name: str) -> Color:
 
 
 def box_color(each: LabelledObject, *, predicted: bool) -> Color:
-    """Return the colour of an object's box."""
-    return PREDICTION_BGR if predicted else class_color(each.class_name)
+    """Return the colour of an object's box: where it was compared, that of the result."""
+    if each.match is None:
+        return PREDICTION_BGR if predicted else class_color(each.class_name)
+    verdict = each.match.verdict
+    found = not predicted and verdict is Verdict.TRUE_POSITIVE
+    rgb = NEUTRAL_COLOR if found or verdict is None else VERDICT_COLORS[verdict]
+    return rgb[::-1]
 
 
 def scale_of(picture: Pixels) -> float:
@@ -63,24 +69,6 @@ def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int
     """Return the line width of a box with these bounds in the image, pixels."""
     small = bounds is None or min(bounds[2] - bounds[0], bounds[3] - bounds[1]) < _SMALL * scale
     return max(round((1.0 if each.occluded or small else 2.0) * scale), 1)
-
-
-def name_of(each: LabelledObject) -> str:
-    """Format class, track, score, and the result of the comparison."""
-    track = '' if each.track_id is None else f' {each.track_id}'
-    score = '' if each.score is None else f' {each.score:.2f}'
-    return f'{each.class_name}{track}{score}{_mark(each)}'
-
-
-def _mark(each: LabelledObject) -> str:
-    """Format the result of the comparison of a prediction, or of a label that none finds."""
-    verdict, overlap = (
-        (None, 0.0) if each.match is None else (each.match.verdict, each.match.overlap)
-    )
-    if verdict is None or (each.score is None and verdict is Verdict.TRUE_POSITIVE):
-        return ''
-    shown = f' IoU {overlap:.2f}' if overlap >= _LEAST_SHOWN and each.score is not None else ''
-    return f' {verdict.value}{shown}'
 
 
 def caption_2d(each: LabelledObject) -> str:
@@ -99,14 +87,6 @@ def _truncation(share: float) -> str:
 def caption_3d(each: LabelledObject) -> str:
     """Format class, track, score and distance."""
     return f'{name_of(each)} {distance_of(each):.1f} m'
-
-
-def distance_of(each: LabelledObject) -> float:
-    """Return metres from the scanner, infinity without a 3D box."""
-    if each.cuboid is None:
-        return math.inf
-    distance = float(np.linalg.norm(each.cuboid.velo_T_box.translation))
-    return distance if math.isfinite(distance) else math.inf
 
 
 def objects_to_draw(

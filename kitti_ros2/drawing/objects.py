@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,15 +12,19 @@ import numpy as np
 
 from ..model.boxes import cuboid_of, has_cuboid, is_absurd
 from ..model.labels import identified, rect_from_velo
+from ..model.least_overlaps import KITTI_OVERLAPS
+from ..model.matching import Verdict, match
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..model.boxes import Box, Cuboid
     from ..model.geometry import Transform
+    from ..model.least_overlaps import LeastOverlaps
     from ..model.matching import Match
     from ..model.samples import Calibration, FrameLabels
 
+_LEAST_SHOWN = 0.005
 
 LABEL_CAMERA = 2
 """KITTI's 2D boxes are in pixels of this camera: the left colour one, rectified."""
@@ -61,7 +66,16 @@ def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[Lab
             LabelledObject(each.class_name, each, score=each.score, track_id=each.track_id)
             for each in labels.cuboids
         ]
-    rect_t_velo = _rect_t_velo(calibration)
+    return objects_of_boxes(labels, _rect_t_velo(calibration))
+
+
+def objects_of_boxes(labels: FrameLabels, rect_t_velo: Transform | None) -> list[LabelledObject]:
+    """Return the objects of label lines, their 3D boxes in velo_link.
+
+    Args:
+        labels: Of a frame.
+        rect_t_velo: velo_link to the rectified camera 0; None for 2D boxes only.
+    """
     return [_object_of(identity, box, rect_t_velo) for identity, box in identified(labels)]
 
 
@@ -77,6 +91,52 @@ def resized(
         else replace(each, box_2d=tuple((np.array(each.box_2d) * scales + shifts).tolist()))
         for each in objects
     ]
+
+
+def compared(
+    labels: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject],
+    overlaps: LeastOverlaps = KITTI_OVERLAPS,
+) -> tuple[list[LabelledObject], list[LabelledObject]]:
+    """Return labels and predictions with their matches.
+
+    Args:
+        labels: Of a frame.
+        predictions: Of the same frame.
+        overlaps: The IoU above which a prediction finds a label.
+    """
+    matches = match(labels, predictions, overlaps)
+    with_labels, with_predictions = (
+        [replace(each, match=found) for each, found in zip(some, of_some, strict=True)]
+        for some, of_some in zip((labels, predictions), matches, strict=True)
+    )
+    return with_labels, with_predictions
+
+
+def name_of(each: LabelledObject) -> str:
+    """Format class, track, score, and the result of the comparison."""
+    track = '' if each.track_id is None else f' {each.track_id}'
+    score = '' if each.score is None else f' {each.score:.2f}'
+    return f'{each.class_name}{track}{score}{_mark(each)}'
+
+
+def distance_of(each: LabelledObject) -> float:
+    """Return metres from the scanner, infinity without a 3D box."""
+    if each.cuboid is None:
+        return math.inf
+    distance = float(np.linalg.norm(each.cuboid.velo_T_box.translation))
+    return distance if math.isfinite(distance) else math.inf
+
+
+def _mark(each: LabelledObject) -> str:
+    """Format the result of the comparison of a prediction, or of a label that none finds."""
+    verdict, overlap = (
+        (None, 0.0) if each.match is None else (each.match.verdict, each.match.overlap)
+    )
+    if verdict is None or (each.score is None and verdict is Verdict.TRUE_POSITIVE):
+        return ''
+    shown = f' IoU {overlap:.2f}' if overlap >= _LEAST_SHOWN and each.score is not None else ''
+    return f' {verdict.value}{shown}'
 
 
 def _rect_t_velo(calibration: Calibration | None) -> Transform | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import colorsys
 from zlib import crc32
 
+from ..model.matching import Verdict
 from ..options.messages import MarkerColors
 
 CLASS_COLORS = {
@@ -30,6 +31,20 @@ Simulation of Color Vision Deficiency", IEEE TVCG 15(6), 2009; severity 1). Each
 
 PREDICTION_COLOR = (248, 87, 172)
 """Predictions of any class: red, green, blue, 0..255."""
+
+VERDICT_COLORS = {
+    Verdict.TRUE_POSITIVE: (0, 158, 115),
+    Verdict.FALSE_POSITIVE: (213, 94, 0),
+    Verdict.FALSE_NEGATIVE: (240, 228, 66),
+}
+"""Compared predictions, and labels that none finds: red, green, blue, 0..255.
+
+M. Okabe, K. Ito, "Color Universal Design", 2008: bluish green, vermilion, yellow. Any two of them,
+NEUTRAL_COLOR and PREDICTION_COLOR are a CIEDE2000 difference of 15 apart, as above.
+"""
+
+NEUTRAL_COLOR = (215, 215, 215)
+"""Labels that are found, and what a comparison does not count: red, green, blue, 0..255."""
 
 EGO_COLOR = (0.30, 0.69, 0.31)
 """Red, green, blue, 0..1."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from .strokes import size_of
+from .strokes import new_picture, size_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +30,7 @@ LONGEST = 160
 
 _REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
 _PAD = 3
+_CAPTION_SCALE = 0.6
 _GAPS = (1.5, 3.0, 4.5, 6.0)
 """Greatest distance of a tag from its box, in heights of the tag."""
 
@@ -79,6 +80,18 @@ def put_text(
     if -width <= at[0] < width and -height <= at[1] < 2 * height:
         font = _BOLD if bold else _REGULAR
         cv2.putText(picture, printable(text), at, font, scale, color, 1, cv2.LINE_AA)
+
+
+def captioned(picture: Pixels, text: str) -> Pixels:
+    """Return a taller picture with a line of text above it."""
+    width, height = size_of(picture)
+    extent = extent_of(text, _CAPTION_SCALE)
+    room = extent.above + extent.below + 4 * _PAD
+    page = new_picture((width, room + height), BLACK)
+    shown = fitted(text, width - 4 * _PAD, _CAPTION_SCALE)
+    put_text(page, shown, (2 * _PAD, 2 * _PAD + extent.above), _CAPTION_SCALE)
+    page[room:] = picture
+    return page
 
 
 def ink_for(color: Color) -> Color:

@@ -18,6 +18,7 @@ from ..messages.naming import image_topic
 from ..messages.source import promise
 from ..messages.topics import make_table, select_topics, unmatched
 from ..model.errors import KittiRos2Error, describe_error
+from ..model.labels import has_complete_labels
 from ..model.losses import Loss
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
@@ -34,12 +35,6 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
     from .schedule import Entry, Schedule
 
-_KINDS = {
-    Calibration: Stream.CALIBRATION,
-    Description: Stream.RECORDING,
-    FrameLabels: Stream.LABELS,
-    Scan: Stream.SCAN,
-}
 _IN_MAP = (Stream.POSE, Stream.PATH)
 _AFFECTED = {
     Stream.OXTS: (Stream.OXTS, Stream.POSE, Stream.PATH),
@@ -112,7 +107,8 @@ class Encoder:
             _once(decode_png),
             lambda: self._labels_of(entry.number),
         )
-        return self._serialize(rows, sample, moment)
+        messages, losses = self._serialize(rows, sample, moment)
+        return messages, losses + _missing_parts(sample, entry.stream)
 
     def left_out(self, stream: Stream, wanted: Collection[int]) -> list[int]:
         """Return the rows of a stream that encode skips: on demand, and not wanted."""
@@ -149,10 +145,12 @@ class Encoder:
             notes += turn_notes(scans, self._recording.turns, timed=options.ring_and_time)
         return (*notes, *self._unmatched)
 
-    def _labels_of(self, number: int) -> FrameLabels:
-        """Read the labels of an image's frame; empty if the frame has none."""
+    def _labels_of(self, number: int) -> FrameLabels | None:
+        """Read the labels of a frame; None if it is not labelled."""
         if number not in self._labelled:
-            return FrameLabels()
+            recording = self._recording
+            known = has_complete_labels(recording.layout, recording.losses)
+            return FrameLabels() if self._labelled and known else None
         labels = self._recording.read(Stream.LABELS, number)
         return labels if isinstance(labels, FrameLabels) else FrameLabels()
 
@@ -178,7 +176,7 @@ class Encoder:
                 continue
             key = row.change_key(sample) if row.change_key else None
             messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
-        return messages, losses + _missing_parts(sample)
+        return messages, losses
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
@@ -227,15 +225,15 @@ def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
     return decoded
 
 
-def _missing_parts(sample: Sample) -> list[Loss]:
-    """Return the missing parts of a calibration or description as losses.
+def _missing_parts(sample: Sample, stream: Stream) -> list[Loss]:
+    """Return the missing parts of a sample of a stream as losses.
 
     A camera's own part is counted with its camera_info.
     """
     if not isinstance(sample, (Calibration, Description, FrameLabels, Scan)):
         return []
     return [
-        Loss(_KINDS[type(sample)].value, 1, reason)
+        Loss(stream.value, 1, reason)
         for part, reason in sample.missing.items()
         if not _CAMERA_PART.fullmatch(part)
     ]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import guess_intensity_scale
 from ..messages.source import LABEL_LINES
+from ..messages.topics import prediction_topics
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
@@ -171,8 +172,8 @@ class _Guesser:
         own = self._survey.topics.get(LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
             return LabelPlan(own.name, _main(cameras)) if cameras else None
-        topics = self._survey.of_type(types.DETECTIONS_3D) or [
-            each for each in self._survey.of_type(types.MARKERS) if _has_cubes(each)
+        topics = self._of_labels(types.DETECTIONS_3D) or [
+            each for each in self._of_labels(types.MARKERS) if _has_cubes(each)
         ]
         if not topics or not cameras:
             self.notes.append('missing: labels (no Detection3DArray, no cubes in a MarkerArray)')
@@ -180,6 +181,11 @@ class _Guesser:
         best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
         self._pass_over('labels', best, topics)
         return LabelPlan(best.name, _main(cameras))
+
+    def _of_labels(self, msgtype: str) -> list[TopicSurvey]:
+        """Return the topics of a type without those of predictions by to-bag."""
+        found = self._survey.of_type(msgtype)
+        return [each for each in found if each.name not in prediction_topics()]
 
     def calibration(self, cameras: dict[int, CameraPlan]) -> str:
         """Choose the calibration: the files in a bag written by to-bag, else the CameraInfos."""

@@ -170,6 +170,8 @@ class KittiRecording(RecordingIndex):
             return self._image(stream, number)
         if stream is Stream.SCAN:
             return self.adjust_scan(number, self._scan(number))
+        if stream is Stream.PREDICTIONS and self.results is not None:
+            return self.results.read(number)
         readers: dict[Stream, Callable[[int], Sample]] = {
             Stream.OXTS: self._packet_cached,
             Stream.POSE: self._pose,

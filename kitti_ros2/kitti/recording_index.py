@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Int64Array, Scan, Turn
     from ..options.read import ReadOptions
+    from .result_files import ResultFiles
     from .store import Listing
     from .text_file import Lines
 
@@ -40,6 +41,7 @@ class RecordingIndex:
         self.origins: Mapping[int, FrameOrigin] = {}
         self.deskew: Deskew | None = None
         self.adjust_scan: Callable[[int, Scan], Scan] = lambda _, scan: scan
+        self.results: ResultFiles | None = None
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
 
@@ -55,6 +57,8 @@ class RecordingIndex:
 
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""
+        if stream is Stream.PREDICTIONS and self.results is not None:
+            return self.results.path(number)
         listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
         return self.root if listing is None else listing.path(number)
 

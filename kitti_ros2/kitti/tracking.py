@@ -14,22 +14,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import BadFileError
 from ..model.layouts import Layout
 from ..model.streams import IMAGE_STREAMS, Stream
 from . import names
-from .label_file import frame_labels, parse_labels
 from .oxts_file import parse_packet
 from .recording import KittiRecording
 from .store import STORE
+from .track_file import TrackFile
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..model.boxes import Box
     from ..model.samples import Calibration, FrameLabels, OxtsPacket
     from ..options.read import ReadOptions
-    from .text_file import Lines
 
 
 class TrackingRecording(KittiRecording):
@@ -58,7 +55,7 @@ class TrackingRecording(KittiRecording):
         self._find_gaps([Stream.OXTS, Stream.SCAN, *IMAGE_STREAMS])
         self._add_turns()
         self._add_nominal(Stream.POSE, packets, None)
-        self._add_nominal(Stream.LABELS, np.array(sorted(self._label_rows), dtype=np.int64), None)
+        self._add_nominal(Stream.LABELS, np.array(sorted(self._tracks.rows), dtype=np.int64), None)
 
     @cached_property
     def _oxts_lines(self) -> list[str]:
@@ -70,29 +67,12 @@ class TrackingRecording(KittiRecording):
         return lines
 
     @cached_property
-    def _label_text(self) -> list[str]:
-        """The lines of the label file, with their ends."""
-        return self._text(self._labels_path, Stream.LABELS).splitlines(keepends=True)
-
-    @cached_property
-    def _label_boxes(self) -> Lines[Box]:
-        return parse_labels(''.join(self._label_text), self._labels_path)
-
-    @cached_property
-    def _label_rows(self) -> dict[int, list[int]]:
-        """Frame number to its rows in the label file; a row without a number is a loss."""
-        frames: dict[int, list[int]] = {}
-        for row, line in enumerate(self._label_text):
-            word = line.split(maxsplit=1)[0] if line.strip() else ''
-            if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
-                frames.setdefault(int(word), []).append(row)
-            elif word:
-                found = f'{word!r} is no frame number'
-                error = BadFileError(
-                    self._labels_path, found, 'frame, track id, class, ...', line=row + 1
-                )
-                self._lose_lines(Stream.LABELS, str(error))
-        return frames
+    def _tracks(self) -> TrackFile:
+        """The label file; a line without a frame number is a loss."""
+        tracks = TrackFile(self._text(self._labels_path, Stream.LABELS), self._labels_path)
+        for error in tracks.errors:
+            self._lose_lines(Stream.LABELS, str(error))
+        return tracks
 
     @cached_property
     def _calibration(self) -> Calibration:
@@ -108,9 +88,7 @@ class TrackingRecording(KittiRecording):
         return parse_packet(line, self._oxts_path, number + 1, source)
 
     def _labels(self, number: int) -> FrameLabels:
-        rows = self._label_rows[number]
-        source = self._verbatim(self._labels_path, ''.join(self._label_text[row] for row in rows))
-        return frame_labels(self._label_boxes, source, self._labels_path, rows)
+        return self._tracks.labels(number, self._labels_path.relative_to(self.root).as_posix())
 
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from ..files.png.decode import decode_png
 from ..model.geometry import Transform
-from ..model.samples import FrameLabels
 from ..model.streams import Stream
 from .map_frame import map_from_world
 from .naming import FrameNames, base_t_imu, make_frames
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
     from ..model.recording import ReadableRecording
-    from ..model.samples import Calibration, Image
+    from ..model.samples import Calibration, FrameLabels, Image
     from ..options.messages import MessageOptions
     from .pixels import Pixels
 
@@ -60,7 +59,7 @@ class Moment:
             fixed frame.
         camera: KITTI camera index of an image.
         pixels: Decodes an image.
-        labels: Returns the labels of the sample's frame, if any.
+        labels: Returns the labels of the sample's frame; None if it is not labelled.
     """
 
     rig: Rig
@@ -70,7 +69,7 @@ class Moment:
     trails: Callable[[], Mapping[int, Float64Array]]
     camera: int = 0
     pixels: Callable[[Image], Pixels] = decode_png
-    labels: Callable[[], FrameLabels] = FrameLabels
+    labels: Callable[[], FrameLabels | None] = lambda: None
 
     @property
     def at_imu(self) -> tuple[int, str]:
@@ -94,7 +93,8 @@ class Origin:
 def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
     """Make the parameters common to all messages of a recording."""
     mount = base_t_imu(options)
-    labelled = {LABELLED_CAMERA} if Stream.LABELS in recording.streams else set()
+    boxed = {Stream.LABELS, Stream.PREDICTIONS} & recording.streams.keys()
+    labelled = {LABELLED_CAMERA} if boxed else set()
     return Rig(
         frames=make_frames(options.preset, recording.cameras),
         cameras=frozenset(recording.cameras) | labelled,

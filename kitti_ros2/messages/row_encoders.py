@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.objects import objects_of
+from ..drawing.objects import compared, objects_of
 from ..drawing.pixels import colour_pixels
 from ..model.errors import MissingDataError
 from ..model.labels import cuboids_of, identified
@@ -26,11 +26,13 @@ from .markers import encode_markers
 from .moment import LABELLED_CAMERA
 from .mounts import with_nominal_mounts
 from .pose import encode_odometry, encode_path, encode_tf
+from .prediction_markers import encode_prediction_markers
 from .scan import encode_scan
 from .source import encode_text
 from .transforms import encode_static, static_links
 
 if TYPE_CHECKING:
+    from ..drawing.objects import LabelledObject
     from ..model.boxes import Cuboid
     from ..model.samples import (
         Calibration,
@@ -113,7 +115,8 @@ def make_annotated(image: Image, moment: Moment) -> object:
 
     calibration = moment.calibration()
     picture = np.array(colour_pixels(moment.pixels(image)))
-    objects = objects_of(moment.labels(), calibration)
+    labels = moment.labels()
+    objects = [] if labels is None else objects_of(labels, calibration)
     annotate(picture, objects, calibration, moment.camera)
     return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
 
@@ -146,12 +149,15 @@ def _camera_info_template(
 
 
 def make_detections(labels: FrameLabels, moment: Moment) -> object:
-    """Make the Detection3DArray of a frame's labels."""
+    """Make the Detection3DArray of a frame's labels or predictions."""
     return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
 
 
 def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:
-    """Make the Detection2DArray of a frame's labels; None of tracklets, which have no 2D boxes."""
+    """Make the Detection2DArray of a frame's labels or predictions; None of tracklets.
+
+    These have no 2D boxes.
+    """
     if labels.source is None:
         return None
     frame = moment.rig.frames.camera(LABELLED_CAMERA)
@@ -165,6 +171,18 @@ def make_markers(labels: FrameLabels, moment: Moment) -> object:
     trails = {track: moment.rig.map_T_world.apply(places) for track, places in found.items()}
     cuboids = _cuboids(labels, moment)
     return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
+
+
+def make_prediction_markers(predictions: FrameLabels, moment: Moment) -> object:
+    """Make the MarkerArray of a frame's predictions, compared with its labels if it has any."""
+    calibration, labels = moment.calibration(), moment.labels()
+    _cuboids(predictions, moment)  # raises for a calibration without the scanner
+    found = objects_of(predictions, calibration)
+    truth: list[LabelledObject] = []
+    if labels is not None:
+        truth, found = compared(objects_of(labels, calibration), found, moment.rig.options.overlaps)
+    options = moment.rig.options.markers
+    return encode_prediction_markers(truth, found, moment.stamp_ns, moment.rig.frames.velo, options)
 
 
 def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:

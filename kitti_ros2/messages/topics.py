@@ -15,7 +15,7 @@ decode. What comes back:
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
 calibration's files), path, /tf (the odometry), imu, fix, vel (the packets' texts), sweep (the time
 stamps among the files), detections, boxes_2d, markers, annotated (the labels' texts, or tracklets
-among the files).
+among the files). Predictions are not restored: they are no files of the recording.
 
 Names by preset are in naming.py.
 """
@@ -165,6 +165,12 @@ _ROWS = (
     Topic('/kitti/labels/markers', MARKERS, Stream.LABELS,
           encoders.make_markers),
     Topic(LABEL_LINES, STRING, Stream.LABELS, *_source, restores=True),
+    Topic('/kitti/predictions/detections', DETECTIONS_3D, Stream.PREDICTIONS,
+          encoders.make_detections),
+    Topic('/kitti/predictions/boxes_2d', DETECTIONS_2D, Stream.PREDICTIONS,
+          encoders.make_boxes_2d),
+    Topic('/kitti/predictions/markers', MARKERS, Stream.PREDICTIONS,
+          encoders.make_prediction_markers),
 )  # fmt: skip
 """The rows of all recordings."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
@@ -220,6 +226,12 @@ def own_topics() -> Mapping[str, Topic]:
                 for row in make_table(cameras, image_topic, options):
                     found[row.topic] = row
     return found
+
+
+@lru_cache(maxsize=1)
+def prediction_topics() -> frozenset[str]:
+    """Return the topics of predictions, which are no labels."""
+    return frozenset(row.topic for row in _ROWS if row.stream is Stream.PREDICTIONS)
 
 
 @lru_cache(maxsize=1)

@@ -10,12 +10,15 @@ import numpy as np
 
 from .boxes import cuboid_of, has_cuboid, is_absurd
 from .geometry import Transform
+from .streams import Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from .boxes import Box, Cuboid
     from .geometry import Float64Array
+    from .layouts import Layout
+    from .losses import Loss
     from .samples import Calibration, FrameLabels
 
 
@@ -61,6 +64,19 @@ def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
 def _track_identity(track_id: int, place: int) -> str:
     """Return the id of a box; DontCare regions all have track -1, so theirs is their place."""
     return str(track_id) if track_id >= 0 else f'{track_id}.{place}'
+
+
+def has_complete_labels(layout: Layout, losses: Iterable[Loss]) -> bool:
+    """Whether a frame of a labelled recording has no object if it has no labels.
+
+    Then the labels of all frames are in one file, and nothing of it is lost.
+
+    Args:
+        layout: Of the recording.
+        losses: Of the recording; those of a bag may concern labels if they name no other stream.
+    """
+    others = {each.value for each in Stream} - {Stream.LABELS.value}
+    return layout.traits.common_labels and all(loss.stream in others for loss in losses)
 
 
 class Trails:

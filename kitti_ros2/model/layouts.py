@@ -54,6 +54,11 @@ class LayoutTraits:
     compensated_scans: bool = False
     point_labels: bool = False
 
+    @property
+    def common_labels(self) -> bool:
+        """Whether one file has the labels of all frames: a frame without any has no object."""
+        return self.tracklets or Stream.LABELS in self.line_streams
+
     def is_extract(self, name: str) -> bool:
         """Whether a recording of this name is unrectified, with file numbers of each stream."""
         return self.extracts and name.endswith('_extract')

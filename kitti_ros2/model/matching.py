@@ -4,10 +4,10 @@
 
 Source: evaluate_object.cpp of the object devkit. A prediction is a true positive (TP) if its
 intersection over union (IoU) with a label of its class is above 0.7 for cars and 0.5 for
-pedestrians and cyclists; another is a false positive (FP), and a label that none finds a false
-negative (FN). Not counted are predictions on a label of a neighbouring class (a car on a van, a
-pedestrian on a person sitting) or within a DontCare region, and labels of classes that KITTI does
-not evaluate.
+pedestrians and cyclists, or above a chosen one; another is a false positive (FP), and a label that
+none finds a false negative (FN). Not counted are predictions on a label of a neighbouring class (a
+car on a van, a pedestrian on a person sitting) or within a DontCare region, and labels of classes
+that KITTI does not evaluate.
 
 Other than there, predictions choose by descending score, classes that KITTI does not evaluate count
 when they are predicted, and neither size nor occlusion makes a label too hard to count.
@@ -23,12 +23,14 @@ import numpy as np
 
 from .boxes import DONT_CARE, cuboid_corners
 from .geometry import cut_polygon_by
+from .least_overlaps import KITTI_OVERLAPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from .boxes import Cuboid
     from .geometry import Float64Array
+    from .least_overlaps import LeastOverlaps
 
 NEIGHBOURS = {
     'Car': frozenset({'Van'}),
@@ -39,8 +41,6 @@ NEIGHBOURS = {
 _UNEVALUATED = frozenset(
     {'Van', 'Truck', 'Tram', 'Person_sitting', 'Person (sitting)', 'Misc', DONT_CARE}
 )
-_VEHICLES = frozenset({'Car', 'Van', 'Truck', 'Tram'})
-_VEHICLE_OVERLAP, _OTHER_OVERLAP = 0.7, 0.5
 
 
 class Matchable(Protocol):
@@ -93,17 +93,17 @@ class Matches(NamedTuple):
     predictions: Sequence[Match]
 
 
-def least_overlap(class_name: str) -> float:
-    """Return the IoU above which a prediction finds a label of a class."""
-    return _VEHICLE_OVERLAP if class_name in _VEHICLES else _OTHER_OVERLAP
-
-
-def match(labels: Sequence[Matchable], predictions: Sequence[Matchable]) -> Matches:
+def match(
+    labels: Sequence[Matchable],
+    predictions: Sequence[Matchable],
+    overlaps: LeastOverlaps = KITTI_OVERLAPS,
+) -> Matches:
     """Compare the predictions of a frame with its labels.
 
     Args:
         labels: Ground truth, with its DontCare regions.
         predictions: Of any classes; one without a score is the surest.
+        overlaps: The IoU above which a prediction finds a label.
     """
     predicted = {each.class_name for each in predictions}
     of_labels = [
@@ -112,16 +112,19 @@ def match(labels: Sequence[Matchable], predictions: Sequence[Matchable]) -> Matc
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
     for place in sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place])):
-        found = _match_one(predictions[place], labels, of_labels)
+        prediction = predictions[place]
+        found = _match_one(prediction, labels, of_labels, overlaps.of(prediction.class_name))
         of_predictions[place] = found
         if found.partner is not None:
             of_labels[found.partner] = found._replace(partner=place)
     return Matches(of_labels, of_predictions)
 
 
-def _match_one(prediction: Matchable, labels: Sequence[Matchable], taken: Sequence[Match]) -> Match:
+def _match_one(
+    prediction: Matchable, labels: Sequence[Matchable], taken: Sequence[Match], least: float
+) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
-    least, best = least_overlap(prediction.class_name), 0.0
+    best = 0.0
     classes = (
         frozenset({prediction.class_name}),
         NEIGHBOURS.get(prediction.class_name, frozenset()),

@@ -30,6 +30,7 @@ class Stream(str, Enum):
     IMAGE_3 = 'image_3'
     IMAGE_4 = 'image_4'
     LABELS = 'labels'
+    PREDICTIONS = 'predictions'
 
     @property
     def camera(self) -> int | None:
@@ -66,6 +67,7 @@ STREAM_ALIASES = {
     'calib': Stream.CALIBRATION,
     'tracklets': Stream.LABELS,
     'boxes': Stream.LABELS,
+    'results': Stream.PREDICTIONS,
 }
 """Streams by other names that users may try."""
 

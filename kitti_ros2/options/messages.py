@@ -10,6 +10,7 @@ from enum import Enum
 from typing import ClassVar
 
 from ..model.errors import UsageError
+from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from .declare import check_bounds, choice, option
 from .parsers import parse_flag, parse_number, parse_place, parse_seconds_ns
 
@@ -128,6 +129,7 @@ class MessageOptions:
         base_to_imu: x, y, z of imu_link in base_link, metres; None takes the preset's.
         semantic: Whether points also have SemanticKITTI's label, instance and rgb.
         markers: Options of the markers of labels.
+        overlaps: The IoU above which a prediction is a true positive.
         annotated: Whether images with the labels drawn on them are published, too.
 
     Raises:
@@ -159,6 +161,7 @@ class MessageOptions:
         metavar='X,Y,Z',
     )
     semantic: bool = False
+    overlaps: LeastOverlaps = KITTI_OVERLAPS
     markers: MarkerOptions = field(default_factory=MarkerOptions)
     annotated: bool = option(False, 'Also images with the labels drawn on them', parse_flag)
 

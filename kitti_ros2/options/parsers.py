@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..model.errors import UsageError
+from ..model.least_overlaps import LeastOverlaps
 from ..model.spelling import not_one_of
 from ..model.stamps import parse_seconds, parse_stamp
 
@@ -244,6 +245,27 @@ def _flat(value: object) -> list[object]:
     if isinstance(value, (list, tuple)):
         return [item for each in value for item in _flat(each)]
     return [value]
+
+
+def parse_overlaps(name: str, value: object) -> LeastOverlaps:
+    """Parse an IoU of all classes, such as 0.5, and those of some, such as Car=0.7."""
+    items = value if isinstance(value, (list, tuple)) else [value]
+    words = [word for item in items for word in str(item).replace(',', ' ').split()]
+    found: dict[str, float] = {}
+    for word in words:
+        class_name, _, number = word.rpartition('=')
+        try:
+            found[class_name.lower()] = float(number)
+        except ValueError:
+            found[class_name.lower()] = math.nan
+    valid = all(0 <= overlap < 1 for overlap in found.values())
+    if not (words and valid and len(found) == len(words)):
+        raise UsageError(
+            f'{name} takes an IoU of at least 0 and below 1, such as 0.5, or of a class, such as'
+            f' Car=0.5, not {" ".join(words)!r}'
+        )
+    others = found.pop('', None)
+    return LeastOverlaps(tuple(sorted(found.items())), others)
 
 
 def parse_span(name: str, value: object) -> tuple[float, float]:

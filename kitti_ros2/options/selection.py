@@ -88,7 +88,7 @@ class SelectionOptions:
 
     streams: tuple[str, ...] = option(
         (),
-        'Only these: scan, image, image_0..4, oxts, pose, path, labels, calibration',
+        'Only these: scan, image, image_0..4, oxts, pose, path, labels, predictions, calibration',
         parse_texts,
         unset='all',
     )

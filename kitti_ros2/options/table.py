@@ -19,6 +19,7 @@ from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
+from .predictions import PredictionOptions
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
 
@@ -35,7 +36,7 @@ class Settings:
     """Settings of to-bag.
 
     Attributes:
-        read, messages, selection: The options objects of each part.
+        read, messages, selection, predictions: The options objects of each part.
         bag: Returns the options of the bag for a storage.
         storage: As requested; None is chosen by the output's name.
         strict: Whether to stop at the first loss.
@@ -46,6 +47,7 @@ class Settings:
     read: ReadOptions
     messages: MessageOptions
     selection: SelectionOptions
+    predictions: PredictionOptions
     bag: Callable[[str], BagOptions]
     storage: str | None = option(
         None,
@@ -62,7 +64,7 @@ class PlaySettings:
     """Settings of the player.
 
     Attributes:
-        read, messages, selection, playback: The options objects of each part.
+        read, messages, selection, playback, predictions: The options objects of each part.
         stamps: Stamps of the messages.
         read_ahead: Frames to fetch ahead.
         qos_overrides_path: A rosbag2 QoS override file, or None.
@@ -77,6 +79,7 @@ class PlaySettings:
     messages: MessageOptions
     selection: SelectionOptions
     playback: PlaybackOptions
+    predictions: PredictionOptions
     stamps: Stamps = choice(
         Stamps.ORIGINAL, 'Stamps of the recording, or the current time without /clock', Stamps
     )
@@ -98,12 +101,11 @@ class ViewSettings:
     """Settings of drawing.
 
     Attributes:
-        read, pictures: The options objects of each part.
+        read, pictures, predictions: The options objects of each part.
         selection: First and last frame of a film or folder; the first is that of a picture.
         mode: What is drawn.
         frame: The frame of a picture; None is the first.
         frames: Frames of a film or folder, FIRST:LAST[:STEP]; None is all.
-        predictions: Label files of a detector or tracker.
         rate_hz: Pictures per second of a film; None is the rate of the recording.
         overwrite: Whether an existing file may be replaced.
 
@@ -116,6 +118,7 @@ class ViewSettings:
     read: ReadOptions
     pictures: PictureOptions
     selection: SelectionOptions
+    predictions: PredictionOptions
     mode: str = option(
         'panel',
         'Kind of picture, see above',
@@ -129,12 +132,6 @@ class ViewSettings:
         parse_text,
         unset='all',
         metavar='FRAMES',
-    )
-    predictions: Path | None = option(
-        None,
-        'Label files of a detector (a folder) or of a tracker (a file)',
-        parse_path,
-        unset='none',
     )
     rate_hz: float | None = option(
         None,
@@ -157,6 +154,7 @@ class ViewSettings:
             raise UsageError(f'{self.rate_hz:g} pictures a second; expected {low:g} to {high:g}')
 
 
+_PREDICTIONS = options_of(PredictionOptions)
 _MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
@@ -170,6 +168,7 @@ TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
     *(each for each in _MESSAGES if each.name != 'annotated'),
+    *_PREDICTIONS,
     *options_of(Settings),
     *options_of(BagOptions),
 )
@@ -181,6 +180,7 @@ PLAY = tuple(
         *options_of(PlaybackOptions),
         *options_of(PlaySettings),
         *_MESSAGES,
+        *_PREDICTIONS,
     )
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
@@ -189,6 +189,7 @@ VIEW = (
     *options_of(ViewSettings),
     *options_of(PictureOptions),
     *options_of(BirdOptions),
+    *_PREDICTIONS,
     *SOURCE,
     *MOTION,
     *_SPAN,
@@ -257,6 +258,7 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
         read=ReadOptions(**values_for(ReadOptions, parsed), semantic=semantic),
         pictures=pictures,
         selection=SelectionOptions(**values_for(SelectionOptions, parsed)),
+        predictions=PredictionOptions(**values_for(PredictionOptions, parsed)),
         **values_for(ViewSettings, parsed),
     )
 
@@ -266,13 +268,20 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     if parsed.get('ring_time') and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
     read = ReadOptions(**values_for(ReadOptions, parsed))
+    predictions = PredictionOptions(**values_for(PredictionOptions, parsed))
     messages = MessageOptions(
         **values_for(MessageOptions, parsed),
         semantic=read.semantic,
+        overlaps=predictions.overlaps,
         markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
     )
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
-    return {'read': read, 'messages': messages, 'selection': selection}
+    return {
+        'read': read,
+        'messages': messages,
+        'selection': selection,
+        'predictions': predictions,
+    }
 
 
 TO_BAG_OPTIONS = tuple(each.name for each in TO_BAG)

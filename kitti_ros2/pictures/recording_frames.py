@@ -18,6 +18,7 @@ from ..kitti.motion import scan_at
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
 from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
+from ..model.labels import has_complete_labels
 from ..model.losses import describe_frames
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
@@ -97,7 +98,7 @@ class RecordingFrames:
         missing |= {f'calibration {part}': reason for part, reason in calibration.missing.items()}
         samples: dict[Stream, Sample] = {}
         for stream in self._samples:
-            if wanted is not None and stream.value not in wanted:
+            if not _wants(stream, wanted):
                 continue
             try:
                 sample = self.read(stream, number)
@@ -120,7 +121,8 @@ class RecordingFrames:
             point_labels=None if scan is None or scan.missing else scan.labels,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
-            labelled=Stream.LABELS in samples,
+            labelled=Stream.LABELS in samples
+            or (_wants(Stream.LABELS, wanted) and number in self.without_objects),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
             path=self._path(number, missing) if _wants_path(wanted) else None,
             imaged=bool(self.cameras),
@@ -187,6 +189,14 @@ class RecordingFrames:
         positions = np.array([*found.values()], np.float64).reshape(-1, 3)
         return np.array([*found], np.int64), positions, failures
 
+    @cached_property
+    def without_objects(self) -> frozenset[int]:
+        """The frames of a labelled recording that have no label because they have no object."""
+        labelled = self._samples.get(Stream.LABELS)
+        if labelled is None or not has_complete_labels(self.recording.layout, self.losses):
+            return frozenset()
+        return frozenset(self.numbers.tolist()) - labelled.keys()
+
     def _decoded(
         self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
     ) -> dict[int, Pixels]:
@@ -217,6 +227,10 @@ class RecordingFrames:
 
 def _wants_path(wanted: frozenset[str] | None) -> bool:
     return wanted is not None and Stream.PATH.value in wanted
+
+
+def _wants(stream: Stream, wanted: frozenset[str] | None) -> bool:
+    return wanted is None or stream.value in wanted
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:

@@ -11,13 +11,13 @@ import numpy as np
 from ..files.workers import ordered_map, worker_count
 from ..importer.frames import within
 from ..model.errors import MissingDataError, UsageError
-from ..model.losses import describe_frames
+from ..model.losses import Loss, describe_frames
 from ..model.stamps import NS_PER_S
 from ..options.read import NOMINAL_PERIOD_NS
 from .frame_parts import name_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from ..drawing.pixels import Pixels
     from ..options.pictures import PictureOptions
@@ -77,6 +77,45 @@ def draw_frames(
             return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)
 
     return ordered_map(draw, numbers, worker_count(most=None))
+
+
+class PictureTally:
+    """Result of drawing a series of frames."""
+
+    def __init__(self) -> None:
+        self.drawn = 0
+        self.kinds: set[str] = set()
+        self._missing: dict[tuple[str, str], list[int]] = {}
+
+    def pictures(
+        self, series: Iterable[Drawn], progress: Callable[[int], None] = lambda _: None
+    ) -> Iterator[tuple[int, Pixels]]:
+        """Yield the pictures with their frame numbers; count missing data."""
+        for done, each in enumerate(series, 1):
+            for name, reason in each.missing.items():
+                self._missing.setdefault((name.split()[0], reason), []).append(each.number)
+            self.kinds |= each.kinds
+            if each.picture is not None:
+                self.drawn += 1
+                yield each.number, each.picture
+            progress(done)
+
+    def check(self) -> None:
+        """Raise if nothing was drawn.
+
+        Raises:
+            MissingDataError: Nothing was drawn; contains the reason.
+        """
+        if not self.drawn:
+            losses = self.losses() or (Loss('picture', 0, 'no frames'),)
+            raise MissingDataError(f'nothing to draw: {losses[-1].text()}')
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the missing data, one loss per reason."""
+        return tuple(
+            Loss(name, len(numbers), reason, tuple(numbers))
+            for (name, reason), numbers in self._missing.items()
+        )
 
 
 def parse_frames(text: str, source: FrameSource) -> list[int]:

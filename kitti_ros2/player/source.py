@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
 from ..files.workers import worker_count
+from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
 from ..model.msgtypes import DIAGNOSTICS
 from ..model.streams import Stream
@@ -51,11 +52,17 @@ def open_program(
     opened = open_source(path, settings.read)
     if isinstance(opened, OpenBag):
         with opened as bag:  # the program keeps its files open until it is closed
+            if settings.predictions.path is not None:
+                raise UsageError(
+                    f'{path}: predictions are for KITTI folders, and this is a bag; to-bag takes'
+                    f' them when it makes the bag'
+                )
             playing = isinstance(settings, PlaySettings)
             images = BagImages(bag, settings.messages) if playing else None
             return BagProgram(bag, settings.selection, reserved, images)
     if settings.messages.annotated and Stream.LABELS not in opened.streams:
         raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
+    add_predictions(opened, settings.predictions.path)
     workers = worker_count(_MOST_WORKERS)
     return RecordingProgram(opened, settings.messages, settings.selection, workers)
 

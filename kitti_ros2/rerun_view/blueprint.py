@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import rerun.blueprint as rrb
 
+from ..messages.topics import prediction_topics
 from ..model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, FIX, MARKERS
 from .archetypes import VECTORS
 from .entities import TIME, entity_path
@@ -65,11 +66,13 @@ def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
     """Make the 3D view from behind the vehicle, with one camera: more would hide each other.
 
     Detections and markers often are the same boxes: then only the detections are shown, which have
-    classes and ids.
+    classes and ids. Of predictions the markers are shown, whose colours are right and wrong.
     """
     hidden = [image for image in survey.of_type(*IMAGES) if image not in cameras[:1]]
+    hidden += [topic for topic in survey.of_type(DETECTIONS_3D) if topic in prediction_topics()]
     if survey.of_type(DETECTIONS_3D):
-        hidden += survey.of_type(*_MARKERS)
+        markers = survey.of_type(*_MARKERS)
+        hidden += [topic for topic in markers if topic not in prediction_topics()]
     vehicle = survey.vehicle()
     return rrb.Spatial3DView(
         origin='/',

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
-from ..drawing.palette import rgb_of
+from ..drawing.palette import PREDICTION_COLOR, rgb_of
+from ..messages.topics import prediction_topics
 from ..model.boxes import DONT_CARE
 from ..model.msgtypes import DETECTIONS_3D
 from .entities import Converter, EntityUpdate, entity_path, image_frame
@@ -37,7 +38,7 @@ class Box3DConverter(Converter):
             centers=rows_of(each.center.position for each in boxes),
             sizes=rows_of(each.size for each in boxes),
             quaternions=unit_quaternions(each.center.orientation for each in boxes),
-            colors=_colors(names),
+            colors=_colors(self.topic, names),
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
@@ -56,7 +57,7 @@ class Box2DConverter(Converter):
         components = rr.Boxes2D(
             centers=rows_of(centers, ('x', 'y')),
             sizes=rows_of(boxes, ('size_x', 'size_y')),
-            colors=_colors(names),
+            colors=_colors(self.topic, names),
             labels=_labels(message.detections, names),
             # With 3D boxes the same objects already have labels.
             show_labels=not survey.of_type(DETECTIONS_3D),
@@ -107,8 +108,10 @@ def _labels(detections: list[Any], names: list[tuple[str, float]]) -> list[str]:
     return labels
 
 
-def _colors(names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
-    """Return the colours of classes, as for markers: red, green, blue, 0..255."""
+def _colors(topic: str, names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
+    """Return the colours of classes, or of predictions: red, green, blue, 0..255."""
+    if topic in prediction_topics():
+        return [PREDICTION_COLOR] * len(names)
     return [
         _DONT_CARE_RGB if class_name == DONT_CARE else rgb_of(class_name) for class_name, _ in names
     ]

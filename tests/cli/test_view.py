@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from builders import one_line
+from prediction_set import RESULTS, line, track_lines, write_prediction_set
 
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
@@ -233,8 +234,29 @@ def test_one_reason_is_one_line(recordings, tmp_path, capsys):
     words = ['view', str(recordings[Layout.OBJECT]), '-o', str(tmp_path / 'out')]
     assert main([*words, '--mode', 'bev', '--predictions', str(predictions), '-q']) == 1
     first, second = capsys.readouterr().err.splitlines()
-    assert first.endswith('no label file for frames 1-4')
+    assert first.endswith('no result file for frames 1-4')
     assert '4 skipped in all' in second
+
+
+def test_the_iou_of_true_positives_is_chosen(recordings, tmp_path):
+    made = write_prediction_set(recordings[Layout.OBJECT], tmp_path)
+    words = ['view', str(made.root), '--mode', 'boxes', '--frame', '1', '-q']
+    words += ['--predictions', str(made.results), '-o']
+    pictures = []
+    for iou in ([], ['--iou', '0.5'], ['--iou', 'Car=0.5', 'Van=0.9'], ['--iou', 'Van=0.5']):
+        out = tmp_path / f'{len(pictures)}.png'
+        assert main([*words, str(out), *iou]) == 0
+        pictures.append(cv2.imread(str(out)))
+    assert [bool((each == pictures[0]).all()) for each in pictures] == [True, False, False, True]
+    assert (pictures[1] == pictures[2]).all()
+
+
+def test_a_line_of_a_tracker_without_a_frame_is_a_loss(recordings, tmp_path, capsys):
+    path = tmp_path / 'tracks.txt'
+    path.write_text(track_lines(RESULTS) + line('Car', 0, 20))
+    words = ['view', str(recordings[Layout.TRACKING]), '--predictions', str(path), '-q']
+    assert main([*words, '--mode', 'bev', '-o', str(tmp_path / 'out.png')]) == 1
+    assert f"{path}:7: 'Car' is no frame number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('words', [['--mode', 'bev'], ['--frame', '1'], ['-o', 'x.png']])

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +16,7 @@ from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
 from kitti_ros2.drawing.looks import box_color, caption_2d, class_color
 from kitti_ros2.drawing.objects import resized
-from kitti_ros2.drawing.palette import CLASS_COLORS
+from kitti_ros2.drawing.palette import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.drawing.wireframes import draw_wireframes
 from kitti_ros2.model.boxes import DONT_CARE, clip_bounds, cuboid_corners
@@ -71,6 +73,19 @@ def test_predictions_have_one_colour_that_no_class_has():
     colors = {box_color(solid(9, kind=kind), predicted=True) for kind in ('Car', 'Van', 'x')}
     assert len(colors) == 1
     assert not colors & {class_color(kind) for kind in CLASS_COLORS}
+
+
+def test_compared_boxes_have_the_colour_of_the_result():
+    def color(verdict, *, predicted):
+        return box_color(replace(solid(9), match=Match(verdict)), predicted=predicted)[::-1]
+
+    right, wrong, missed = Verdict
+    assert color(right, predicted=True) == VERDICT_COLORS[right]
+    assert color(wrong, predicted=True) == VERDICT_COLORS[wrong]
+    assert color(None, predicted=True) == NEUTRAL_COLOR
+    assert color(missed, predicted=False) == VERDICT_COLORS[missed]
+    for verdict in (right, None):
+        assert color(verdict, predicted=False) == NEUTRAL_COLOR
 
 
 @pytest.mark.parametrize(

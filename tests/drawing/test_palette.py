@@ -12,7 +12,12 @@ import pytest
 from color_difference import ciede2000, contrast, deuteranope, lab, linear
 
 from kitti_ros2.drawing.birds_eye import BACKGROUND
-from kitti_ros2.drawing.palette import CLASS_COLORS, PREDICTION_COLOR
+from kitti_ros2.drawing.palette import (
+    CLASS_COLORS,
+    NEUTRAL_COLOR,
+    PREDICTION_COLOR,
+    VERDICT_COLORS,
+)
 from kitti_ros2.drawing.scales import color_table
 from kitti_ros2.options.pictures import ColorMap, PictureOptions
 
@@ -63,6 +68,24 @@ def test_deuteranopes_see_grey_as_it_is_and_mistake_red_for_green():
 def test_classes_and_predictions_are_told_apart(one, other, seen):
     a, b = (lab(seen(linear(COLORS[kind]))) for kind in (one, other))
     assert ciede2000(a, b) >= 12
+
+
+RESULTS = {**{each.value: rgb for each, rgb in VERDICT_COLORS.items()}, '-': NEUTRAL_COLOR}
+
+
+@pytest.mark.parametrize('result', RESULTS)
+@pytest.mark.parametrize('seen', [lambda rgb: rgb, deuteranope], ids=['normal', 'deuteranopia'])
+def test_results_of_a_comparison_are_told_apart_and_from_predictions(result, seen):
+    others = {**RESULTS, 'prediction': PREDICTION_COLOR}
+    del others[result]
+    mine = lab(seen(linear(RESULTS[result])))
+    for name, rgb in others.items():
+        assert ciede2000(mine, lab(seen(linear(rgb)))) >= 15, name
+
+
+@pytest.mark.parametrize('result', RESULTS)
+def test_results_are_seen_on_dark(result):
+    assert contrast(RESULTS[result], BACKGROUND[::-1]) >= 3
 
 
 @pytest.mark.parametrize('kind', COLORS)

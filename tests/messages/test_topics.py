@@ -155,6 +155,7 @@ def test_rows_without_a_decoder_are_restored_by_others():
     assert {row.topic.removeprefix('/kitti/') for row in ROWS if row.decode is None} == {
         '/tf_static', '/tf', 'ground_truth/path', 'oxts/imu', 'oxts/fix', 'oxts/vel',
         'source/sweep', 'labels/detections', 'labels/boxes_2d', 'labels/markers',
+        'predictions/detections', 'predictions/boxes_2d', 'predictions/markers',
         'camera_color_left/camera_info',
     }  # fmt: skip
     assert all(row.decode for row in own_topics().values() if row.restores)

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from kitti_ros2.drawing.objects import LabelledObject
 from kitti_ros2.model.boxes import DONT_CARE, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from kitti_ros2.model.matching import (
     Matches,
     Verdict,
     intersection_area,
     iou_2d,
     iou_3d,
-    least_overlap,
     match,
 )
 
@@ -117,7 +117,7 @@ def test_overlap_of_rectangles():
 def test_the_least_overlap_is_that_of_the_class(kind, least):
     """Two boxes d apart have (4 - d) / (4 + d): just more is a find, just less is none."""
     limit = 4 * (1 - least) / (1 + least)
-    assert least_overlap(kind) == least
+    assert KITTI_OVERLAPS.of(kind) == least
     label = car(kind=kind)
     near, far = (match([label], [car(limit + d, 0.5, kind)]) for d in (-0.01, 0.01))
     assert verdicts(near) == [[TP], [TP]]
@@ -125,6 +125,18 @@ def test_the_least_overlap_is_that_of_the_class(kind, least):
     assert verdicts(far) == [[FN], [FP]]
     assert far.predictions[0].overlap == pytest.approx(least, abs=0.01)
     assert far.labels[0].partner is None
+
+
+def test_a_chosen_overlap_decides():
+    """IoU 0.6 is above 0.5, and not above 0.6 itself."""
+    label, prediction = car(), car(1.0, 0.5)
+    assert verdicts(match([label], [prediction])) == [[FN], [FP]]
+    assert verdicts(match([label], [prediction], LeastOverlaps((), 0.5))) == [[TP], [TP]]
+    exact = match([label], [prediction]).predictions[0].overlap
+    assert exact == pytest.approx(0.6)
+    assert verdicts(match([label], [prediction], LeastOverlaps((), exact))) == [[FN], [FP]]
+    by_class = LeastOverlaps((('car', 0.5),), 0.9)
+    assert verdicts(match([label], [prediction], by_class)) == [[TP], [TP]]
 
 
 def test_a_label_is_found_once_by_the_surest():

@@ -155,7 +155,7 @@ def test_predictions_are_drawn_on_the_frame_of_their_number(object_bag, tmp_path
     words = ['view', str(object_bag), '--mode', 'boxes', '--predictions', str(tmp_path / 'found')]
     assert main([*words, '--frame', '10', '-o', str(tmp_path / 'a.png')]) == 0
     assert main([*words, '--frame', '8', '-o', str(tmp_path / 'b.png')]) == 1
-    assert 'no label file for frames 8' in capsys.readouterr().err
+    assert 'no result file for frames 8' in capsys.readouterr().err
 
 
 def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys):

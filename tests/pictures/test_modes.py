@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.objects import LabelledObject, objects_of
+from kitti_ros2.drawing.objects import LabelledObject, compared, objects_of
 from kitti_ros2.drawing.pixels import colour_pixels
+from kitti_ros2.kitti.result_files import ResultFiles
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
@@ -32,7 +33,7 @@ from kitti_ros2.pictures.panel_parts import (
     SIZE,
     parts_of,
 )
-from kitti_ros2.pictures.predictions import Predictions, compared
+from kitti_ros2.pictures.predictions import Predictions
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
@@ -163,7 +164,8 @@ def test_predictions_are_compared_with_labels():
     car = next(each for each in FRAME.objects if each.class_name == 'Car')
     cyclist = next(each for each in FRAME.objects if each.class_name == 'Cyclist')
     found = [replace(car, score=0.9), replace(car, score=0.5)]
-    frame = compared(make_frame(objects=[car, cyclist], predictions=found))
+    labels, predictions = compared([car, cyclist], found)
+    frame = make_frame(objects=labels, predictions=predictions)
     assert dict(facts_of(frame, ANY))['compared'] == '1 TP, 1 FP, 1 FN'
     assert [each.match.verdict.value for each in frame.predictions] == ['TP', 'FP']
     assert [each.match.verdict.value for each in frame.objects] == ['TP', 'FN']
@@ -184,7 +186,8 @@ def test_predictions_are_compared_where_there_are_labels(recordings, tmp_path, l
     (tmp_path / '000001.txt').write_text(
         ''.join(f'{line} 0.9\n' for line in lines.splitlines() if 'DontCare' not in line)
     )
-    frame = Predictions(tmp_path).add_to(open_frames(root, ReadOptions()).frame(1))
+    predictions = Predictions(ResultFiles(tmp_path).read)
+    frame = predictions.add_to(open_frames(root, ReadOptions()).frame(1))
     assert frame.predictions
     found = {each.match.verdict.value if each.match else None for each in frame.predictions}
     assert found == {'absent': {None}, 'empty': {'FP'}, 'there': {'TP'}}[labels]

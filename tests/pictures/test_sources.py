@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.result_files import ResultFiles
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
@@ -155,34 +156,29 @@ class TestPredictions:
         (tmp_path / below).mkdir(exist_ok=True)
         (tmp_path / below / '000001.txt').write_text(LINE * 2)
         source = open_frames(recordings[Layout.OBJECT], ANY)
-        found = Predictions(tmp_path)
+        found = Predictions(ResultFiles(tmp_path).read)
         first, second = found.add_to(source.frame(1)).predictions
         assert first.score == second.score == 0.91
         assert first.cuboid is not None
         frame = found.add_to(source.frame(2))
         assert not frame.predictions
-        assert frame.missing['predictions'].endswith('no label file for frames {}')
+        assert frame.missing['predictions'].endswith('no result file for frames {}')
 
     def test_a_file_of_tracks(self, recordings, tmp_path):
         path = tmp_path / '0000.txt'
         path.write_text(f'1 7 {LINE}3 8 {LINE}')
         source = open_frames(recordings[Layout.TRACKING], ANY)
-        frames = [Predictions(path).add_to(source.frame(number)) for number in range(4)]
+        predictions = Predictions(ResultFiles(path).read)
+        frames = [predictions.add_to(source.frame(number)) for number in range(4)]
         ids = [[each.track_id for each in frame.predictions] for frame in frames]
         assert ids == [[], [7], [], [8]]
 
     def test_a_bad_line_costs_itself(self, recordings, tmp_path):
         (tmp_path / '000000.txt').write_text(f'Car 1 2\n{LINE}')
-        frame = Predictions(tmp_path).add_to(open_frames(recordings[Layout.OBJECT], ANY).frame(0))
+        frame = open_frames(recordings[Layout.OBJECT], ANY).frame(0)
+        frame = Predictions(ResultFiles(tmp_path).read).add_to(frame)
         assert len(frame.predictions) == 1
         assert '000000.txt:1: 3 columns' in frame.missing['predictions 0']
-
-    def test_a_folder_of_something_else(self, tmp_path):
-        (tmp_path / '0003.txt').touch()
-        with pytest.raises(UsageError, match=r'no file named like 000000.txt; give one .* 0003'):
-            Predictions(tmp_path)
-        with pytest.raises(UsageError, match='no such file or folder'):
-            Predictions(tmp_path / 'none')
 
 
 ALL_BUT_POINTS = (

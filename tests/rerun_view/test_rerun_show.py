@@ -12,18 +12,22 @@ import pytest
 pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 
 import foreign
+from prediction_set import write_prediction_set
 from read_rrd import show_in
 
 from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.drawing.palette import PREDICTION_COLOR
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.table import make_settings
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
-from kitti_ros2.rerun_view.blueprint import chosen_cameras
+from kitti_ros2.player.source import open_program
+from kitti_ros2.rerun_view.blueprint import _space, chosen_cameras
 from kitti_ros2.rerun_view.program_survey import make_survey
 
 from builders import convert_recording  # isort: skip
@@ -150,3 +154,26 @@ def test_views_of_a_bag_of_others(tmp_path):
         tmp_path / 'p.mcap', foreign.make_truth(), 'mcap', '/tf_static'
     )
     assert make_survey(BagProgram(without_tf, ALL)).vehicle() == 'os_sensor'
+
+
+def test_predictions_have_a_colour_of_their_own(recordings, tmp_path):
+    made = write_prediction_set(recordings[Layout.OBJECT], tmp_path)
+    settings = make_settings({'predictions': str(made.results), 'iou': 0.5})
+    rrd, report = show_in(tmp_path / 'o.rrd', open_program(made.root, settings))
+    assert any('no result file for frames 4' in text for text in report.missing)
+    packed = int.from_bytes(bytes((*PREDICTION_COLOR, 255)), 'big')
+    for topic, kind in (('detections', 'Boxes3D'), ('boxes_2d', 'Boxes2D')):
+        entities = [name for name in rrd.rows if name.endswith(f'kitti/predictions/{topic}')]
+        shown = [row for name in entities for row in rrd.having(name, f'{kind}:colors')]
+        assert {int(color) for _, colors in shown for color in colors} == {packed}
+
+
+def test_the_space_shows_the_markers_of_predictions(recordings, tmp_path):
+    """Of the two topics with the same boxes: the classes of labels, the results of predictions."""
+    made = write_prediction_set(recordings[Layout.OBJECT], tmp_path)
+    settings = make_settings({'predictions': str(made.results)})
+    contents = _space(make_survey(open_program(made.root, settings)), []).contents
+    topics = [f'{kind}/{form}' for kind in ('labels', 'predictions') for form in (
+        'detections', 'markers')]  # fmt: skip
+    hidden = {each for each in topics if f'- /kitti/{each}/**' in contents}
+    assert hidden == {'labels/markers', 'predictions/detections'}

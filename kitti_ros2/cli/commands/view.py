@@ -10,7 +10,17 @@ import typer
 from ...model.errors import UsageError
 from .declared import QuietOption, argument, chosen, takes
 
-_COMMON = ('layout', 'sequence', 'deskew', 'undo_deskew', 'overwrite', 'start', 'end')
+_COMMON = (
+    'layout',
+    'sequence',
+    'deskew',
+    'undo_deskew',
+    'overwrite',
+    'start',
+    'end',
+    'predictions',
+    'iou',
+)
 """Options of pictures and of Rerun."""
 _TOPICS = ('topics', 'exclude_topics')
 _RERUN = 'Rerun'

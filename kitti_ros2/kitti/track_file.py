@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A label file of the tracking layout, or the result file of a tracker, by frame."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..model.errors import BadFileError
+from ..model.samples import TextFile
+from . import names
+from .label_file import frame_labels, parse_labels
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..model.boxes import Box
+    from ..model.samples import FrameLabels
+    from .text_file import Lines
+
+
+class TrackFile:
+    """The lines of a file with the labels of all frames of a sequence; see label_file.
+
+    Attributes:
+        path: The file.
+        rows: By frame number the rows of its lines, from 0.
+        errors: An error for each line without a frame number.
+    """
+
+    def __init__(self, text: str, path: Path) -> None:
+        self.path = path
+        self.rows: dict[int, list[int]] = {}
+        self.errors: list[BadFileError] = []
+        self._lines = text.splitlines(keepends=True)
+        for row, line in enumerate(self._lines):
+            word = line.split(maxsplit=1)[0] if line.strip() else ''
+            if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
+                self.rows.setdefault(int(word), []).append(row)
+            elif word:
+                found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
+                self.errors.append(BadFileError(path, found, expected, line=row + 1))
+
+    @cached_property
+    def _boxes(self) -> Lines[Box]:
+        return parse_labels(''.join(self._lines), self.path)
+
+    def labels(self, number: int, name: str) -> FrameLabels:
+        """Return the labels of a frame, none if it has no line.
+
+        Args:
+            number: The frame.
+            name: The file's name in the recording.
+        """
+        rows = self.rows.get(number, [])
+        source = TextFile(name, ''.join(self._lines[row] for row in rows))
+        return frame_labels(self._boxes, source, self.path, rows)
