@@ -16,16 +16,19 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .detection import *
     from .odometry import *
     from .tracking import *
+    from .worst import *
 
 _MODULES: dict[str, str] = {
     'BagResults': 'evaluation.bag_results',
     'DetectionScores': 'evaluation.detection',
     'OdometryScores': 'evaluation.odometry',
     'TrackingScores': 'evaluation.tracking',
+    'WorstFrame': 'evaluation.worst',
     'evaluate_detection': 'evaluation.detection',
     'evaluate_odometry': 'evaluation.odometry',
     'evaluate_tracking': 'evaluation.tracking',
     'read_bag_results': 'evaluation.bag_results',
+    'worst_frames': 'evaluation.worst',
 }
 
 __all__ = [
@@ -33,10 +36,12 @@ __all__ = [
     'DetectionScores',
     'OdometryScores',
     'TrackingScores',
+    'WorstFrame',
     'evaluate_detection',
     'evaluate_odometry',
     'evaluate_tracking',
     'read_bag_results',
+    'worst_frames',
 ]
 
 

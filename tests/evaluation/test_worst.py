@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The frames with the most errors: their order, their reasons, their pictures."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from prediction_set import LABELS, RESULTS, line, write_prediction_set
+
+from kitti_ros2 import evaluation
+from kitti_ros2.drawing.palette import VERDICT_COLORS
+from kitti_ros2.evaluation import worst_frames
+from kitti_ros2.evaluation.worst import draw_worst_frames
+from kitti_ros2.kitti.label_file import parse_box
+from kitti_ros2.model.errors import MissingDataError
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.least_overlaps import LeastOverlaps
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.pictures.sources import open_frames
+
+
+def boxes(frames):
+    return {number: [parse_box(line(*box)) for box in some] for number, some in frames.items()}
+
+
+TRUTH, FOUND = boxes(LABELS), boxes(RESULTS)
+
+
+def test_misses_and_the_scores_of_false_positives_add_up():
+    """Frame 0: a miss, 0.8. 1: a miss, 0.6 (IoU 0.6). 2: 0.4. 4: two misses. 3 has no labels."""
+    found = worst_frames(TRUTH, FOUND)
+    assert [(each.number, each.missed, each.false_positives) for each in found] == [
+        (4, 2, 0),
+        (0, 1, 1),
+        (1, 1, 1),
+        (2, 0, 1),
+    ]
+    assert [each.penalty for each in found] == pytest.approx([2.0, 1.8, 1.6, 0.4])
+    assert [each.reason for each in found] == [
+        'missed: 1 Car, 1 Cyclist',
+        'missed: 1 Car; false positive: Car 0.80',
+        'missed: 1 Car; false positive: Car 0.60',
+        'false positive: Pedestrian 0.40',
+    ]
+
+
+def test_frames_without_errors_are_left_out():
+    found = worst_frames(TRUTH, FOUND, overlaps=LeastOverlaps((), 0.5))
+    assert [each.number for each in found] == [4, 0, 2]
+    assert worst_frames(TRUTH, TRUTH) == []
+    assert worst_frames({}, FOUND) == []
+
+
+def test_only_so_many_are_returned_and_ties_are_by_number():
+    truth = boxes({number: [('Car', 0, 20)] for number in (9, 3, 7)})
+    assert [each.number for each in worst_frames(truth, {})] == [3, 7, 9]
+    assert [each.number for each in worst_frames(truth, {}, 2)] == [3, 7]
+
+
+def test_scores_of_any_scale_are_weights_from_0_to_1():
+    """-4 is the lowest score and 6 the highest: 1 is in the middle."""
+    results = boxes({0: [('Car', 0, 20, -4)], 1: [('Car', 0, 20, 6), ('Car', 9, 20, 1)]})
+    found = worst_frames({0: [], 1: []}, results)
+    assert [(each.number, each.penalty) for each in found] == [(1, 1.5), (0, 0.0)]
+    assert found[0].reason == 'false positives: Car 6.00, Car 1.00'
+
+
+@pytest.mark.parametrize('score', [None, 7])
+def test_equal_scores_and_none_count_as_1(score):
+    results = boxes({0: [('Car', x, 20, score) for x in (0, 5, 10, 15)]})
+    [found] = worst_frames({0: []}, results)
+    assert found.penalty == 4.0
+    assert found.reason.endswith(' and 1 more')
+
+
+def test_the_names_of_the_library():
+    assert {'WorstFrame', 'worst_frames'} <= set(evaluation.__all__)
+    assert evaluation.worst_frames is worst_frames
+
+
+@pytest.fixture
+def made(recordings, tmp_path):
+    return write_prediction_set(recordings[Layout.OBJECT], tmp_path)
+
+
+def test_the_worst_frames_are_drawn_in_order(made, tmp_path):
+    found = worst_frames(TRUTH, FOUND, 3)
+    source = open_frames(made.root, ReadOptions())
+    (tmp_path / 'out').mkdir()
+    done = []
+    losses = draw_worst_frames(
+        source, found, FOUND, tmp_path / 'out', mode='boxes', progress=done.append
+    )
+    assert losses == ()
+    assert done == [1, 2, 3]
+    names = ['01_000004.png', '02_000000.png', '03_000001.png']
+    assert sorted(each.name for each in (tmp_path / 'out').iterdir()) == names
+    height = source.frame(4).images[2].shape[0]
+    pictures = [cv2.imread(str(tmp_path / 'out' / name)) for name in names]
+    assert all(each.shape[0] > height for each in pictures), 'the reason is above the image'
+    missed, wrong = (
+        [(np.abs(each.astype(int) - rgb[::-1]) < 8).all(axis=2).any() for each in pictures]
+        for rgb in (VERDICT_COLORS['FN'], VERDICT_COLORS['FP'])
+    )
+    assert missed == [True, True, True]
+    assert wrong == [False, True, True]
+
+
+def test_what_cannot_be_drawn_is_a_loss(made, tmp_path):
+    found = worst_frames(TRUTH, FOUND)
+    (made.root / 'training/image_2/000000.png').unlink()
+    for folder in ('image_3', 'image_0', 'image_1'):
+        (made.root / f'training/{folder}/000000.png').unlink(missing_ok=True)
+    source = open_frames(made.root, ReadOptions())
+    [loss] = draw_worst_frames(source, found, FOUND, tmp_path, mode='boxes')
+    assert loss.numbers == (0,)
+    assert len(list(tmp_path.glob('*.png'))) == len(found) - 1
+
+
+def test_no_picture_at_all_is_an_error(made, tmp_path):
+    for path in (made.root / 'training/calib').iterdir():
+        path.unlink()
+    source = open_frames(made.root, ReadOptions())
+    with pytest.raises(MissingDataError, match='nothing to draw'):
+        draw_worst_frames(source, worst_frames(TRUTH, FOUND), FOUND, tmp_path, mode='boxes')
