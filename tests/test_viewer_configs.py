@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from prediction_set import write_results
 from rosbags.interfaces import Nodetype
 
+from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.model.layouts import Layout
@@ -18,8 +20,6 @@ from kitti_ros2.model.streams import CAMERA_NAMES
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program, reserved_by_node
-
-from builders import convert_recording  # isort: skip
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STATE = '/kitti_player/state'
@@ -158,10 +158,15 @@ def test_rviz_asks_for_what_is_latched(rviz):
 
 @pytest.fixture(params=['a folder', 'a bag of to-bag'])
 def published(request, recordings, tmp_path):
-    """By topic its type, as player.launch.py publishes a drive and what README makes of it."""
-    source = recordings[Layout.RAW]
-    if request.param != 'a folder':
-        source = convert_recording(source, tmp_path / 'drive_0005').path
+    """By topic its type, of a drive with predictions, and of the bag that to-bag makes of it."""
+    source, predictions = recordings[Layout.RAW], {}
+    results = str(write_results(tmp_path / 'results', {number: [] for number in range(5)}))
+    if request.param == 'a folder':
+        predictions = {'predictions': results}
+    else:
+        words = ['to-bag', str(source), str(tmp_path / 'drive_0005'), '--predictions', results]
+        assert main([*words, '-q']) == 0
+        source = tmp_path / 'drive_0005'
     values = yaml.safe_load((CONFIG / 'player.yaml').read_text('utf-8'))
     values = values['kitti_player']['ros__parameters']
     given = {
@@ -169,7 +174,7 @@ def published(request, recordings, tmp_path):
         for name, value in values.items()
         if name not in ('source', 'position', 'burst') and value not in ('', [''])
     }
-    settings = make_play_settings(given)
+    settings = make_play_settings(given | predictions)
     program = open_program(source, settings, reserved_by_node('/kitti_player', settings))
     return {each.topic: each.msgtype for each in program.channels} | {STATE: DIAGNOSTICS}
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.boxes import DONT_CARE
-from .looks import box_color, corners_of, objects_to_draw
+from .looks import box_color, corners_of, is_quiet, objects_to_draw
 from .objects import name_of
 from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of
 from .text import Tag, draw_tags
@@ -89,7 +89,8 @@ def draw_footprints(
         if np.isnan(seen.bounds[place, 0]):
             continue
         sides = seen.parts[slice(*np.searchsorted(seen.owners, [place, place + 1]))]
-        width = 1 if predicted or np.ptp(outline, axis=0).max() < _SMALL else 2
+        small = np.ptp(outline, axis=0).max() < _SMALL
+        width = 1 if predicted or small or is_quiet(each) else 2
         draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, width)
         draw_segments(picture, cut_segments(arrows[place], size)[0], color, width)
         left, top, right, bottom = seen.bounds[place].tolist()

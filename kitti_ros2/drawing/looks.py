@@ -6,8 +6,9 @@ Ground truth has the colour of its class, solid lines and a filled tag; predicti
 their own, dashed lines and an outlined tag. Where both are compared, predictions have the colour of
 true or of false positives, labels that no prediction finds have that of misses, and all others are
 grey; tags show TP or FP and the intersection over union, or FN.
-Lines of an object that is labelled as occluded, or is small, are half as wide; the tag of a 2D box
-shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
+Lines of an object that is labelled as occluded, is small, or is a label that was found are half as
+wide; the tag of a 2D box shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and
+truncated.
 """
 
 from __future__ import annotations
@@ -59,6 +60,12 @@ def box_color(each: LabelledObject, *, predicted: bool) -> Color:
     return rgb[::-1]
 
 
+def is_quiet(each: LabelledObject) -> bool:
+    """Whether an object was compared and is no error."""
+    errors = (Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE)
+    return each.match is not None and each.match.verdict not in errors
+
+
 def scale_of(picture: Pixels) -> float:
     """Return the scale of lines and letters: 1 in KITTI's images, more in larger ones."""
     area = picture.shape[0] * picture.shape[1]
@@ -68,7 +75,8 @@ def scale_of(picture: Pixels) -> float:
 def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:
     """Return the line width of a box with these bounds in the image, pixels."""
     small = bounds is None or min(bounds[2] - bounds[0], bounds[3] - bounds[1]) < _SMALL * scale
-    return max(round((1.0 if each.occluded or small else 2.0) * scale), 1)
+    thin = each.occluded or small or is_quiet(each)
+    return max(round((1.0 if thin else 2.0) * scale), 1)
 
 
 def caption_2d(each: LabelledObject) -> str:

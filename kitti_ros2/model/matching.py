@@ -174,6 +174,9 @@ def iou_3d(one: Cuboid, other: Cuboid) -> float:
     Boxes that are tilted against each other are compared upright, as seen along the first one's
     vertical axis.
     """
+    reach = (math.hypot(*one.size_lwh) + math.hypot(*other.size_lwh)) / 2
+    if not math.dist(one.velo_T_box.translation, other.velo_T_box.translation) <= reach:
+        return 0.0
     shared = intersection_area(one, other) * _shared_height(one, other)
     return _ratio(shared, math.prod(one.size_lwh) + math.prod(other.size_lwh) - shared)
 
@@ -201,8 +204,8 @@ def _shared_height(one: Cuboid, other: Cuboid) -> float:
 
 def _area(corners: Float64Array) -> float:
     """Return the area of a (V, 2) polygon, by the shoelace formula."""
-    x, y = corners.T
-    return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+    following = np.concatenate([corners[1:], corners[:1]])
+    return abs(float(corners[:, 0] @ following[:, 1] - corners[:, 1] @ following[:, 0])) / 2
 
 
 def _shared_area(
