@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from .declare import option
-from .parsers import parse_flag, parse_overlaps, parse_path
+from .parsers import parse_class_overlaps, parse_flag, parse_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,7 +38,7 @@ class DetectionOptions:
     classes: tuple[tuple[str, float | None], ...] = option(
         (),
         'Classes to score, with the overlap (IoU) above which a detection counts: car truck=0.5',
-        parse_overlaps,
+        parse_class_overlaps,
         unset='car, pedestrian, cyclist',
         metavar='NAME=IOU...',
     )

@@ -94,7 +94,7 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     return shares
 
 
-def parse_overlaps(name: str, value: object) -> tuple[tuple[str, float | None], ...]:
+def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | None], ...]:
     """Parse class names, each alone or with an overlap, such as car truck=0.5, or a mapping."""
     if isinstance(value, dict):
         value = [
