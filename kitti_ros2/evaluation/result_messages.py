@@ -96,7 +96,8 @@ def choose_topic(bag: BagSource, types: Mapping[str, str], topic: str | None) ->
     if topic is None:
         foreign = [name for name in possible if name not in own_topics()]
         if not foreign:
-            raise UsageError(f'{path}: has no results; expected {_EXPECTED}')
+            others = ' besides the labels of the recording' if possible else ''
+            raise UsageError(f'{path}: has no results{others}; expected {_EXPECTED}')
         if len(foreign) > 1:
             raise UsageError(
                 f'{path}: has several topics with boxes, {", ".join(foreign)}; choose one with'

@@ -114,7 +114,7 @@ def _scored(
 ) -> TrackBoxes:
     known = [each for each in found if each[2] in SCORED]
     kept, lost = _tracked(known, path, 'tracks', length)
-    others = sum(bool(name) for _, _, name in found) - len(known)
+    others = sum(name not in {'', _REGION, *SCORED} for _, _, name in found)
     return TrackBoxes(kept, (*losses, *lost), others)
 
 

@@ -84,6 +84,10 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
         raise MissingPathError(path)
     if path.is_file() and path.parent.name == TRACKING_LABELS and read.sequence is None:
         path, read = path.parent, replace(read, sequence=path.stem)
+    if looks_like_bag(path):
+        raise UsageError(
+            f'{path}: ground truth is a tracking set with {TRACKING_LABELS}, or a file of it'
+        )
     folder = path.absolute().parent if path.name == TRACKING_LABELS else path
     recordings = open_folders(folder, replace(read, layout=Layout.TRACKING))
     found = []

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from ..api.keywords import by_name
 from ..api.source import warn
 from ..model.losses import format_numbers
-from ..model.text import format_count
 from ..options.evaluation_tables import TRACKING, make_tracking_options
 from .class_map import ClassMap
 from .track_boxes import SCORED, TRACKER_CLASSES, read_tracks, read_truth, tracks_of_frames
@@ -122,7 +121,7 @@ def score_tracking(
         sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)
-        notes.append(f'{format_count(others, "box")} of other classes; the benchmark has {names}')
+        notes.append(f'boxes of other classes than {names}, {others:,}, have no part in the scores')
     figures = score_sequences(sequences, progress)
     return TrackingScores(
         figures.combined,

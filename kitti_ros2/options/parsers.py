@@ -72,7 +72,8 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
         ]
     for own, known in pairs:
         if not own or not isinstance(known, str) or any(map(str.isspace, known)):
-            raise UsageError(f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {value}')
+            given = f'{own}={known}' if own else known
+            raise UsageError(f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {given}')
     return tuple(pairs)
 
 

@@ -347,7 +347,7 @@ def test_a_topic_that_has_no_results_is_an_error(topic, text, tracking, tmp_path
 def test_labels_of_the_recording_itself_are_not_the_results(recordings, tracking, tmp_path):
     path = tmp_path / 'bag.mcap'
     convert_recording(recordings[Layout.TRACKING], path)
-    with pytest.raises(UsageError, match='has no results; expected a topic of'):
+    with pytest.raises(UsageError, match='has no results besides the labels of the recording'):
         read(path, tracking, None)
 
 

@@ -371,6 +371,8 @@ def test_ground_truth_without_labels_is_an_error(recordings, tmp_path):
     tracks = write_tracks(tmp_path / 'tracks', {'0000': [box(0, 1)]})
     with pytest.raises(KittiRos2Error, match='tracking'):
         evaluate_tracking(recordings[Layout.RAW], tracks)
+    with pytest.raises(UsageError, match='ground truth is a tracking set with label_02'):
+        evaluate_tracking(tracks / '0000.txt', tracks)
 
 
 def test_without_trackeval_the_error_says_what_to_install(truth, tracks, monkeypatch):

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Classes of results with KITTI's, as words and as a mapping."""
+
+import pytest
+
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.options.bag_results import BagResultsOptions
+from kitti_ros2.options.parsers import parse_class_map
+
+
+@pytest.mark.parametrize(
+    ('value', 'expected'),
+    [
+        (['car=Car', '3=Pedestrian'], (('car', 'Car'), ('3', 'Pedestrian'))),
+        ('traffic light=', (('traffic light', ''),)),
+        (['a=b=Car', '*='], (('a=b', 'Car'), ('*', ''))),
+        ({'car': 'Car', 3: 'Van'}, (('car', 'Car'), ('3', 'Van'))),
+        ((('car', 'Car'),), (('car', 'Car'),)),
+        ([], ()),
+    ],
+)
+def test_pairs(value, expected):
+    assert parse_class_map('class_map', value) == expected
+    assert BagResultsOptions(class_map=expected).class_map == expected
+
+
+@pytest.mark.parametrize('value', ['car', '=Car', ['car=Car', 'x'], 'car=My Car', {'car': 3}, 5])
+def test_what_is_no_pair_is_refused_in_one_line(value):
+    with pytest.raises(UsageError, match='class_map takes NAME=CLASS') as error:
+        parse_class_map('class_map', value)
+    assert '\n' not in str(error.value)
+
+
+def test_a_tolerance_out_of_range_is_refused():
+    with pytest.raises(UsageError, match='tolerance -1'):
+        BagResultsOptions(tolerance_ns=-1_000_000_000)
