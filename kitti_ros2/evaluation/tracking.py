@@ -117,7 +117,7 @@ def score_tracking(
         tracks = _read(source, each, classes)
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
-        notes += _empty_frames(each, truth, tracks)
+        notes += [*_empty_frames(each, truth, tracks), *_short_tracks(each, tracks)]
         sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)
@@ -148,3 +148,13 @@ def _empty_frames(sequence: TruthSequence, truth: TrackBoxes, tracks: TrackBoxes
     names = ' or '.join(SCORED)
     frames = format_numbers(missing)
     return (f'{sequence.name}: no {names} tracked in frames {frames}, which have labels of them',)
+
+
+def _short_tracks(sequence: TruthSequence, tracks: TrackBoxes) -> Sequence[str]:
+    """Return a note if each box is a track of its own, as of detections without ids."""
+    count = len({(each.class_name, each.track_id) for each in tracks.boxes})
+    if count < len(tracks.boxes) or count < 2:
+        return ()
+    return (
+        f'{sequence.name}: every track has one box; a tracker gives the boxes of an object one id',
+    )

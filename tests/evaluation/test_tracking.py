@@ -283,6 +283,14 @@ def test_frames_with_labels_and_no_track_are_named(truth, tracks):
 
 
 @needs_trackeval
+def test_detections_without_ids_are_noted(truth, tracks):
+    labels = [box(frame, 1) for frame in range(3)]
+    found = [replace(each, track_id=each.frame) for each in labels]
+    (note,) = evaluate_tracking(truth(labels), tracks(found)).notes
+    assert note == '0000: every track has one box; a tracker gives the boxes of an object one id'
+
+
+@needs_trackeval
 def test_lines_that_cannot_be_used_are_losses(truth, tracks):
     labels = [box(frame, 1) for frame in range(3)]
     found = [*labels, box(0, -1, left=500), box(3, 4), box(1, 5, 'robot'), box(2, 6, 'robot')]
