@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..api.keywords import by_name
-from ..api.source import warn
 from ..model.losses import format_numbers
 from ..options.evaluation_tables import TRACKING, make_tracking_options
 from .class_map import ClassMap
@@ -85,6 +83,9 @@ def evaluate_tracking(
         >>> scores = evaluate_tracking('tracking', 'tracks')  # doctest: +SKIP
         >>> scores.classes['car']['HOTA'], scores.classes['car']['IDSW']  # doctest: +SKIP
     """
+    from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
+    from ..api.source import warn  # noqa: PLC0415 - pictures
+
     given = make_tracking_options(by_name(options, TRACKING))
     show = progress or (lambda _done, _total: None)
     found = score_tracking(Path(ground_truth), Path(results), *given, show)
