@@ -233,9 +233,10 @@ class _Candidates:
             self._objects.labels.alpha[self._label]
             - self._objects.detections.alpha[self._detection]
         )
-        similarity = (1.0 + np.cos(delta)) / 2.0 * self._true
+        similarity = (1.0 + np.cos(delta[self._true])) / 2.0
+        right = matched[self._true]
         taken = matched[~self._ignored & ~covered[self._detection]].sum(axis=0)
-        return matched[self._true].sum(axis=0), similarity @ matched, taken
+        return right.sum(axis=0), similarity @ right, taken
 
     def _choose(self, order: Int64Array, exists: BoolArray) -> BoolArray:
         """Let each label take its first free pair; return (P, T) which pairs are taken.
