@@ -13,7 +13,9 @@ import urllib.request
 from importlib.util import find_spec
 
 import pytest
+from prediction_set import write_prediction_set
 
+from kitti_ros2.cli import main
 from kitti_ros2.cli.view_rerun import run_rerun
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
 from kitti_ros2.model.layouts import Layout
@@ -52,6 +54,15 @@ def test_a_file_is_written_once_and_replaced_on_request(raw, tmp_path, capsys):
     assert run_rerun(raw, {}, save=out, overwrite=True, quiet=True) == 0
     assert capsys.readouterr().out == ''
     assert [each.name for each in out.parent.iterdir()] == ['o.rrd']
+
+
+@needs_sdk
+def test_predictions_are_shown_and_what_is_missing_is_named(recordings, tmp_path, capsys):
+    made = write_prediction_set(recordings[Layout.OBJECT], tmp_path)
+    words = ['view', str(made.root), '--rerun', '--save', str(tmp_path / 'o.rrd')]
+    assert main([*words, '--predictions', str(made.results), '--iou', '0.5', '-q']) == 1
+    assert 'no result file for frames 4' in capsys.readouterr().err
+    assert (tmp_path / 'o.rrd').stat().st_size
 
 
 @needs_sdk
