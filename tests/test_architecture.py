@@ -43,7 +43,8 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
-    'evaluation': 'model options drawing kitti messages bags rig importer own_bags pictures api',
+    'evaluation': 'model files options drawing kitti messages bags rig importer own_bags pictures'
+    ' player node api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)

@@ -128,6 +128,30 @@ class DrawKeywords(TypedDict, total=False):
     classes: OneOrMore
 
 
+class LiveKeywords(TypedDict, total=False):
+    """Options of eval live."""
+
+    topic: str
+    node: str
+    type: str | None
+    task: str | None
+    start_timeout: float | str
+    timeout: float | str
+    wait_for: int
+    out: str | os.PathLike[str] | None
+    overwrite: bool
+    layout: str | None
+    sequence: str | None
+    deskew: bool
+    undo_deskew: bool
+    start: int | str | None
+    end: int | str | None
+    preset: str
+    map: str
+    tf: bool
+    ring_time: bool
+
+
 class StatisticsKeywords(TypedDict, total=False):
     """Options of stats."""
 

@@ -16,6 +16,7 @@ from .commands.declared import add_options
 from .commands.demo import demo
 from .commands.download import download
 from .commands.eval_detection import eval_detection
+from .commands.eval_live import eval_live
 from .commands.eval_odometry import eval_odometry
 from .commands.eval_tracking import eval_tracking
 from .commands.extract import extract
@@ -155,6 +156,7 @@ _EVAL: dict[str, Callable[..., int]] = {
     'detection': eval_detection,
     'odometry': eval_odometry,
     'tracking': eval_tracking,
+    'live': eval_live,
 }
 _ALL: dict[tuple[str, ...], Callable[..., int]] = {
     **{(name,): command for name, command in _COMMANDS.items()},

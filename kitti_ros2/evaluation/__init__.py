@@ -14,6 +14,7 @@ from ..model.lazy_names import lazy_names
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .bag_results import *
     from .detection import *
+    from .live import *
     from .odometry import *
     from .tracking import *
     from .worst import *
@@ -21,10 +22,13 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
 _MODULES: dict[str, str] = {
     'BagResults': 'evaluation.bag_results',
     'DetectionScores': 'evaluation.detection',
+    'Latency': 'evaluation.live',
+    'LiveScores': 'evaluation.live',
     'OdometryScores': 'evaluation.odometry',
     'TrackingScores': 'evaluation.tracking',
     'WorstFrame': 'evaluation.worst',
     'evaluate_detection': 'evaluation.detection',
+    'evaluate_live': 'evaluation.live',
     'evaluate_odometry': 'evaluation.odometry',
     'evaluate_tracking': 'evaluation.tracking',
     'read_bag_results': 'evaluation.bag_results',
@@ -34,10 +38,13 @@ _MODULES: dict[str, str] = {
 __all__ = [
     'BagResults',
     'DetectionScores',
+    'Latency',
+    'LiveScores',
     'OdometryScores',
     'TrackingScores',
     'WorstFrame',
     'evaluate_detection',
+    'evaluate_live',
     'evaluate_odometry',
     'evaluate_tracking',
     'read_bag_results',

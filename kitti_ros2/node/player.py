@@ -26,13 +26,14 @@ from .parameters import declare, given
 from .qos import load_overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.parameter import Parameter
 
     from ..options.table import PlaySettings
     from ..player.playback import Playback
     from ..player.program import Program
+    from .qos import QosOverride
 
 NODE_NAME = 'kitti_player'
 _STATE_EVERY_NS = 200_000_000
@@ -191,7 +192,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         session = Session(
             program,
             settings,
-            lambda program: Outlets(self, program, overrides, self._tell_time),
+            lambda program: self._connect(program, overrides),
             lambda text: self.get_logger().error(text),
             self._tell_state_sometimes,
             lambda text: self.get_logger().info(text),
@@ -203,6 +204,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.get_logger().warning(note)
         self.tell_state()
         session.start(lambda error: self._end(session, error))
+
+    def _connect(self, program: Program, overrides: Mapping[str, QosOverride]) -> Outlets:
+        return Outlets(self, program, overrides, self._tell_time)
 
     def _end(self, session: Session, error: BaseException | None) -> None:
         """Handle the end of a session."""

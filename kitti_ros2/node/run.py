@@ -22,6 +22,8 @@ from .player import KittiPlayer
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from rclpy.node import Node
+
     from ..player.to_the_end import StopRequest
 
 
@@ -62,16 +64,9 @@ def run_player(
             node.get_logger().set_level(LoggingSeverity.WARN)
         node.on_ended = stop_request.set
         closing.callback(node.destroy_node)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
         node.start()
         closing.callback(node.stop)
-        stop = threading.Event()
-        thread = threading.Thread(
-            target=_spin, args=(executor, stop, stop_request.set), name='executor'
-        )
-        thread.start()
-        closing.callback(_end_spin, executor, stop, thread)
+        spin_in_thread(node, closing, stop_request.set)
         terminal = Terminal(
             lambda text: node.get_logger().info(text),
             lambda text: node.get_logger().warning(text),
@@ -83,6 +78,22 @@ def run_player(
         if node.session.late:
             closing.seconds -= LAST_WAIT_S
         return losses
+
+
+def spin_in_thread(node: Node, closing: Closing, ended: Callable[[], None]) -> None:
+    """Run the callbacks of a node in a thread, until it is closed or ROS shuts down.
+
+    Args:
+        node: The node.
+        closing: Ends the thread.
+        ended: Called when it has ended.
+    """
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    stop = threading.Event()
+    thread = threading.Thread(target=_spin, args=(executor, stop, ended), name='executor')
+    thread.start()
+    closing.callback(_end_spin, executor, stop, thread)
 
 
 def _spin(

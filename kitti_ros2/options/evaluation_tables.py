@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 from .bag_results import BagResultsOptions
 from .declare import options_of, parse_values, values_for
 from .eval_detection import DetectionOptions
+from .eval_live import LiveOptions
 from .eval_odometry import OdometryOptions
 from .read import ReadOptions
-from .table import SOURCE
+from .table import PLAY, SOURCE, make_play_settings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,6 +22,12 @@ DETECTION = (
     *options_of(DetectionOptions),
     *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
 )
+_OF_PLAYER = {
+    *('layout', 'sequence', 'deskew', 'undo_deskew'),
+    *('start', 'end', 'preset', 'map', 'tf', 'ring_time'),
+}
+_PLAYED = tuple(each for each in PLAY if each.name in _OF_PLAYER)
+LIVE = (*options_of(LiveOptions), *_PLAYED)
 _OF_FOLDERS = {'layout', 'sequence', 'epoch'}
 ODOMETRY = (
     *options_of(OdometryOptions),
@@ -48,6 +55,18 @@ def make_detection_options(
     parsed = parse_values(values, DETECTION)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     return read, DetectionOptions(**values_for(DetectionOptions, parsed))
+
+
+def make_live_options(values: Mapping[str, object]) -> tuple[LiveOptions, dict[str, object]]:
+    """Make the options of eval live from values by name, and those of its player by name.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    options = LiveOptions(**values_for(LiveOptions, parse_values(values, LIVE)))
+    played = {name: value for name, value in values.items() if name in _OF_PLAYER}
+    make_play_settings(played)
+    return options, played
 
 
 def make_odometry_options(

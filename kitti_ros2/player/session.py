@@ -207,6 +207,10 @@ class Session:
             self._complain(loss.message, loss.count)
         frame = int(self.program.frames[event.position])
         if frame != self._frame:
+            if self.playback.options.lossless and not self._wait_for(
+                lambda seconds: self._transport.may_begin(frame, seconds)
+            ):
+                return
             if self._frame is not None:
                 self._clear_stale()
             self._frame = frame
@@ -238,7 +242,9 @@ class Session:
             data = restamp_message(
                 data, self.program.channels[outlet].msgtype, self._wall_time(due_ns)
             )
-        if self.playback.options.lossless and not self._wait_for_room(outlet):
+        if self.playback.options.lossless and not self._wait_for(
+            lambda seconds: self._transport.make_room(outlet, seconds)
+        ):
             return 0
         now = time.monotonic_ns()
         if self.on_publish is not None:
@@ -250,9 +256,9 @@ class Session:
         self.counts.late_ns = max(self.counts.late_ns, now - due_ns)
         return 1
 
-    def _wait_for_room(self, outlet: int) -> bool:
-        """Wait until subscribers have room; False if stopped."""
-        while not self._transport.make_room(outlet, _PATIENCE_S):
+    def _wait_for(self, ready: Callable[[float], bool]) -> bool:
+        """Wait for subscribers, by a function that waits some seconds; False if stopped."""
+        while not ready(_PATIENCE_S):
             if self.playback.stopped:
                 return False
         return True

@@ -85,6 +85,10 @@ class Transport(ABC):
         """Wait until an outlet has room for one more message; return whether it has."""
         return True
 
+    def may_begin(self, frame: int, seconds: float) -> bool:  # noqa: ARG002 - always here
+        """Wait until the messages of a frame may be published, in lossless mode; return whether."""
+        return True
+
     @abstractmethod
     def tell_time(self, stamp_ns: int) -> None:
         """Publish the recording's time."""

@@ -17,6 +17,7 @@ from kitti_ros2.api.draw import DRAW
 from kitti_ros2.api.keywords import (
     CropKeywords,
     DrawKeywords,
+    LiveKeywords,
     OdometryKeywords,
     ReadKeywords,
     SplitKeywords,
@@ -29,7 +30,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.dataset_tables import CROP, SPLIT
 from kitti_ros2.options.declare import options_of
-from kitti_ros2.options.evaluation_tables import ODOMETRY
+from kitti_ros2.options.evaluation_tables import LIVE, ODOMETRY
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import TO_BAG, TO_KITTI
 
@@ -185,6 +186,7 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
         (CropKeywords, CROP),
         (SplitKeywords, SPLIT),
         (DrawKeywords, DRAW),
+        (LiveKeywords, LIVE),
         (OdometryKeywords, ODOMETRY),
     ],
 )

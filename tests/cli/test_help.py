@@ -38,6 +38,7 @@ COMMANDS = {
     'play': '[SRC]',
     'eval detection': 'GROUND_TRUTH RESULTS',
     'eval odometry': 'GT RESULT',
+    'eval live': 'SRC',
 }
 TABLES = {
     'to-bag': table.TO_BAG,
@@ -55,6 +56,7 @@ TABLES = {
     'eval detection': evaluation_tables.DETECTION,
     'eval odometry': evaluation_tables.ODOMETRY,
     'eval tracking': evaluation_tables.TRACKING,
+    'eval live': evaluation_tables.LIVE,
 }
 
 

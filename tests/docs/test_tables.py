@@ -83,6 +83,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'eval detection': evaluation_tables.DETECTION,
         'eval odometry': evaluation_tables.ODOMETRY,
         'eval tracking': evaluation_tables.TRACKING,
+        'eval live': evaluation_tables.LIVE,
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]

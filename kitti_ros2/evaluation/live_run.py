@@ -1,0 +1,292 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""One run of a stack: it is started, played to, recorded and stopped."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ..bags.writer import guess_storage, open_bag
+from ..messages.cdr import deserialize
+from ..messages.header import peek_header, stamp_ns_of
+from ..messages.ros_types import TYPESTORE
+from ..model.channels import Channel
+from ..model.errors import KittiRos2Error, UsageError
+from ..model.losses import Loss
+from ..model.msgtypes import MARKERS, TF
+from ..model.spelling import did_you_mean
+from ..model.stamps import NS_PER_S, format_stamp
+from ..model.text import format_count, some_of
+from ..options.bag import BagOptions
+from ..player.answers import Answers
+from .node_process import NodeProcess, StackError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from ..bags.writer import BagWriter
+    from ..node.live_player import LivePlayer
+    from ..options.eval_live import LiveOptions
+
+    Progress = Callable[[int, int], None]
+
+_LOOK_EVERY_S = 0.02
+_TRANSFORMS = (Channel('/tf', TF, depth=100), Channel('/tf_static', TF, latched=True, depth=100))
+
+
+@dataclass
+class LiveRun:
+    """What happened in a run.
+
+    Attributes:
+        answers: The answers of the stack.
+        msgtype: The type of the topic.
+        losses: What the stack did not answer, and what could not be played.
+        notes: Other remarks, one line each.
+    """
+
+    answers: Answers
+    msgtype: str = ''
+    losses: list[Loss] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The frames that were sent and not answered."""
+        answered = self.answers.latencies_ns
+        return tuple(number for number in self.answers.frames() if number not in answered)
+
+
+def record_run(
+    source: Path,
+    options: LiveOptions,
+    played: Mapping[str, object],
+    bag: Path,
+    show: Callable[[bytes], object],
+    progress: Progress,
+) -> LiveRun:
+    """Play a source to a stack and write its results to a bag, with the transforms.
+
+    Args:
+        source: A KITTI folder or a bag.
+        options: Those of the run.
+        played: Those of the player, by name.
+        bag: The bag to write.
+        show: Called with each line of the node's output.
+        progress: Called with the numbers of answered frames and of all.
+
+    Raises:
+        KittiRos2Error: The source cannot be played, or the stack does not start or answer.
+    """
+    from ..node.live_player import open_live_player  # noqa: PLC0415 - needs rclpy
+
+    answers = Answers(options.timeout_ns)
+    storage = BagOptions(storage=guess_storage(bag), overwrite=options.overwrite)
+    with (
+        open_bag(bag, storage, TYPESTORE) as writer,
+        open_live_player(source, played, options.wait_for, answers) as player,
+        NodeProcess(options.node, show) if options.node else nullcontext() as node,
+    ):
+        stage = _Stage(player, node, options, writer, answers)
+        stage.wait_until_ready()
+        stage.play(progress)
+    if node is not None and node.killed:
+        stage.run.notes.append('the node was killed: it ended neither by SIGINT nor by SIGTERM')
+    return stage.run
+
+
+class _Stage:
+    """The player, the node and the bag of a run."""
+
+    def __init__(
+        self,
+        player: LivePlayer,
+        node: NodeProcess | None,
+        options: LiveOptions,
+        bag: BagWriter,
+        answers: Answers,
+    ) -> None:
+        self._player = player
+        self._node = node
+        self._options = options
+        self._bag = bag
+        self._answers = answers
+        self._begin_ns = int(player.session.program.stamps_ns[0])
+        self._error: KittiRos2Error | None = None
+        self._writing = threading.Lock()
+        self.run = LiveRun(answers, notes=[*player.session.program.notes()])
+
+    def wait_until_ready(self) -> None:
+        """Wait until the topic has a publisher, and enough nodes subscribe.
+
+        Raises:
+            StackError: The node has ended, or the time is up.
+            UsageError: Results of the topic's type cannot be scored.
+        """
+        self._refuse_own_topic()
+        end = time.monotonic() + self._options.start_timeout_ns / NS_PER_S
+        while not (self._hears() and not self._player.playback.state().waiting):
+            if self._node is not None and (how := self._node.ended()):
+                raise StackError(f'the node ended before the first frame: {how}')
+            if time.monotonic() > end:
+                raise StackError(self._what_is_missing())
+            time.sleep(_LOOK_EVERY_S)
+        for channel in _TRANSFORMS:
+            self._record(channel)
+
+    def play(self, progress: Progress) -> None:
+        """Play everything and wait for the last answer; what went wrong becomes a loss.
+
+        Raises:
+            StackError: The stack has answered no frame.
+            KittiRos2Error: The player or the bag failed.
+        """
+        player, answers = self._player, self._answers
+        total = len({*player.session.program.frames.tolist()})
+        player.playback.resume()
+        problem = ''
+        while not (problem or (player.ended.is_set() and answers.all_in())):
+            time.sleep(_LOOK_EVERY_S)
+            progress(len(answers.latencies_ns), total)
+            problem = self._problem()
+        player.playback.stop()
+        player.ended.wait()
+        if player.error is not None:
+            raise player.error
+        if not answers.latencies_ns:
+            raise StackError(self._why_nothing(problem))
+        self._report(problem, total)
+
+    def _hears(self) -> bool:
+        """Subscribe to the topic once it has a publisher; return whether it is connected."""
+        topic = self._options.topic
+        found = [] if self.run.msgtype else self._player.types_of(topic)
+        if found:
+            self.run.msgtype = self._choose(found)
+            self._record(Channel(topic, self.run.msgtype))
+        return self._player.hears(topic)
+
+    def _choose(self, found: list[str]) -> str:
+        """Return the type to subscribe to, of those that the topic has.
+
+        Raises:
+            UsageError: It is not the one requested, one of several, or none that can be scored.
+        """
+        chosen = self._options.msgtype or found[0]
+        if chosen not in found or (len(found) > 1 and self._options.msgtype is None):
+            raise UsageError(f'{self._options.topic} is {" and ".join(found)}; give --type')
+        self._options.task_of(chosen)
+        return chosen
+
+    def _record(self, channel: Channel) -> None:
+        """Subscribe to a topic, and write its messages to the bag."""
+        with self._writing:
+            number = self._bag.add_channel(channel)
+        is_result = channel.topic == self._options.topic
+
+        def receive(data: bytes) -> None:
+            try:
+                if is_result:
+                    self._answers.received(stamp_of(data, channel.msgtype))
+                with self._writing:
+                    stamp_ns = self._answers.newest_ns or self._begin_ns
+                    self._bag.write(number, stamp_ns, (data,))
+            except KittiRos2Error as error:
+                self._error = self._error or error
+
+        self._player.hear(channel.topic, channel.msgtype, receive)
+
+    def _problem(self) -> str:
+        """Return why the run cannot continue; empty if it can."""
+        answers = self._answers
+        if self._error is not None:
+            raise self._error
+        if self._node is not None and (how := self._node.ended()):
+            return f'the node ended early: {how}'
+        if answers.flooded():
+            frames = format_count(len(answers.frames()), 'frame')
+            return f'{answers.messages} messages for {frames}; a node answers each frame once'
+        if answers.silent():
+            return f'no answer within {self._options.timeout_ns / NS_PER_S:g} s'
+        return ''
+
+    def _refuse_own_topic(self) -> None:
+        topics = [channel.topic for channel in self._player.session.program.channels]
+        if self._options.topic in topics:
+            raise UsageError(f'{self._options.topic} is played itself; give a topic of the node')
+
+    def _what_is_missing(self) -> str:
+        topic, seconds = self._options.topic, self._options.start_timeout_ns / NS_PER_S
+        if not self._player.hears(topic):
+            others = self._player.others()
+            hint = did_you_mean(topic, others) or (
+                f'; others publish {some_of(others)}' if others else '; nobody publishes anything'
+            )
+            return f'{topic} has no publisher after {seconds:g} s{hint}'
+        channels = self._player.session.program.channels
+        offered = some_of([each.topic for each in channels if each.on_demand])
+        needed = self._options.wait_for
+        few = 'no node' if needed == 1 else f'fewer than {needed} nodes'
+        return f'{few} subscribed to the player within {seconds:g} s; it offers {offered}'
+
+    def _why_nothing(self, problem: str) -> str:
+        answers = self._answers
+        frames = format_count(len(answers.frames()), 'frame')
+        said = f'{self._options.topic}: no frame was answered ({frames} sent)'
+        if problem:
+            said += f'; {problem}'
+        return f'{said}; {self._describe_strays()}' if answers.strays else said
+
+    def _describe_strays(self) -> str:
+        answers = self._answers
+        first = answers.first_stray_ns
+        shown = 'none' if first is None or first < 0 else format_stamp(first)
+        return (
+            f'{format_count(answers.strays, "message")} with the stamp of no frame, the first'
+            f' {shown}; a result must have the stamp of the scan or image that it was made from'
+        )
+
+    def _report(self, problem: str, total: int) -> None:
+        """Note what was not answered, sent or played."""
+        answers, run, topic = self._answers, self.run, self._options.topic
+        sent = len(answers.frames())
+        missing = run.missing
+        if problem and (missing or sent < total):
+            run.losses.append(
+                Loss(topic, max(1, total - sent), f'{problem}; {sent} of {total} frames were sent')
+            )
+        elif sent < total:
+            count = format_count(total - sent, 'frame')
+            run.notes.append(f'{count} of {total} have nothing that the node subscribes to')
+        if missing:
+            run.losses.append(Loss(topic, len(missing), 'no answer to frames {}', missing))
+        if answers.strays:
+            run.losses.append(Loss(topic, answers.strays, self._describe_strays()))
+        if answers.repeated:
+            run.notes.append(f'{answers.repeated} more messages for frames answered before')
+        if answers.on_the_way > 1:
+            run.notes.append(
+                f'up to {answers.on_the_way} frames were on their way at once, because an answer'
+                f' came late or not at all; latencies include the wait'
+            )
+        for reason, lost in self._player.session.counts.dropped.items():
+            run.losses.append(Loss('player', max(1, lost), reason))
+
+
+def stamp_of(data: bytes, msgtype: str) -> int | None:
+    """Return the stamp of a serialised result, nanoseconds; None if it has none.
+
+    That of a MarkerArray is the latest of its markers: the first may only delete the others.
+    """
+    try:
+        if msgtype != MARKERS:
+            return peek_header(data)[0]
+        markers = deserialize(data, MARKERS).markers
+    except Exception:  # noqa: BLE001 - a damaged message may raise anything
+        return -1
+    return max((stamp_ns_of(marker.header) for marker in markers), default=0) or None

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stack is played to, recorded, scored and stopped; what goes wrong is said in one line."""
+
+import re
+import shlex
+import sys
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import kitti_ros2
+from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.evaluation import live, live_run
+from kitti_ros2.evaluation.node_process import StackError
+from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.messages.header import peek_header
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.losses import Loss
+from kitti_ros2.model.msgtypes import CLOUD, DETECTIONS_3D, TF
+from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.evaluation_tables import make_live_options
+from kitti_ros2.player.answers import Answers
+
+pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
+
+TOPIC = '/answering/boxes'
+FRAMES = 5
+
+
+def node(behaviour):
+    program = Path(__file__).with_name('answering_node.py')
+    return shlex.join([sys.executable, str(program), behaviour])
+
+
+@dataclass(frozen=True)
+class NoScores:
+    """What scoring returns; the tests here are about the run."""
+
+    losses: tuple = ()
+    notes: tuple = ()
+
+
+@pytest.fixture
+def run(recordings, monkeypatch):
+    """Run a node on the synthetic drive."""
+    scored = []
+
+    def score(*given):
+        scored.append(given)
+        return NoScores()
+
+    def run(behaviour, **options):
+        scored.clear()
+        monkeypatch.setattr(live, 'score_results', score)
+        return live.evaluate_live(
+            recordings[Layout.RAW],
+            **{'topic': TOPIC, 'node': node(behaviour), 'timeout': 3, **options},
+        ), scored
+
+    return run
+
+
+def test_every_frame_is_answered_and_recorded(run, tmp_path, recordings):
+    out = tmp_path / 'boxes.mcap'
+    found, ((task, source, bag, topic, _),) = run('all', out=out, timeout=60)
+    assert (task, source, bag, topic) == ('detection', recordings[Layout.RAW], out, TOPIC)
+    assert (found.frames, found.missing, found.stragglers) == (FRAMES, (), 0)
+    assert [*found.latencies_ns] == [0, 1, 2, 3, 4]
+    assert 0 < found.latency.median_ms <= found.latency.p95_ms <= found.latency.max_ms
+    assert found.losses == ()
+    assert found.notes == ()
+    with open_messages(out, {TOPIC, '/tf_static'}) as messages:
+        by_topic = {}
+        for each in messages:
+            by_topic.setdefault(each.topic, []).append(each)
+    scans = [frame.stamp_ns for frame in kitti_ros2.open(recordings[Layout.RAW])]
+    assert [peek_header(each.data)[0] for each in by_topic[TOPIC]] == scans
+    assert [each.stamp_ns for each in by_topic[TOPIC]] == scans
+    (box,) = deserialize(by_topic[TOPIC][0].data, DETECTIONS_3D).detections
+    assert box.results[0].hypothesis.class_id == 'Car'
+    assert by_topic['/tf_static']
+    assert summarize_bag(out).complete
+
+
+def test_a_node_that_answers_late_gets_the_next_frame(run):
+    found, _ = run('late')
+    assert found.missing == (FRAMES - 1,)
+    assert found.losses == (Loss(TOPIC, 1, 'no answer to frames {}', (FRAMES - 1,)),)
+    assert found.stragglers == 0
+    assert 'up to 2 frames were on their way at once' in found.notes[0]
+
+
+def test_a_node_that_crashes_costs_the_frames_that_follow(run):
+    found, _ = run('crash', timeout=60)
+    assert [*found.latencies_ns] == [0, 1]
+    first, second = (loss.text() for loss in found.losses)
+    assert first == (
+        'the node ended early: killed by SIGABRT; its last line: out of memory;'
+        ' 3 of 5 frames were sent'
+    )
+    assert second == 'no answer to frames 2'
+
+
+def test_a_flood_is_stopped(run):
+    found, _ = run('flood', timeout=60)
+    assert found.latencies_ns
+    assert re.search(
+        r'\d+ messages for \d frames?; a node answers each frame once', found.losses[0].message
+    )
+    assert 'more messages for frames answered before' in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    ('behaviour', 'complaint'),
+    [
+        ('exit', r'the node ended before the first frame: exit code 1; its last line: no module'),
+        ('silent', r'no frame was answered \(\d frames? sent\); no answer within 1 s$'),
+        ('now', r'within 1 s; \d messages? with the stamp of no frame, the first 20'),
+    ],
+)
+def test_a_node_without_answers_is_an_error(behaviour, complaint, run, tmp_path):
+    with pytest.raises(StackError, match=complaint):
+        run(behaviour, timeout=1, out=tmp_path / 'a.mcap')
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    ('options', 'complaint'),
+    [
+        ({'topic': '/kitti/labels/detections'}, '/kitti/labels/detections is played itself'),
+        ({'task': 'odometry'}, 'Detection3DArray, which cannot be scored as odometry'),
+        ({'type': 'nav_msgs/msg/Odometry', 'task': 'tracking'}, 'cannot be scored as tracking'),
+        ({'type': 'nav_msgs/msg/Odometry'}, 'is vision_msgs/msg/Detection3DArray; give --type'),
+        ({'type': 'sensor_msgs/msg/Imu'}, 'which cannot be scored; expected one of vision_msgs'),
+        ({'topic': 'boxes'}, "'boxes' is no full name of a topic"),
+        ({'topic': '/my boxes'}, "'/my boxes' is no full name of a topic"),
+        ({'topic': ''}, '--topic is missing'),
+        ({'timeout': 0}, 'timeout 0 is not within 1 to 3600'),
+        ({'wait_for': 0}, 'wait_for 0 is not within 1 to 1000'),
+        ({'task': 'detecting'}, "task takes detection, tracking or odometry, not 'detecting'"),
+    ],
+)
+def test_what_cannot_be_scored_is_refused_before_it_is_played(options, complaint, run):
+    with pytest.raises(UsageError, match=re.escape(complaint)):
+        run('all', **options)
+
+
+class Waiting:
+    """A player to which nobody has subscribed, in a graph with a misspelt topic."""
+
+    def __init__(self, heard):
+        self._heard = heard
+        self.session = self.program = self.playback = self
+        self.channels = [Channel('/kitti/velo/points', CLOUD), Channel('/tf', TF)]
+        self.stamps_ns = [0]
+        self.waiting = True
+
+    def state(self):
+        return self
+
+    def notes(self):
+        return ()
+
+    def types_of(self, _):
+        return [DETECTIONS_3D] if self._heard else []
+
+    def hear(self, topic, msgtype, receive):
+        pass
+
+    def hears(self, _):
+        return self._heard
+
+    def others(self):
+        return [TOPIC, '/tf']
+
+
+@pytest.mark.parametrize(
+    ('heard', 'complaint'),
+    [
+        (False, '/answering/bxes has no publisher after 1 s; did you mean /answering/boxes?'),
+        (
+            True,
+            'no node subscribed to the player within 1 s; it offers /kitti/velo/points',
+        ),
+    ],
+)
+def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monkeypatch):
+    clock = SimpleNamespace(monotonic=count().__next__, sleep=lambda _: None)
+    monkeypatch.setattr(live_run, 'time', clock)
+    options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
+    with open_bag(tmp_path / 'a.mcap', BagOptions(), TYPESTORE) as bag:
+        stage = live_run._Stage(Waiting(heard), None, options, bag, Answers(1))
+        with pytest.raises(StackError, match=re.escape(complaint)):
+            stage.wait_until_ready()
