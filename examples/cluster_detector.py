@@ -35,15 +35,17 @@ if TYPE_CHECKING:
 
 RANGE_M = 60.0
 GROUND_CELL_M, CELL_M = 2.0, 0.3
+STEPS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]  # to a cell and around it
 LOWEST_M, HIGHEST_M = 0.3, 2.8  # of points of objects, above the ground
 LEAST_POINTS = 8
 YAWS = np.radians(np.arange(0, 90, 3))
 # By class: least and most length, width and height; the usual length and width.
 CLASSES = {
-    'Car': ((1.4, 5.8), (0.2, 2.6), (0.9, 2.3)),
+    'Car': ((1.4, 5.8), (0.0, 2.6), (0.9, 2.3)),
     'Cyclist': ((1.1, 2.2), (0.1, 1.1), (1.2, 2.2)),
     'Pedestrian': ((0.2, 1.1), (0.1, 1.0), (1.0, 2.2)),
 }
+WIDEST_CAR_M = 2.2
 USUAL = {'Car': (3.9, 1.6), 'Cyclist': (1.7, 0.6), 'Pedestrian': (0.8, 0.6)}
 
 
@@ -59,33 +61,31 @@ def cells_of(xyz: Floats, size_m: float) -> tuple[Integers, Integers, int]:
     return rows, columns, int(np.ceil(2 * RANGE_M / size_m)) + 2
 
 
-def around(grid: Any) -> list[Any]:
-    """Return a grid shifted to each of its eight neighbours; its border is empty."""
-    steps = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
-    return [np.roll(grid, step, axis=(0, 1)) for step in steps]
-
-
 def heights_above_ground(xyz: Floats) -> Floats:
     """Return the height of each point above the lowest one of the cells around it."""
     rows, columns, side = cells_of(xyz, GROUND_CELL_M)
     lowest = np.full((side, side), np.inf)
     np.minimum.at(lowest, (rows, columns), xyz[:, 2])
-    ground: Floats = np.minimum.reduce([lowest, *around(lowest)])
+    ground: Floats = np.minimum.reduce([np.roll(lowest, step, axis=(0, 1)) for step in STEPS])
     return xyz[:, 2] - ground[rows, columns]
 
 
 def clusters_of(xyz: Floats) -> list[Integers]:
     """Return the indices of the points of each cluster: occupied cells that touch."""
     rows, columns, side = cells_of(xyz, CELL_M)
-    labels = np.zeros((side, side), np.int64)
-    labels[rows, columns] = rows * side + columns
-    occupied = labels > 0
-    while True:  # the largest label spreads over all cells that touch
-        spread = np.where(occupied, np.maximum.reduce([labels, *around(labels)]), 0)
+    cells, cell_of = np.unique(rows * side + columns, return_inverse=True)
+    index = np.full(side * side, -1)
+    index[cells] = np.arange(len(cells))
+    touching = index[cells[:, None] + [row * side + column for row, column in STEPS]]
+    touching = np.where(touching < 0, np.arange(len(cells))[:, None], touching)
+    labels = np.arange(len(cells))
+    while True:  # the smallest label spreads over all cells that touch
+        spread = labels[touching].min(axis=1)
+        spread = spread[spread]
         if (spread == labels).all():
             break
         labels = spread
-    of_points = labels[rows, columns]
+    of_points = labels[cell_of]
     order = np.argsort(of_points, kind='stable')
     return np.split(order, np.flatnonzero(np.diff(of_points[order])) + 1)
 
@@ -109,13 +109,15 @@ def fit_box(identity: str, xyz: Floats, above: Floats) -> Cuboid | None:
     u, v = xyz[:, :2] @ along, xyz[:, :2] @ across
     best = int(np.argmin(np.ptp(u, axis=0) * np.ptp(v, axis=0)))
     axes, sides = np.stack([along[:, best], across[:, best]]), np.stack([u[:, best], v[:, best]])
-    if np.ptp(sides[0]) < np.ptp(sides[1]):  # x is along the longer side
-        axes, sides = np.stack([axes[1], -axes[0]]), np.stack([sides[1], -sides[0]])
-    low, high = sides.min(axis=1), sides.max(axis=1)
     height = float(above.max())
-    class_name = class_of(*(high - low), height)
+    extent = np.ptp(sides, axis=1)
+    class_name = class_of(extent.max(), extent.min(), height)
     if class_name is None:
         return None
+    is_end = class_name == 'Car' and extent.max() < WIDEST_CAR_M  # the front or the rear alone
+    if (extent[0] < extent[1]) != is_end:
+        axes, sides = np.stack([axes[1], -axes[0]]), np.stack([sides[1], -sides[0]])
+    low, high = sides.min(axis=1), sides.max(axis=1)
     grown = np.maximum(USUAL[class_name], high - low) - (high - low)
     behind = np.where(low > 0, 0.0, np.where(high < 0, 1.0, 0.5))
     low, high = low - grown * behind, high + grown * (1 - behind)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate the motion of the scanner with KISS-ICP: a lidar odometry node.
 
-pip install kiss-icp
+pip install "kiss-icp>=1.2"
 python examples/kiss_icp_odometry.py
 
 Answers every scan on /kitti/velo/points with an Odometry on /kiss_icp_odometry/odometry: the pose
@@ -38,7 +38,8 @@ def times_of(cloud: Any) -> Floats:
     if all(field.name != 'time' for field in cloud.fields):
         return np.empty(0)
     times: Floats = read_field(cloud, 'time').astype(np.float64)
-    return (times - times.min()) / max(np.ptp(times), 1e-9)
+    times -= times.min()
+    return times / max(float(times.max()), 1e-9)
 
 
 class KissIcpOdometry(Node):  # type: ignore[misc] # rclpy has no types
@@ -46,7 +47,7 @@ class KissIcpOdometry(Node):  # type: ignore[misc] # rclpy has no types
 
     def __init__(self) -> None:
         super().__init__('kiss_icp_odometry')
-        self.odometry = KissICP(load_config(None, max_range=100.0))
+        self.odometry = KissICP(load_config(None))
         self.publisher = self.create_publisher(Odometry, '~/odometry', 10)
         self.create_subscription(PointCloud2, '/kitti/velo/points', self.answer, 10)
 

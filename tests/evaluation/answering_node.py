@@ -58,7 +58,7 @@ class Behaviours:
         self._publish(time.time_ns())
 
     def flood(self, stamp_ns):
-        for _ in range(1200):
+        for _ in range(3000):
             self._publish(stamp_ns)
 
 
