@@ -69,7 +69,8 @@ def _print(found: LiveScores) -> None:
         f' maximum {latency.max_ms:.1f} ms'
     )
     for note in found.notes:
-        say(f'note: {note}')
+        if note not in found.scores.notes:  # those are printed with the scores
+            say(f'note: {note}')
     if found.bag is not None:
         say(format_path(found.bag))
 

@@ -125,8 +125,7 @@ def run_live(
             refuse_inside(source, bag)
         run = record_run(source, options, played, bag, show, progress)
         task = options.task_of(run.msgtype)
-        of_recording = {key: played[key] for key in ('layout', 'sequence') if key in played}
-        scores = score_results(task, source, bag, options.topic, of_recording)
+        scores = score_results(task, source, bag, options.topic, played)
     return LiveScores(
         task=task,
         scores=scores,
@@ -142,7 +141,7 @@ def run_live(
 
 
 def score_results(
-    task: str, source: Path, bag: Path, topic: str, of_recording: Mapping[str, object]
+    task: str, source: Path, bag: Path, topic: str, played: Mapping[str, object]
 ) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
     """Score the results in a bag against the ground truth of a source.
 
@@ -151,12 +150,14 @@ def score_results(
         source: The ground truth.
         bag: The results.
         topic: Their topic.
-        of_recording: The options layout and sequence, where they are given.
+        played: The options of the player; layout and sequence are those of the ground truth, too.
     """
     evaluate = getattr(import_module(f'.{task}', __package__), f'evaluate_{task}')
+    of_source = ('sequence',) if task == 'tracking' else ('layout', 'sequence')
+    given = {name: played[name] for name in of_source if name in played}
     with warnings.catch_warnings():  # the losses are those of the run, too
         warnings.simplefilter('ignore', KittiRos2Warning)
-        return evaluate(source, bag, topic=topic, **of_recording)
+        return evaluate(source, bag, topic=topic, **given)
 
 
 def _latency(latencies_ns: Mapping[int, int]) -> Latency:

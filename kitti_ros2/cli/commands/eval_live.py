@@ -15,7 +15,7 @@ def eval_live(
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Play a recording to a running stack, score its results, measure latency.
+    """Play to a running stack, score its results, measure its latency.
 
     SRC is played lossless, with /clock: a frame is sent when the one before is answered. The node
     is started, its results are recorded, and it is stopped at the end. Boxes are scored as eval
@@ -23,8 +23,8 @@ def eval_live(
     receiving the result with its stamp.
 
     Examples:
-      kitti-ros2 eval live tracking --sequence 0000 --node 'ros2 run my_pkg detector' --topic /boxes
-      kitti-ros2 eval live drive_0005.mcap --node ./slam.sh --topic /odom -o odom.mcap
+      kitti-ros2 eval live tracking --node 'python detector.py' --topic /boxes
+      kitti-ros2 eval live drive_0005.mcap --node ./slam.sh --topic /odom --json
     """
     from ..eval_live import run_eval_live
 
