@@ -79,6 +79,9 @@ class FakeTransport:
     def publish(self, outlet, _data, _stamp_ns):
         self.happened.append(outlet)
 
+    def may_begin(self, _frame, _seconds):
+        return True
+
     def make_room(self, _outlet, _seconds):
         return self.has_room()
 
