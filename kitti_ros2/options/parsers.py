@@ -248,7 +248,7 @@ def _flat(value: object) -> list[object]:
     return [value]
 
 
-def parse_overlaps(name: str, value: object) -> LeastOverlaps:
+def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     """Parse an IoU of all classes, such as 0.5, and those of some, such as Car=0.7."""
     items = value if isinstance(value, (list, tuple)) else [value]
     words = [word for item in items for word in str(item).replace(',', ' ').split()]

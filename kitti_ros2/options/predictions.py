@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from .declare import option
-from .parsers import parse_overlaps, parse_path
+from .parsers import parse_least_overlaps, parse_path
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,7 @@ class PredictionOptions:
     iou: LeastOverlaps | None = option(
         None,
         'True positives have a greater IoU with a label: 0.5 for all classes, Car=0.5 for one',
-        parse_overlaps,
+        parse_least_overlaps,
         unset='0.7 for vehicles, 0.5 for others',
         live=True,
         any_type=True,

@@ -8,7 +8,7 @@ import pytest
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from kitti_ros2.options.parsers import parse_overlaps
+from kitti_ros2.options.parsers import parse_least_overlaps
 from kitti_ros2.options.table import make_settings, make_view_settings
 
 
@@ -26,9 +26,9 @@ from kitti_ros2.options.table import make_settings, make_view_settings
 def test_overlaps(value, expected):
     if expected is None:
         with pytest.raises(UsageError, match='iou takes an IoU'):
-            parse_overlaps('iou', value)
+            parse_least_overlaps('iou', value)
         return
-    assert parse_overlaps('iou', value) == expected
+    assert parse_least_overlaps('iou', value) == expected
 
 
 @pytest.mark.parametrize(
@@ -36,13 +36,13 @@ def test_overlaps(value, expected):
 )
 def test_what_is_no_overlap_is_refused(value):
     with pytest.raises(UsageError, match=r'iou takes an IoU of at least 0 and below 1, such as'):
-        parse_overlaps('iou', value)
+        parse_least_overlaps('iou', value)
 
 
 def test_classes_without_a_value_have_the_common_one_or_that_of_kitti():
-    chosen = parse_overlaps('iou', 'Car=0.5 0.25')
+    chosen = parse_least_overlaps('iou', 'Car=0.5 0.25')
     assert [chosen.of(name) for name in ('Car', 'car', 'Van', 'x')] == [0.5, 0.5, 0.25, 0.25]
-    assert parse_overlaps('iou', 'Car=0.5').of('Van') == 0.7
+    assert parse_least_overlaps('iou', 'Car=0.5').of('Van') == 0.7
 
 
 @pytest.mark.parametrize('make', [make_settings, make_view_settings])

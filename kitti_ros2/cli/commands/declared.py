@@ -117,7 +117,7 @@ def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
         parsers.parse_class_overlaps: Optional[list[str]],
         parsers.parse_paths: Optional[list[str]],
         parsers.parse_shares: Optional[list[str]],
-        parsers.parse_overlaps: Optional[list[str]],
+        parsers.parse_least_overlaps: Optional[list[str]],
     }
     return kinds.get(option.parse, Optional[str])
 
