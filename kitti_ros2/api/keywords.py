@@ -166,6 +166,9 @@ class DetectionKeywords(TypedDict, total=False):
     classes: OneOrMore | Mapping[str, float | None]
     frames: str | os.PathLike[str] | None
     loose: bool
+    topic: str | None
+    class_map: OneOrMore | Mapping[str, str]
+    tolerance: float | None
     layout: str | None
     sequence: str | None
 

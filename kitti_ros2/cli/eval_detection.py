@@ -47,7 +47,7 @@ def run_eval_detection(
 
     Args:
         ground_truth: The labels.
-        results: The result files.
+        results: The result files, or a bag.
         given: The options of eval detection.
         out: The chart to draw, None for none.
         overwrite: Whether an existing chart may be replaced.
@@ -59,11 +59,13 @@ def run_eval_detection(
     """
     keep_imports()
     keep_freed_memory()
-    read, options = make_detection_options(given)
+    read, options, recorded = make_detection_options(given)
     refusal = check_plot(out, (ground_truth, results), overwrite=overwrite)
     with step_progress('reading', show=not quiet) as progress:
         files = count(1)
-        scores = score_paths(ground_truth, results, read, options, lambda: progress(next(files)))
+        scores = score_paths(
+            ground_truth, results, read, options, recorded, lambda: progress(next(files))
+        )
     if out is not None:
         from ..evaluation.detection_plot import draw_curves
 

@@ -88,8 +88,9 @@ def run_report(
 
 def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
     from ..evaluation.detection import score_paths
+    from ..options.bag_results import BagResultsOptions
 
-    return score_paths(src, results, options, DetectionOptions())
+    return score_paths(src, results, options, DetectionOptions(), BagResultsOptions())
 
 
 def _open(page: Path) -> None:

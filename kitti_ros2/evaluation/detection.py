@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of detections: KITTI's object benchmark on folders of result files."""
+"""Scores of detections: KITTI's object benchmark on result files, or on results in a bag."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from ..api.keywords import by_name
 from ..api.source import warn
+from ..bags.locate import looks_like_bag
+from ..kitti.names import OBJECT_LABELS
 from ..model.boxes import DONT_CARE
 from ..model.difficulty import Difficulty
 from ..options.evaluation_tables import DETECTION, make_detection_options
@@ -18,7 +20,7 @@ from .ground_truth_labels import read_ground_truth
 from .object_benchmark import evaluate_class, select_class
 from .object_table import table_of
 from .overlap import Space, find_overlaps
-from .result_files import read_results
+from .result_files import FrameBoxes, read_results
 from .result_notes import notes_on
 
 if TYPE_CHECKING:
@@ -29,12 +31,13 @@ if TYPE_CHECKING:
 
     from ..api.keywords import DetectionKeywords
     from ..model.losses import Loss
+    from ..options.bag_results import BagResultsOptions
     from ..options.eval_detection import DetectionOptions
     from ..options.read import ReadOptions
     from .object_benchmark import Curve, Scores
     from .object_table import ObjectTable
     from .overlap import Overlaps
-    from .result_files import FrameBoxes, Progress
+    from .result_files import Progress
 
 ORIENTATION = 'aos'
 LOOSE = {'car': 0.5, 'pedestrian': 0.25, 'cyclist': 0.25}
@@ -88,7 +91,7 @@ def evaluate_detection(
     Args:
         ground_truth: label_2, a split or root of the object layout, a tracking label file, or the
             folder of a recording with labels.
-        results: A folder of result files, NNNNNN.txt, or a tracker's file.
+        results: A folder of result files, NNNNNN.txt, a tracker's file, or a bag.
         progress: Called for each file that is read.
         options: Those of `kitti-ros2 eval detection --help`, with the same defaults:
             classes={'car': 0.7, 'truck': 0.5}, frames='ImageSets/val.txt', loose=True.
@@ -105,8 +108,9 @@ def evaluate_detection(
         >>> found.frames, found.scores['car']['3d']['moderate'].r40
         (..., ...)
     """
-    read, chosen = make_detection_options(by_name(options, DETECTION))
-    found = score_paths(Path(ground_truth), Path(results), read, chosen, progress or _nothing)
+    read, chosen, recorded = make_detection_options(by_name(options, DETECTION))
+    show = progress or _nothing
+    found = score_paths(Path(ground_truth), Path(results), read, chosen, recorded, show)
     for loss in found.losses:
         warn(loss.text())
     return found
@@ -117,15 +121,48 @@ def score_paths(
     results: Path,
     read: ReadOptions,
     options: DetectionOptions,
+    recorded: BagResultsOptions,
     progress: Progress = _nothing,
 ) -> DetectionScores:
     """Score the results at a path with the labels at another.
 
+    Args:
+        ground_truth: The labels.
+        results: Result files, or a bag.
+        read: Layout and sequence of the ground truth.
+        options: What is scored.
+        recorded: Options of a bag.
+        progress: Called for each file that is read.
+
     Raises:
         KittiRos2Error: A path cannot be read, or no frame has both.
     """
-    found = read_results(results, progress)
+    if looks_like_bag(results):
+        found = _read_bag(results, ground_truth, read, recorded)
+    else:
+        found = read_results(results, progress)
     return score_frames(read_ground_truth(ground_truth, read, progress), found, options)
+
+
+def _read_bag(
+    path: Path, ground_truth: Path, read: ReadOptions, options: BagResultsOptions
+) -> FrameBoxes:
+    """Read the results in a bag; the ground truth has the stamps and calibrations of the frames."""
+    from ..bags.open_folder import open_folder  # noqa: PLC0415 - readers of bags take 0.2 s
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
+    from .bag_results import read_bag_results  # noqa: PLC0415 - as above
+
+    folder = ground_truth.absolute()
+    recording = open_folder(folder.parent if folder.name == OBJECT_LABELS else folder, read)
+    with open_bag_source(path) as bag:
+        found = read_bag_results(
+            bag,
+            options.topic,
+            recording,
+            dict(options.class_map),
+            tolerance_ns=options.tolerance_ns,
+        )
+    return FrameBoxes(path, found.boxes, losses=found.losses, notes=found.notes)
 
 
 def score_frames(

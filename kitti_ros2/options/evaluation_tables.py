@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 DETECTION = (
     *options_of(DetectionOptions),
+    *options_of(BagResultsOptions),
     *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
 )
 _OF_PLAYER = {
@@ -46,7 +47,7 @@ TRACKING = (
 
 def make_detection_options(
     values: Mapping[str, object],
-) -> tuple[ReadOptions, DetectionOptions]:
+) -> tuple[ReadOptions, DetectionOptions, BagResultsOptions]:
     """Make the options of eval detection from values by name; None is the default.
 
     Raises:
@@ -54,7 +55,8 @@ def make_detection_options(
     """
     parsed = parse_values(values, DETECTION)
     read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, DetectionOptions(**values_for(DetectionOptions, parsed))
+    recorded = BagResultsOptions(**values_for(BagResultsOptions, parsed))
+    return read, DetectionOptions(**values_for(DetectionOptions, parsed)), recorded
 
 
 def make_live_options(values: Mapping[str, object]) -> tuple[LiveOptions, dict[str, object]]:

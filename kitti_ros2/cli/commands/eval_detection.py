@@ -15,7 +15,9 @@ def eval_detection(
     ground_truth: Annotated[
         Path, argument('GROUND_TRUTH', 'label_2, an object split, or a recording with labels')
     ],
-    results: Annotated[Path, argument('RESULTS', 'Folder of result files, 000000.txt ...')],
+    results: Annotated[
+        Path, argument('RESULTS', 'Folder of result files, 000000.txt ..., or a bag')
+    ],
     out: Annotated[
         Optional[Path],
         typer.Option('--out', '-o', metavar='OUT', help='Curves to draw (.png, .pdf, .svg)'),
