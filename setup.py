@@ -81,7 +81,7 @@ EXTRAS = {
 }
 EXTRAS['test'] = [
     *EXTRAS['video'],
-    *EXTRAS['eval'],
+    'evo>=1.31,<2',  # trackeval brings a second OpenCV
     *EXTRAS['foxglove'],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ..api.keywords import by_name
 from ..api.source import warn
 from ..bags.locate import looks_like_bag
-from ..kitti.names import OBJECT_LABELS
+from ..kitti.names import OBJECT_LABELS, TXT
 from ..model.boxes import DONT_CARE
 from ..model.difficulty import Difficulty
 from ..options.evaluation_tables import DETECTION, make_detection_options
@@ -137,7 +137,7 @@ def score_paths(
     Raises:
         KittiRos2Error: A path cannot be read, or no frame has both.
     """
-    if looks_like_bag(results):
+    if results.suffix != TXT and results.exists() and looks_like_bag(results):
         found = _read_bag(results, ground_truth, read, recorded)
     else:
         found = read_results(results, progress)
