@@ -240,6 +240,8 @@ class _Stage:
         said = f'{self._options.topic}: no frame was answered ({frames} sent)'
         if problem:
             said += f'; {problem}'
+        if answers.between:
+            said += f'; {format_count(answers.between, "message")} with a stamp between two frames'
         return f'{said}; {self._describe_strays()}' if answers.strays else said
 
     def _describe_strays(self) -> str:
@@ -269,6 +271,8 @@ class _Stage:
             run.losses.append(Loss(topic, answers.strays, self._describe_strays()))
         if answers.repeated:
             run.notes.append(f'{answers.repeated} more messages for frames answered before')
+        if answers.between:
+            run.notes.append(f'{answers.between} more messages with a stamp between two frames')
         if answers.on_the_way > 1:
             run.notes.append(
                 f'up to {answers.on_the_way} frames were on their way at once, because an answer'

@@ -40,7 +40,8 @@ class Answers:
         messages: Number of messages received.
         stragglers: Answers to a frame that came after the answer to a later one.
         repeated: Messages with the stamp of a frame that was answered before.
-        strays: Messages with the stamp of no frame.
+        between: Messages with a stamp between those of two frames, as of odometry at a higher rate.
+        strays: Messages with any other stamp.
         first_stray_ns: The stamp of the first of them, None if it has none.
         on_the_way: The highest number of frames that were on their way at once.
         newest_ns: The last stamp that was published, nanoseconds; 0 before the first.
@@ -58,7 +59,7 @@ class Answers:
         self._moved_ns = 0  # the last time that a frame was sent or answered
         self._answered_ns = 0
         self.latencies_ns: dict[int, int] = {}
-        self.messages = self.stragglers = self.repeated = self.strays = 0
+        self.messages = self.stragglers = self.repeated = self.between = self.strays = 0
         self.first_stray_ns: int | None = None
         self.on_the_way = 0
         self.newest_ns = 0
@@ -95,6 +96,9 @@ class Answers:
             now = self._now_ns()
             self.messages += 1
             frame = self._frame_at(stamp_ns)
+            if frame is None and self._is_between(stamp_ns):
+                self.between += 1
+                return
             if frame is None:
                 self.strays += 1
                 self.first_stray_ns = stamp_ns if self.strays == 1 else self.first_stray_ns
@@ -158,6 +162,10 @@ class Answers:
         if not self.latencies_ns:
             return most  # the first frame takes longest
         return min(most, max(_LEAST_PATIENCE_NS, _PATIENCE * max(self.latencies_ns.values())))
+
+    def _is_between(self, stamp_ns: int | None) -> bool:
+        inside = stamp_ns is not None and self._stamps
+        return bool(inside) and self._stamps[0] < (stamp_ns or 0) < self._stamps[-1]
 
     def _frame_at(self, stamp_ns: int | None) -> int | None:
         if stamp_ns is None:

@@ -9,7 +9,6 @@ See the functions of Behaviours.
 
 import os
 import sys
-import time
 from contextlib import suppress
 
 import rclpy
@@ -53,14 +52,6 @@ class Behaviours:
     def silent(self, stamp_ns):
         """Never answers."""
 
-    def now(self, _):
-        """Answers with the current time."""
-        self._publish(time.time_ns())
-
-    def flood(self, stamp_ns):
-        for _ in range(3000):
-            self._publish(stamp_ns)
-
 
 def main(behaviour):
     if behaviour == 'exit':
@@ -68,7 +59,7 @@ def main(behaviour):
     rclpy.init()
     node = rclpy.create_node('answering')
     publisher = node.create_publisher(
-        message_class(DETECTIONS_3D, TYPESTORE), '/answering/boxes', 2000
+        message_class(DETECTIONS_3D, TYPESTORE), '/answering/boxes', 10
     )
 
     def publish(stamp_ns):

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stack is played to, recorded, scored and stopped; what goes wrong is said in one line."""
 
+import json
 import re
 import shlex
 import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.cli import eval_live, main
 from kitti_ros2.evaluation import live, live_run
 from kitti_ros2.evaluation.node_process import StackError
 from kitti_ros2.messages.cdr import deserialize
@@ -109,21 +112,11 @@ def test_a_node_that_crashes_costs_the_frames_that_follow(run):
     assert second == 'no answer to frames 2'
 
 
-def test_a_flood_is_stopped(run):
-    found, _ = run('flood', timeout=60)
-    assert found.latencies_ns
-    assert re.search(
-        r'\d+ messages for \d frames?; a node answers each frame once', found.losses[0].message
-    )
-    assert 'more messages for frames answered before' in found.notes[0]
-
-
 @pytest.mark.parametrize(
     ('behaviour', 'complaint'),
     [
         ('exit', r'the node ended before the first frame: exit code 1; its last line: no module'),
         ('silent', r'no frame was answered \(\d frames? sent\); no answer within 1 s$'),
-        ('now', r'within 1 s; \d messages? with the stamp of no frame, the first 20'),
     ],
 )
 def test_a_node_without_answers_is_an_error(behaviour, complaint, run, tmp_path):
@@ -195,8 +188,56 @@ class Waiting:
 def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monkeypatch):
     clock = SimpleNamespace(monotonic=count().__next__, sleep=lambda _: None)
     monkeypatch.setattr(live_run, 'time', clock)
+    named = pytest.raises(StackError, match=re.escape(complaint))
+    with new_stage(tmp_path, Waiting(heard), Answers(1)) as stage, named:
+        stage.wait_until_ready()
+
+
+@contextmanager
+def new_stage(folder, player, answers):
     options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
-    with open_bag(tmp_path / 'a.mcap', BagOptions(), TYPESTORE) as bag:
-        stage = live_run._Stage(Waiting(heard), None, options, bag, Answers(1))
-        with pytest.raises(StackError, match=re.escape(complaint)):
-            stage.wait_until_ready()
+    with open_bag(folder / 'a.mcap', BagOptions(), TYPESTORE) as bag:
+        yield live_run._Stage(player, None, options, bag, answers)
+
+
+def test_a_flood_is_stopped(tmp_path):
+    answers = Answers(10**12)
+    answers.sent(0, 1, scan=True)
+    with new_stage(tmp_path, Waiting(True), answers) as stage:
+        for _ in range(1100):
+            answers.received(1)
+        assert stage._problem() == ''
+        answers.received(1)
+        problem = '1101 messages for 1 frame; a node answers each frame once'
+        assert stage._problem() == problem
+
+
+def test_answers_with_the_current_time_are_explained(tmp_path):
+    answers = Answers(10**12)
+    answers.sent(0, 1_317_000_000 * 10**9, scan=True)
+    answers.received(1_700_000_000 * 10**9)
+    with new_stage(tmp_path, Waiting(True), answers) as stage:
+        assert stage._why_nothing('no answer within 30 s') == (
+            '/answering/bxes: no frame was answered (1 frame sent); no answer within 30 s; 1'
+            ' message with the stamp of no frame, the first 2023-11-14 22:13:20.000000000; a result'
+            ' must have the stamp of the scan or image that it was made from'
+        )
+
+
+def test_the_command_prints_one_document(recordings, capsys, monkeypatch):
+    commands = SimpleNamespace(scores_json=lambda _: {'detection': {}, 'frames': FRAMES})
+    monkeypatch.setattr(live, 'score_results', lambda *_: NoScores())
+    monkeypatch.setattr(eval_live, '_command_of', lambda _: commands)
+    words = ['eval', 'live', str(recordings[Layout.RAW]), '--node', node('crash'), '--json']
+    assert main([*words, '--topic', TOPIC]) == 1
+    printed = capsys.readouterr()
+    values = json.loads(printed.out)
+    assert (values['detection'], values['frames']) == ({}, FRAMES)
+    assert {name: values['live'][name] for name in ('frames', 'answered', 'missing')} == {
+        'frames': 3,
+        'answered': 2,
+        'missing': [2],
+    }
+    assert set(values['live']['latency']) == {'median_ms', 'p95_ms', 'max_ms'}
+    assert 'out of memory\n' in printed.err
+    assert 'the node ended early: killed by SIGABRT' in printed.err

@@ -153,6 +153,14 @@ def test_further_messages_and_other_stamps_are_counted(run):
     assert [*run.answers.latencies_ns] == [0]
 
 
+def test_odometry_may_have_a_higher_rate(run):
+    run.send(0, 3)
+    run.answers.received((STAMPS[0] + STAMPS[3]) // 2)
+    run.answers.received(STAMPS[0] - 50_000_000)
+    assert (run.answers.between, run.answers.strays) == (1, 1)
+    assert run.answers.latencies_ns == {}
+
+
 def test_a_message_before_the_first_frame_answers_none(run):
     run.answers.received(STAMPS[0])
     run.answers.received(None)
