@@ -72,23 +72,28 @@ def run_eval_detection(
         with staged_file(out, refusal) as path:
             draw_curves(scores, f'{results}', path)
     if json:
-        print_json(scores.percent())
+        print_json(scores_json(scores))
     elif not quiet:
-        _print(scores, ground_truth, results)
+        say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
+        print_scores(scores)
         if out is not None:
             say(format_path(out))
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
 
 
-def _print(scores: DetectionScores, ground_truth: Path, results: Path) -> None:
+def scores_json(scores: DetectionScores) -> dict[str, object]:
+    """Return the scores as they are printed as JSON."""
+    return scores.percent()
+
+
+def print_scores(scores: DetectionScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from rich.console import Console
 
     from ..evaluation.detection import LOOSE
 
     console = Console(highlight=False, soft_wrap=True)
-    say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
     for each in _tables(scores.scores, scores.limits):
         console.print()
         console.print(each, soft_wrap=False)

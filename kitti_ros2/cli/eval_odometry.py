@@ -72,26 +72,28 @@ def run_eval_odometry(
         with staged_file(out, refusal) as path:
             draw_odometry(scores, path)
     if json:
-        print_json({'odometry': {scores.name: _json_of(scores)}})
+        print_json(scores_json(scores))
     elif not quiet:
-        _print(scores)
+        print_scores(scores)
         if out is not None:
             say(format_path(out))
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
 
 
-def _json_of(scores: OdometryScores) -> dict[str, object]:
-    return {
+def scores_json(scores: OdometryScores) -> dict[str, object]:
+    """Return the scores as they are printed as JSON."""
+    figures = {
         't_err_percent': scores.t_err_percent,
         'r_err_deg_per_m': scores.r_err_deg_per_m,
         'segments': len(scores.segments),
         'ape_m': scores.ape_m,
         'rpe_m': scores.rpe_m,
     }
+    return {'odometry': {scores.name: figures}}
 
 
-def _print(scores: OdometryScores) -> None:
+def print_scores(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from rich.console import Console
 

@@ -56,21 +56,24 @@ def run_eval_tracking(
     with step_progress('scoring', show=not quiet) as progress:
         scores = score_tracking(ground_truth, results, *make_tracking_options(given), progress)
     if json:
-        print_json(
-            {
-                'tracking': scores.classes,
-                'sequences': scores.sequences,
-                'frames': scores.frames,
-                'losses': losses_json(scores.losses),
-            }
-        )
+        print_json(scores_json(scores))
     elif not quiet:
-        _print(scores)
+        print_scores(scores)
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
 
 
-def _print(scores: TrackingScores) -> None:
+def scores_json(scores: TrackingScores) -> dict[str, object]:
+    """Return the scores as they are printed as JSON."""
+    return {
+        'tracking': scores.classes,
+        'sequences': scores.sequences,
+        'frames': scores.frames,
+        'losses': losses_json(scores.losses),
+    }
+
+
+def print_scores(scores: TrackingScores) -> None:
     """Print a table for a terminal of 80 columns."""
     from rich.console import Console
 
