@@ -129,7 +129,7 @@ def root(
     ] = False,
     debug: Annotated[bool, typer.Option('--debug', help='Show tracebacks.')] = False,
 ) -> None:
-    """KITTI for ROS 2: play, draw, convert to bags and back; get, check and cut data sets.
+    """KITTI for ROS 2: play, draw, convert to bags and back; get, check, cut data; score results.
 
     Exit codes: 0 success, 1 some data was skipped (it is listed), 2 invalid usage or unreadable
     input.
