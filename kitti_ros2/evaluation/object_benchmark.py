@@ -57,9 +57,6 @@ _STEP_R11 = 4
 _COUNTED, _IGNORED, _OTHER = 0, 1, -1
 _LEAST_SCORE = -10_000_000.0
 """NO_DETECTION of the devkit: lower scores match no label in the first pass."""
-_NEIGHBOURS = {
-    name.lower(): frozenset(each.lower() for each in others) for name, others in NEIGHBOURS.items()
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +124,7 @@ def select_class(
         | (labels.box_2d[:, 3] - labels.box_2d[:, 1] <= limits.height_px)
     )
     own = labels.of_classes({class_name})
-    neighbours = labels.of_classes(_NEIGHBOURS.get(class_name, frozenset()))
+    neighbours = labels.of_classes(NEIGHBOURS.get(class_name, frozenset()))
     low = np.abs(detections.box_2d[:, 1] - detections.box_2d[:, 3]) < limits.height_px
     return ClassObjects(
         labels,

@@ -7,7 +7,7 @@ intersection over union (IoU) with a label of its class is above 0.7 for cars an
 pedestrians and cyclists, or above a chosen one; another is a false positive (FP), and a label that
 none finds a false negative (FN). Not counted are predictions on a label of a neighbouring class (a
 car on a van, a pedestrian on a person sitting) or within a DontCare region, and labels of classes
-that KITTI does not evaluate.
+that KITTI does not evaluate. Classes are compared without regard to case.
 
 Other than there, predictions choose by descending score, classes that KITTI does not evaluate count
 when they are predicted, and neither size nor occlusion makes a label too hard to count.
@@ -33,13 +33,14 @@ if TYPE_CHECKING:
     from .least_overlaps import LeastOverlaps
 
 NEIGHBOURS = {
-    'Car': frozenset({'Van'}),
-    'Pedestrian': frozenset({'Person_sitting', 'Person (sitting)'}),
+    'car': frozenset({'van'}),
+    'pedestrian': frozenset({'person_sitting', 'person (sitting)'}),
 }
-"""A class that KITTI evaluates, and those that look like it."""
+"""A class that KITTI evaluates, and those that look like it, in lower case."""
 
+_DONT_CARE = DONT_CARE.lower()
 _UNEVALUATED = frozenset(
-    {'Van', 'Truck', 'Tram', 'Person_sitting', 'Person (sitting)', 'Misc', DONT_CARE}
+    {'van', 'truck', 'tram', 'person_sitting', 'person (sitting)', 'misc', _DONT_CARE}
 )
 
 
@@ -105,9 +106,9 @@ def match(
         predictions: Of any classes; one without a score is the surest.
         overlaps: The IoU above which a prediction finds a label.
     """
-    predicted = {each.class_name for each in predictions}
+    predicted = {each.class_name.lower() for each in predictions}
     of_labels = [
-        Match(None if _is_uncounted(each.class_name, predicted) else Verdict.FALSE_NEGATIVE)
+        Match(None if _is_uncounted(each.class_name.lower(), predicted) else Verdict.FALSE_NEGATIVE)
         for each in labels
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
@@ -125,15 +126,13 @@ def _match_one(
 ) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
     best = 0.0
-    classes = (
-        frozenset({prediction.class_name}),
-        NEIGHBOURS.get(prediction.class_name, frozenset()),
-    )
+    class_name = prediction.class_name.lower()
+    classes = frozenset({class_name}), NEIGHBOURS.get(class_name, frozenset())
     for verdict, chosen in zip((Verdict.TRUE_POSITIVE, None), classes, strict=True):
         overlaps = {
             place: overlap_of(prediction, each)
             for place, each in enumerate(labels)
-            if each.class_name in chosen
+            if each.class_name.lower() in chosen
         }
         if verdict is Verdict.TRUE_POSITIVE:
             best = max(overlaps.values(), default=0.0)
@@ -145,7 +144,7 @@ def _match_one(
         if free:
             overlap, place = max(free)
             return Match(verdict, -place, overlap)
-    regions = (each for each in labels if each.class_name == DONT_CARE)
+    regions = (each for each in labels if each.class_name.lower() == _DONT_CARE)
     ignored = any(_share_within(prediction, region) > least for region in regions)
     return Match(None if ignored else Verdict.FALSE_POSITIVE, overlap=best)
 
@@ -235,4 +234,4 @@ def _sureness(prediction: Matchable) -> float:
 
 
 def _is_uncounted(class_name: str, predicted: set[str]) -> bool:
-    return class_name == DONT_CARE or (class_name in _UNEVALUATED and class_name not in predicted)
+    return class_name == _DONT_CARE or (class_name in _UNEVALUATED and class_name not in predicted)

@@ -156,6 +156,12 @@ def test_other_classes_are_not_found():
     assert verdicts(match([car(kind='Cyclist')], [car(score=1.0)])) == [[FN], [FP]]
 
 
+def test_the_case_of_classes_does_not_matter():
+    labels = [car(), car(10, kind='VAN'), flat(100, 200, kind='dontcare')]
+    predictions = [car(score=0.9, kind='car'), car(10, score=0.8, kind='CAR'), flat(110, 190, 0.7)]
+    assert verdicts(match(labels, predictions)) == [[TP, None, None], [TP, None, None]]
+
+
 @pytest.mark.parametrize(('kind', 'neighbour'), [('Car', 'Van'), ('Pedestrian', 'Person_sitting')])
 def test_a_neighbouring_class_is_neither_right_nor_wrong(kind, neighbour):
     label = car(kind=neighbour)
