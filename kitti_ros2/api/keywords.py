@@ -166,6 +166,7 @@ class DetectionKeywords(TypedDict, total=False):
     classes: OneOrMore | Mapping[str, float | None]
     frames: str | os.PathLike[str] | None
     loose: bool
+    worst: int | None
     topic: str | None
     class_map: OneOrMore | Mapping[str, str]
     tolerance: float | None

@@ -62,6 +62,22 @@ def looks_like_bag(path: Path) -> bool:
     return (path / METADATA).is_file() or any(_files(path).values())
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag by its content, or a folder that contains files of one.
+
+    Raises:
+        BadBagError: A file is empty, or irregular.
+        OSError: It cannot be read.
+    """
+    if path.is_dir() or not path.exists():
+        return looks_like_bag(path)
+    try:
+        locate_bag(path)
+    except NotABagError:
+        return False
+    return True
+
+
 def locate_bag(path: Path) -> BagFiles:
     """Locate the files of a bag, and detect its container.
 

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from contextlib import closing, nullcontext
 from itertools import count
 from typing import TYPE_CHECKING
 
-from ..evaluation.detection import ORIENTATION, score_paths
+from ..evaluation.detection import ORIENTATION, score_frames
+from ..evaluation.detection_inputs import read_frames
 from ..evaluation.overlap import Space
 from ..files.staging import staged_file
 from ..model.difficulty import Difficulty
@@ -15,19 +17,22 @@ from ..options.evaluation_tables import make_detection_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .memory import keep_freed_memory, keep_imports
-from .plot_output import check_plot
+from .plot_output import check_plot, is_picture
 from .progress import step_progress
 from .tables import cell, plain_table
 from .text import format_count, format_path, say, show_losses
+from .worst_frames import check_folder, draw_worst, print_worst, worst_json
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from rich.table import Table
 
     from ..evaluation.detection import DetectionScores
     from ..evaluation.object_benchmark import Curve, Scores
+    from ..options.read import ReadOptions
+    from ..pictures.frame import FrameSource
 
 _METRICS = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
 _NONE = '-'
@@ -49,8 +54,8 @@ def run_eval_detection(
         ground_truth: The labels.
         results: The result files, or a bag.
         given: The options of eval detection.
-        out: The chart to draw, None for none.
-        overwrite: Whether an existing chart may be replaced.
+        out: The chart to draw, or a folder for pictures of the worst frames; None for none.
+        overwrite: Whether existing output may be replaced.
         json: Whether to print JSON instead of tables.
         quiet: Print only losses.
 
@@ -60,17 +65,22 @@ def run_eval_detection(
     keep_imports()
     keep_freed_memory()
     read, options, recorded = make_detection_options(given)
-    refusal = check_plot(out, (ground_truth, results), overwrite=overwrite)
+    pictures = out is not None and options.worst is not None and not is_picture(out)
+    check = check_folder if pictures else check_plot
+    refusal = check(out, (ground_truth, results), overwrite=overwrite)
     with step_progress('reading', show=not quiet) as progress:
         files = count(1)
-        scores = score_paths(
-            ground_truth, results, read, options, recorded, lambda: progress(next(files))
+        truth, found = read_frames(
+            ground_truth, results, read, recorded, lambda: progress(next(files))
         )
-    if out is not None:
-        from ..evaluation.detection_plot import draw_curves
-
-        with staged_file(out, refusal) as path:
-            draw_curves(scores, f'{results}', path)
+    with _open_pictures(ground_truth, read) if pictures else nullcontext() as source:
+        scores = score_frames(truth, found, options)
+        losses = scores.losses
+        if out is not None and source is not None:
+            worst = scores.worst or ()
+            losses += draw_worst(source, worst, found, options, out, refusal, quiet=quiet)
+        elif out is not None:
+            _draw_curves(scores, results, out, refusal)
     if json:
         print_json(scores_json(scores))
     elif not quiet:
@@ -78,13 +88,29 @@ def run_eval_detection(
         print_scores(scores)
         if out is not None:
             say(format_path(out))
-    show_losses(scores.losses)
-    return EXIT_LOSSES if scores.losses else EXIT_OK
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _open_pictures(ground_truth: Path, read: ReadOptions) -> closing[FrameSource]:
+    from ..evaluation.worst_pictures import open_pictures
+
+    return closing(open_pictures(ground_truth, read))
+
+
+def _draw_curves(
+    scores: DetectionScores, results: Path, out: Path, refusal: Callable[[Path], str | None]
+) -> None:
+    from ..evaluation.detection_plot import draw_curves
+
+    with staged_file(out, refusal) as path:
+        draw_curves(scores, f'{results}', path)
 
 
 def scores_json(scores: DetectionScores) -> dict[str, object]:
     """Return the scores as they are printed as JSON."""
-    return scores.percent()
+    worst = {} if scores.worst is None else {'worst': worst_json(scores.worst)}
+    return {**scores.percent(), **worst}
 
 
 def print_scores(scores: DetectionScores) -> None:
@@ -104,6 +130,8 @@ def print_scores(scores: DetectionScores) -> None:
     say('average precision, percent; - has no objects, or is not evaluated')
     for note in scores.notes:
         say(f'note: {note}')
+    if scores.worst is not None:
+        print_worst(scores.worst)
 
 
 def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:

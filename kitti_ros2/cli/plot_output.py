@@ -17,7 +17,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _PLOTS = ('.png', '.pdf', '.svg')
+_OTHER_PICTURES = ('.jpg', '.jpeg', '.webp')
 _KEEP_ALL_BUT_PLOTS = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
+
+
+def is_picture(out: Path) -> bool:
+    """Whether an output is a file by its name, not a folder: a plot or another picture."""
+    return out.suffix.lower() in {*_PLOTS, *_OTHER_PICTURES}
 
 
 def check_output(

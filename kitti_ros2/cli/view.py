@@ -12,7 +12,6 @@ from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged, staged_file
 from ..kitti.result_files import ResultFiles
 from ..model.errors import UsageError
-from ..model.losses import Loss
 from ..model.spelling import did_you_mean, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_view_settings
@@ -20,7 +19,14 @@ from ..pictures.modes import MODES
 from ..pictures.movie import NO_H264, Movie, has_h264
 from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
 from ..pictures.predictions import Predictions
-from ..pictures.series import PictureTally, draw_frames, parse_frames, rate_of, select_frames
+from ..pictures.series import (
+    PictureTally,
+    concerned_losses,
+    draw_frames,
+    parse_frames,
+    rate_of,
+    select_frames,
+)
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
@@ -28,33 +34,15 @@ from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
+    from ..model.losses import Loss
     from ..options.table import ViewSettings
     from ..pictures.frame import FrameData, FrameSource
 
 _MOVIE = '.mp4'
-
-
-def _concerned(
-    source: FrameSource, settings: ViewSettings, numbers: Sequence[int]
-) -> tuple[Loss, ...]:
-    """Return the losses of the source itself that concern the requested frames and streams."""
-    wanted = MODES[settings.mode].streams(source.cameras, settings.pictures)
-    others = {stream.value for stream in Stream} - wanted - {Stream.CALIBRATION.value}
-    drawn = set(numbers)
-    found = []
-    for loss in source.losses:
-        if loss.stream in others:
-            continue
-        lost = tuple(number for number in loss.numbers if number in drawn)
-        if lost:
-            found.append(Loss(loss.stream, len(lost), loss.message, lost))
-        elif not loss.numbers:
-            found.append(loss)
-    return tuple(found)
 
 
 def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) -> int:
@@ -118,7 +106,8 @@ def _draw(
             f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
             f' took {elapsed:.1f} s{pace}'
         )
-    return (*_concerned(source, settings, numbers), *tally.losses())
+    mode = MODES[settings.mode]
+    return (*concerned_losses(source, numbers, mode, settings.pictures), *tally.losses())
 
 
 def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from ..bags.reader import open_messages, opened
 from ..importer.report import LossTally, damage
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..kitti.recording import KittiRecording
     from ..model.boxes import Box
     from ..model.losses import Loss
+    from ..own_bags.recording import BagRecording
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class BagResults:
 def read_bag_results(
     bag: BagSource,
     topic: str | None,
-    recording: KittiRecording,
+    recording: KittiRecording | BagRecording,
     class_map: Mapping[str, str],
     *,
     classes: Iterable[str] = CLASSES,
@@ -71,7 +72,9 @@ def read_bag_results(
         BadBagError: The bag cannot be read, or not one message belongs to a frame.
         UsageError: There is no such topic, it has no boxes, or several topics have.
     """
-    frames, tally = StampedFrames(recording, tolerance_ns), LossTally()
+    # A BagRecording has all that frames by stamp are made of.
+    frames = StampedFrames(cast('KittiRecording', recording), tolerance_ns)
+    tally = LossTally()
     known = ClassMap(class_map, classes)
     boxes: dict[int, Sequence[Box]] = {}
     with opened(bag) as source:

@@ -10,22 +10,20 @@ from typing import TYPE_CHECKING
 
 from ..api.keywords import by_name
 from ..api.source import warn
-from ..bags.locate import looks_like_bag
-from ..kitti.names import OBJECT_LABELS, TXT
 from ..model.boxes import DONT_CARE
 from ..model.difficulty import Difficulty
 from ..options.evaluation_tables import DETECTION, make_detection_options
 from .common_frames import common_frames
-from .ground_truth_labels import read_ground_truth
+from .detection_inputs import no_progress, read_frames
 from .object_benchmark import evaluate_class, select_class
 from .object_table import table_of
 from .overlap import Space, find_overlaps
-from .result_files import FrameBoxes, read_results
 from .result_notes import notes_on
+from .worst import worst_frames
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from typing_extensions import Unpack
 
@@ -37,7 +35,8 @@ if TYPE_CHECKING:
     from .object_benchmark import Curve, Scores
     from .object_table import ObjectTable
     from .overlap import Overlaps
-    from .result_files import Progress
+    from .result_files import FrameBoxes, Progress
+    from .worst import WorstFrame
 
 ORIENTATION = 'aos'
 LOOSE = {'car': 0.5, 'pedestrian': 0.25, 'cyclist': 0.25}
@@ -60,6 +59,7 @@ class DetectionScores:
         frames: Number of frames that were scored.
         losses: Frames, files and lines that were not scored.
         notes: Remarks on figures that may surprise, one line each.
+        worst: The frames with the most errors; None unless requested.
     """
 
     scores: Scores
@@ -68,15 +68,12 @@ class DetectionScores:
     frames: int
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
+    worst: tuple[WorstFrame, ...] | None = None
 
     def percent(self) -> dict[str, object]:
         """Return the figures as plain values: by class, metric and level R40 and R11, percent."""
         loose = {'loose': _plain(self.loose)} if self.loose else {}
         return {'detection': _plain(self.scores), **loose, 'frames': self.frames}
-
-
-def _nothing() -> None:
-    """Show no progress."""
 
 
 def evaluate_detection(
@@ -94,7 +91,7 @@ def evaluate_detection(
         results: A folder of result files, NNNNNN.txt, a tracker's file, or a bag.
         progress: Called for each file that is read.
         options: Those of `kitti-ros2 eval detection --help`, with the same defaults:
-            classes={'car': 0.7, 'truck': 0.5}, frames='ImageSets/val.txt', loose=True.
+            classes={'car': 0.7, 'truck': 0.5}, frames='ImageSets/val.txt', loose=True, worst=20.
 
     Returns:
         The scores. Each loss is also a KittiRos2Warning.
@@ -109,7 +106,7 @@ def evaluate_detection(
         (..., ...)
     """
     read, chosen, recorded = make_detection_options(by_name(options, DETECTION))
-    show = progress or _nothing
+    show = progress or no_progress
     found = score_paths(Path(ground_truth), Path(results), read, chosen, recorded, show)
     for loss in found.losses:
         warn(loss.text())
@@ -122,7 +119,7 @@ def score_paths(
     read: ReadOptions,
     options: DetectionOptions,
     recorded: BagResultsOptions,
-    progress: Progress = _nothing,
+    progress: Progress = no_progress,
 ) -> DetectionScores:
     """Score the results at a path with the labels at another.
 
@@ -137,32 +134,7 @@ def score_paths(
     Raises:
         KittiRos2Error: A path cannot be read, or no frame has both.
     """
-    if results.suffix != TXT and results.exists() and looks_like_bag(results):
-        found = _read_bag(results, ground_truth, read, recorded)
-    else:
-        found = read_results(results, progress)
-    return score_frames(read_ground_truth(ground_truth, read, progress), found, options)
-
-
-def _read_bag(
-    path: Path, ground_truth: Path, read: ReadOptions, options: BagResultsOptions
-) -> FrameBoxes:
-    """Read the results in a bag; the ground truth has the stamps and calibrations of the frames."""
-    from ..bags.open_folder import open_folder  # noqa: PLC0415 - readers of bags take 0.2 s
-    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
-    from .bag_results import read_bag_results  # noqa: PLC0415 - as above
-
-    folder = ground_truth.absolute()
-    recording = open_folder(folder.parent if folder.name == OBJECT_LABELS else folder, read)
-    with open_bag_source(path) as bag:
-        found = read_bag_results(
-            bag,
-            options.topic,
-            recording,
-            dict(options.class_map),
-            tolerance_ns=options.tolerance_ns,
-        )
-    return FrameBoxes(path, found.boxes, losses=found.losses, notes=found.notes)
+    return score_frames(*read_frames(ground_truth, results, read, recorded, progress), options)
 
 
 def score_frames(
@@ -192,7 +164,22 @@ def score_frames(
         len(numbers),
         tuple(losses),
         (*truth.notes, *found.notes, *notes_on(scores, found, detections)),
+        None if options.worst is None else _rank(truth, found, numbers, options),
     )
+
+
+def _rank(
+    truth: FrameBoxes, found: FrameBoxes, numbers: Sequence[int], options: DetectionOptions
+) -> tuple[WorstFrame, ...]:
+    """Return the frames with the most errors, of those that are scored."""
+    labels, detections = (
+        {number: each.boxes.get(number, ()) for number in numbers} for each in (truth, found)
+    )
+    count = options.worst or 0
+    ranked = worst_frames(
+        labels, detections, count, options.overlaps, classes=options.limits.keys()
+    )
+    return tuple(ranked)
 
 
 def _score_class(

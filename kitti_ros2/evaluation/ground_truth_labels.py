@@ -4,24 +4,29 @@
 
 from __future__ import annotations
 
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..bags.locate import is_bag
 from ..importer.labels import TrackIds, make_boxes
 from ..kitti.layouts import open_recording
-from ..kitti.names import OBJECT_LABELS, SPLITS
+from ..kitti.names import OBJECT_LABELS, SPLITS, TRACKING_LABELS, TXT
 from ..model.errors import KittiRos2Error, MissingPathError, UsageError, describe_error
+from ..model.layouts import Layout
 from ..model.losses import Loss
 from ..model.streams import Stream
 from .result_files import FrameBoxes, find_frame_files, read_frame_column, read_frame_files
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
     from ..model.boxes import Box
     from ..model.samples import FrameLabels
     from ..options.read import ReadOptions
+    from ..own_bags.recording import BagRecording
     from .result_files import Progress
 
 _STREAM = 'ground truth'
@@ -35,8 +40,8 @@ def read_ground_truth(
     """Read the labels of a path.
 
     Args:
-        path: label_2, a split or root of the object layout, a tracking label file, or the folder of
-            a recording with labels.
+        path: label_2, a split or root of the object layout, a tracking label file, or a recording
+            with labels: its folder, or a bag that to-bag wrote.
         options: Layout and sequence of a recording.
         progress: Called for each frame.
 
@@ -45,17 +50,71 @@ def read_ground_truth(
     """
     if not path.exists():
         raise MissingPathError(path)
+    if holds_bag(path):
+        with open_truth_bag(path) as recording:
+            return _read_recording(path, recording, progress)
     if path.is_file():
         return read_frame_column(path, _STREAM)
-    if options.layout is None and options.sequence is None:
-        for folder in (path, *(path / part / OBJECT_LABELS for part in ('.', SPLITS[0]))):
-            found = find_frame_files(folder)
-            if found is not None:
-                return read_frame_files(found, _STREAM, progress)
+    folder = _label_folder(path, options)
+    if folder is not None:
+        return read_frame_files(folder, _STREAM, progress)
     return _read_recording(path, open_recording(path, options), progress)
 
 
-def _read_recording(path: Path, recording: KittiRecording, progress: Progress) -> FrameBoxes:
+def holds_bag(path: Path) -> bool:
+    """Whether a path is a bag; a text file named .txt is none, even if it is empty."""
+    return path.suffix != TXT and is_bag(path)
+
+
+@contextmanager
+def open_truth_bag(path: Path) -> Iterator[BagRecording]:
+    """Open the recording in a bag.
+
+    Raises:
+        UsageError: to-bag did not write the bag.
+    """
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - readers of bags take 0.2 s
+    from ..importer.survey import look  # noqa: PLC0415 - as above
+    from ..pictures.sources import open_own_recording  # noqa: PLC0415 - as above
+
+    with open_bag_source(path) as bag:
+        recording = open_own_recording(bag, look([bag]))
+        if recording is None:
+            raise UsageError(
+                f'{path}: was not written by to-bag, so that its labels have no frame numbers;'
+                f' convert it with to-kitti, and give that folder'
+            )
+        with closing(recording):
+            yield recording
+
+
+def recording_of(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
+    """Return the path of the recording that labels belong to, and the options to open it.
+
+    Args:
+        path: As given to read_ground_truth.
+        options: The same.
+    """
+    whole = path.absolute()
+    if whole.is_file() and whole.parent.name == TRACKING_LABELS:
+        return whole.parents[1], replace(options, layout=Layout.TRACKING, sequence=whole.stem)
+    folder = _label_folder(whole, options)
+    if folder is not None and folder.name == OBJECT_LABELS:
+        return folder.parent, options
+    return path, options
+
+
+def _label_folder(path: Path, options: ReadOptions) -> Path | None:
+    """Return the folder with the labels of the object layout; None for other recordings."""
+    if options.layout is not None or options.sequence is not None:
+        return None
+    folders = (path, path / OBJECT_LABELS, path / SPLITS[0] / OBJECT_LABELS)
+    return next(filter(None, map(find_frame_files, folders)), None)
+
+
+def _read_recording(
+    path: Path, recording: KittiRecording | BagRecording, progress: Progress
+) -> FrameBoxes:
     """Read the labels of a recording; a frame of a drive or sequence may have none."""
     if Stream.LABELS not in recording.streams:
         raise UsageError(
@@ -92,7 +151,10 @@ def _read_recording(path: Path, recording: KittiRecording, progress: Progress) -
 
 
 def _boxes_of(
-    labels: FrameLabels, recording: KittiRecording, number: int, tracks: TrackIds
+    labels: FrameLabels,
+    recording: KittiRecording | BagRecording,
+    number: int,
+    tracks: TrackIds,
 ) -> list[Box]:
     """Return the labels of a frame; those of tracklets are projected into camera 2.
 

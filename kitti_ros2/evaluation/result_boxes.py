@@ -25,9 +25,12 @@ from ..messages.detections import (
 )
 from ..messages.marker_boxes import cuboids_of_markers, frames_of_markers
 from ..model.boxes import Box, clip_bounds
-from ..model.errors import MissingDataError
+from ..model.errors import KittiRos2Error, MissingDataError
 from ..model.losses import Loss
 from ..model.msgtypes import DETECTIONS_2D, MARKERS
+from ..model.samples import Image
+from ..model.streams import IMAGE_STREAMS
+from ..own_bags.recording import BagRecording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +65,7 @@ class ResultBoxes:
 
     def __init__(
         self,
-        recording: KittiRecording,
+        recording: KittiRecording | BagRecording,
         msgtype: str,
         frames: ResultFrames,
         classes: ClassMap,
@@ -206,7 +209,28 @@ class ResultBoxes:
 
     def _image_size(self, number: int) -> tuple[int, int]:
         try:
+            if isinstance(self._recording, BagRecording):
+                return _size_in_bag(self._recording, self._camera, number)
             return image_size(self._recording, self._camera, number)
-        except MissingDataError as error:
+        except KittiRos2Error as error:
             self._nominal = self._nominal or str(error)
             return NOMINAL_SIZE
+
+
+def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int, int]:
+    """Return (width, height) of the images of a camera; see kitti.image_size.
+
+    Raises:
+        KittiRos2Error: The size is not known.
+    """
+    varies = recording.layout.traits.calibration_per_frame
+    seen_by = recording.calibration(number).cameras.get(camera)
+    if not varies and seen_by is not None and seen_by.size is not None:
+        return seen_by.size
+    index = recording.streams.get(IMAGE_STREAMS[camera])
+    numbers = [] if index is None else index.numbers.tolist()
+    wanted = number if varies else next(iter(numbers), number)
+    image = recording.read(IMAGE_STREAMS[camera], wanted) if wanted in numbers else None
+    if isinstance(image, Image):
+        return image.width, image.height
+    raise MissingDataError(f'{recording.root}: no image of camera {camera} with a known size')

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
+from ..model.least_overlaps import LeastOverlaps
 from .declare import option
-from .parsers import parse_class_overlaps, parse_flag, parse_path
+from .parsers import parse_class_overlaps, parse_flag, parse_integer, parse_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,9 +29,10 @@ class DetectionOptions:
             benchmark; empty for the benchmark's classes.
         frames: A list of the frames to score; None for all that have results.
         loose: Whether to score with the loose overlaps, too.
+        worst: Number of the frames with the most errors to list; None for none.
 
     Raises:
-        UsageError: A class has no overlap, or an impossible one.
+        UsageError: A class has no overlap, or an impossible one, or no frame is to be listed.
     """
 
     group: ClassVar = 'Benchmark'
@@ -55,8 +57,16 @@ class DetectionOptions:
         parse_flag,
         flags=('--loose',),
     )
+    worst: int | None = option(
+        None,
+        'List the N frames with the most errors; with -o FOLDER they are drawn',
+        parse_integer,
+        unset='none',
+    )
 
     def __post_init__(self) -> None:
+        if self.worst is not None and self.worst < 1:
+            raise UsageError(f'worst {self.worst} lists no frame; give a number from 1, such as 20')
         for name, overlap in self.classes:
             if overlap is None and name not in BENCHMARK_CLASSES:
                 raise UsageError(
@@ -67,6 +77,11 @@ class DetectionOptions:
                 raise UsageError(
                     f'the overlap {overlap:g} of {name} is not within 0 to 1; give one such as 0.5'
                 )
+
+    @property
+    def overlaps(self) -> LeastOverlaps:
+        """The same for the comparison of single frames."""
+        return LeastOverlaps(tuple(self.limits.items()))
 
     @property
     def limits(self) -> Mapping[str, float]:

@@ -140,11 +140,12 @@ class BagRecording:
             return parse_packet(found.text, found.name, number + 1, found)
         sample: Sample = labels_of_text(found) if stream is Stream.LABELS else found
         if isinstance(sample, Scan):
-            return replace(sample, turn=self._turns.get(number))
+            return replace(sample, turn=self.turns.get(number))
         return sample
 
     @cached_property
-    def _turns(self) -> Mapping[int, Turn]:
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan, by file number."""
         return self._blueprint.turns() or {}
 
     def readable_poses(

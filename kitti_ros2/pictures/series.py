@@ -13,6 +13,7 @@ from ..importer.frames import within
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss, describe_frames
 from ..model.stamps import NS_PER_S
+from ..model.streams import Stream
 from ..options.read import NOMINAL_PERIOD_NS
 from .frame_parts import name_of
 
@@ -77,6 +78,25 @@ def draw_frames(
             return Drawn(number, None, {'picture': f'{reason}; frames not drawn: {{}}'}, kinds)
 
     return ordered_map(draw, numbers, worker_count(most=None))
+
+
+def concerned_losses(
+    source: FrameSource, numbers: Sequence[int], mode: Mode, options: PictureOptions
+) -> tuple[Loss, ...]:
+    """Return the losses of the source itself that concern pictures of some frames."""
+    wanted = mode.streams(source.cameras, options) | {Stream.CALIBRATION.value}
+    others = {stream.value for stream in Stream} - wanted
+    drawn = set(numbers)
+    found = []
+    for loss in source.losses:
+        if loss.stream in others:
+            continue
+        lost = tuple(number for number in loss.numbers if number in drawn)
+        if lost:
+            found.append(Loss(loss.stream, len(lost), loss.message, lost))
+        elif not loss.numbers:
+            found.append(loss)
+    return tuple(found)
 
 
 class PictureTally:

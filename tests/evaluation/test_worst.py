@@ -12,9 +12,8 @@ from prediction_set import LABELS, RESULTS, line, write_prediction_set
 from kitti_ros2 import evaluation
 from kitti_ros2.drawing.palette import VERDICT_COLORS
 from kitti_ros2.evaluation import worst_frames
-from kitti_ros2.evaluation.worst import draw_worst_frames
+from kitti_ros2.evaluation.worst_pictures import draw_worst_frames
 from kitti_ros2.kitti.label_file import parse_box
-from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.least_overlaps import LeastOverlaps
 from kitti_ros2.options.read import ReadOptions
@@ -90,9 +89,7 @@ def test_the_worst_frames_are_drawn_in_order(made, tmp_path):
     source = open_frames(made.root, ReadOptions())
     (tmp_path / 'out').mkdir()
     done = []
-    losses = draw_worst_frames(
-        source, found, FOUND, tmp_path / 'out', mode='boxes', progress=done.append
-    )
+    losses = draw_worst_frames(source, found, FOUND, tmp_path / 'out', progress=done.append)
     assert losses == ()
     assert done == [1, 2, 3]
     names = ['01_000004.png', '02_000000.png', '03_000001.png']
@@ -108,20 +105,16 @@ def test_the_worst_frames_are_drawn_in_order(made, tmp_path):
     assert wrong == [False, True, True]
 
 
-def test_what_cannot_be_drawn_is_a_loss(made, tmp_path):
+def test_missing_and_damaged_data_is_a_loss(made, tmp_path):
+    """The other parts of the picture are drawn."""
     found = worst_frames(TRUTH, FOUND)
     (made.root / 'training/image_2/000000.png').unlink()
-    for folder in ('image_3', 'image_0', 'image_1'):
-        (made.root / f'training/{folder}/000000.png').unlink(missing_ok=True)
+    (made.root / 'training/image_2/000001.png').write_bytes(b'')
+    (made.root / 'training/image_2/000003.png').unlink()
     source = open_frames(made.root, ReadOptions())
-    [loss] = draw_worst_frames(source, found, FOUND, tmp_path, mode='boxes')
-    assert loss.numbers == (0,)
-    assert len(list(tmp_path.glob('*.png'))) == len(found) - 1
-
-
-def test_no_picture_at_all_is_an_error(made, tmp_path):
-    for path in (made.root / 'training/calib').iterdir():
-        path.unlink()
-    source = open_frames(made.root, ReadOptions())
-    with pytest.raises(MissingDataError, match='nothing to draw'):
-        draw_worst_frames(source, worst_frames(TRUTH, FOUND), FOUND, tmp_path, mode='boxes')
+    losses = draw_worst_frames(source, found, FOUND, tmp_path)
+    assert [(loss.stream, loss.numbers) for loss in losses] == [
+        ('image_2', (0,)),
+        ('image_2', (1,)),
+    ]
+    assert len(list(tmp_path.glob('*.png'))) == len(found)

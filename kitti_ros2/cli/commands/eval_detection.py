@@ -20,7 +20,12 @@ def eval_detection(
     ],
     out: Annotated[
         Optional[Path],
-        typer.Option('--out', '-o', metavar='OUT', help='Curves to draw (.png, .pdf, .svg)'),
+        typer.Option(
+            '--out',
+            '-o',
+            metavar='OUT',
+            help='Curves to draw (.png, .pdf, .svg), or with --worst a folder for pictures',
+        ),
     ] = None,
     overwrite: OverwriteOption = False,
     json: JsonOption = False,
@@ -34,8 +39,8 @@ def eval_detection(
     file are listed and not scored.
 
     Examples:
-      kitti-ros2 eval detection object/training results/data
       kitti-ros2 eval detection object results --frames val.txt --loose -o pr.png
+      kitti-ros2 eval detection object results --worst 20 -o errors
     """
     from ..eval_detection import run_eval_detection
 

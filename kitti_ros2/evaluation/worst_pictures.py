@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of the frames in which a detector errs most."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..drawing.text import captioned
+from ..model.errors import NotKittiError, UsageError
+from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
+from ..model.matching import NEIGHBOURS
+from ..model.samples import FrameLabels
+from ..model.streams import Stream
+from ..options.pictures import PictureOptions
+from ..pictures.modes import MODES
+from ..pictures.output import write_picture
+from ..pictures.predictions import Predictions
+from ..pictures.series import PictureTally, concerned_losses, draw_frames
+from ..pictures.sources import open_frames
+from .ground_truth_labels import recording_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+    from pathlib import Path
+
+    from ..model.boxes import Box
+    from ..model.losses import Loss
+    from ..options.read import ReadOptions
+    from ..pictures.frame import FrameSource
+    from .worst import WorstFrame
+
+_MODE = 'panel'
+_LEAST_DIGITS = 2
+
+
+def open_pictures(ground_truth: Path, options: ReadOptions) -> FrameSource:
+    """Open the images and scans of the recording to which labels belong.
+
+    Args:
+        ground_truth: As given to read_ground_truth.
+        options: Layout and sequence of a recording.
+
+    Raises:
+        KittiRos2Error: The labels belong to no recording with images or scans.
+    """
+    path, read = recording_of(ground_truth, options)
+    expected = 'give as GROUND_TRUTH the split or recording that has image_2 or velodyne'
+    try:
+        source = open_frames(path, read)
+    except NotKittiError:
+        found = f'{ground_truth}: belongs to no recording with images, to draw errors on'
+        raise UsageError(f'{found}; {expected}') from None
+    if not source.cameras and Stream.SCAN.value not in source.streams:
+        source.close()
+        raise UsageError(f'{path}: has neither images nor scans, to draw errors on; {expected}')
+    return source
+
+
+def draw_worst_frames(
+    source: FrameSource,
+    worst: Sequence[WorstFrame],
+    results: Mapping[int, Sequence[Box]],
+    folder: Path,
+    overlaps: LeastOverlaps = KITTI_OVERLAPS,
+    *,
+    classes: Collection[str] = (),
+    progress: Callable[[int], None] = lambda _: None,
+) -> tuple[Loss, ...]:
+    """Draw frames with their errors: RANK_NUMBER.png, such as 01_000123.png.
+
+    Args:
+        source: The recording of the ground truth.
+        worst: Of worst_frames.
+        results: The predictions by number.
+        folder: An existing folder.
+        overlaps: As given to worst_frames.
+        classes: The same; only these and the classes that look like them are drawn.
+        progress: Called with the number of frames done.
+
+    Returns:
+        Data of the frames that is missing or damaged.
+
+    Raises:
+        MissingDataError: Not one frame could be drawn.
+        UsageError: The source does not have a frame.
+        OSError: A picture cannot be written.
+    """
+    predictions = Predictions(lambda number: FrameLabels(results.get(number, ())), overlaps)
+    ranks = {each.number: (rank, each) for rank, each in enumerate(worst, 1)}
+    digits = max(len(str(len(worst))), _LEAST_DIGITS)
+    similar = (name for each in classes for name in NEIGHBOURS.get(each, ()))
+    options = PictureOptions(classes=(*classes, *similar))
+    series = draw_frames(source, [*ranks], MODES[_MODE], options, predictions.add_to)
+    tally = PictureTally()
+    for number, picture in tally.pictures(series, progress):
+        rank, each = ranks[number]
+        text = f'{rank}. frame {number}: {each.reason}'
+        write_picture(folder / f'{rank:0{digits}d}_{number:06d}.png', captioned(picture, text))
+    if worst:
+        tally.check()
+    return (*concerned_losses(source, [*ranks], MODES[_MODE], options), *tally.losses())
