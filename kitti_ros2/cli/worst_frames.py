@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from ..evaluation.result_files import FrameBoxes
+    from ..evaluation.frame_boxes import FrameBoxes
     from ..evaluation.worst import WorstFrame
     from ..model.losses import Loss
     from ..options.eval_detection import DetectionOptions

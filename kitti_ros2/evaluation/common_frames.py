@@ -14,7 +14,7 @@ from ..model.losses import Loss, describe_frames
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .result_files import FrameBoxes
+    from .frame_boxes import FrameBoxes
 
 
 def common_frames(

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.eval_detection import DetectionOptions
     from ..options.read import ReadOptions
+    from .frame_boxes import FrameBoxes, Progress
     from .object_benchmark import Curve, Scores
     from .object_table import ObjectTable
     from .overlap import Overlaps
-    from .result_files import FrameBoxes, Progress
     from .worst import WorstFrame
 
 ORIENTATION = 'aos'

@@ -7,8 +7,8 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from .frame_boxes import FrameBoxes, read_boxes
 from .ground_truth_labels import holds_bag, open_truth_bag, read_ground_truth, recording_of
-from .result_files import FrameBoxes, read_results
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
-    from .result_files import Progress
+    from .frame_boxes import Progress
 
 
 def no_progress() -> None:
@@ -46,7 +46,7 @@ def read_frames(
     if holds_bag(results):
         found = _read_bag(results, ground_truth, read, recorded)
     else:
-        found = read_results(results, progress)
+        found = read_boxes(results, 'results', progress)
     return read_ground_truth(ground_truth, read, progress), found
 
 

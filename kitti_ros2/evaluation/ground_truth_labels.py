@@ -12,11 +12,12 @@ from ..bags.locate import is_bag
 from ..importer.labels import TrackIds, make_boxes
 from ..kitti.layouts import open_recording
 from ..kitti.names import OBJECT_LABELS, SPLITS, TRACKING_LABELS, TXT
+from ..kitti.result_files import find_frame_files
 from ..model.errors import KittiRos2Error, MissingPathError, UsageError, describe_error
 from ..model.layouts import Layout
 from ..model.losses import Loss
 from ..model.streams import Stream
-from .result_files import FrameBoxes, find_frame_files, read_frame_column, read_frame_files
+from .frame_boxes import FrameBoxes, read_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from ..model.samples import FrameLabels
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
-    from .result_files import Progress
+    from .frame_boxes import Progress
 
 _STREAM = 'ground truth'
 _CAMERA = 2
@@ -53,11 +54,9 @@ def read_ground_truth(
     if holds_bag(path):
         with open_truth_bag(path) as recording:
             return _read_recording(path, recording, progress)
-    if path.is_file():
-        return read_frame_column(path, _STREAM)
-    folder = _label_folder(path, options)
-    if folder is not None:
-        return read_frame_files(folder, _STREAM, progress)
+    files = path if path.is_file() else _label_folder(path, options)
+    if files is not None:
+        return read_boxes(files, _STREAM, progress)
     return _read_recording(path, open_recording(path, options), progress)
 
 

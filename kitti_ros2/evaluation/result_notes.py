@@ -16,9 +16,9 @@ from .object_table import UNSCORED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from .frame_boxes import FrameBoxes
     from .object_benchmark import Scores
     from .object_table import ObjectTable
-    from .result_files import FrameBoxes
 
 _MOST_CELLS = 4
 

@@ -11,6 +11,7 @@ from ..bags.locate import looks_like_bag
 from ..bags.open_folder import open_folders
 from ..bags.open_source import open_bag_source
 from ..kitti.names import SEQUENCE_DIGITS, SPLITS, TRACKING_LABELS, TXT
+from ..kitti.result_files import find_frame_files
 from ..kitti.store import STORE
 from ..model.errors import MissingPathError, UsageError
 from ..model.layouts import Layout
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
 
-_DATA = 'data'
-"""The sub-folder for result files of the devkit and of TrackEval."""
 _SEQMAPS = 'evaluate_tracking.seqmap'
 
 
@@ -165,7 +164,7 @@ def _in_file(path: Path, known: Sequence[TruthSequence]) -> ResultSource:
 
 
 def _in_folder(path: Path, known: Sequence[TruthSequence], *, all_known: bool) -> ResultSource:
-    folder = next((each for each in (path, path / _DATA) if _files(each)), None)
+    folder = find_frame_files(path, SEQUENCE_DIGITS)
     if folder is None:
         entries = STORE.names(path)
         found = f'contains {some_of(entries)}' if entries else 'the folder is empty'
@@ -186,10 +185,7 @@ def _in_folder(path: Path, known: Sequence[TruthSequence], *, all_known: bool) -
 
 def _files(folder: Path) -> dict[str, Path]:
     """Return the files named like 0000.txt by sequence."""
+    listing = STORE.list_numbered(folder, (TXT,), SEQUENCE_DIGITS)
     return {
-        name.removesuffix(TXT): folder / name
-        for name in STORE.names(folder)
-        if name.endswith(TXT)
-        and len(name) == SEQUENCE_DIGITS + len(TXT)
-        and name.removesuffix(TXT).isdecimal()
+        f'{number:0{SEQUENCE_DIGITS}d}': listing.path(number) for number in listing.numbers.tolist()
     }

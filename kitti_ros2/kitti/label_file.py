@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..model.samples import TextFile
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
+_EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
 
 _OBJECT_COLUMNS = 15
 _TRACKING_COLUMNS = 17
@@ -46,6 +47,11 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
     Object and tracking lines differ in their number of columns.
     """
     return parse_lines(text, path, EXPECTED, parse_box)
+
+
+def parse_tracks(text: str, path: Path | str) -> Lines[Box]:
+    """Parse the boxes of a file whose lines have a frame and a track id, like parse_labels."""
+    return parse_lines(text, path, _EXPECTED_TRACKS, _parse_tracked)
 
 
 def frame_labels(
@@ -106,6 +112,18 @@ def parse_box(line: str) -> Box:
         frame=frame,
         track_id=track_id,
     )
+
+
+def _parse_tracked(line: str) -> Box:
+    """Parse the box of one line with a frame.
+
+    Raises:
+        ValueError: As parse_box, or it has none.
+    """
+    box = parse_box(line)
+    if box.frame is None:
+        raise ValueError(f'{len(line.split())} columns')
+    return box
 
 
 def format_object_labels(boxes: Iterable[Box], decimals: int = 2) -> str:

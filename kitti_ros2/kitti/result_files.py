@@ -1,75 +1,97 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Result files of a detector or tracker, in the format of label files."""
+"""Label files by frame, and result files of a detector or tracker in the same format."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..model.errors import MissingDataError, MissingPathError, UsageError
+from ..model.errors import BadFileError, MissingDataError, MissingPathError, UsageError
 from ..model.losses import Loss
 from ..model.samples import TextFile
 from ..model.streams import Stream
+from ..model.text import some_of
 from .label_file import frame_labels, parse_labels
 from .names import FRAME_DIGITS, SEQUENCE_DIGITS, TXT
 from .store import STORE
 from .track_file import TrackFile
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
     from pathlib import Path
 
+    from ..model.boxes import Box
     from ..model.samples import FrameLabels
 
 _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
+_NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
+_MOST_FOLDERS = 200
 
 
 class ResultFiles:
-    """The predictions of one recording.
+    """The results, or the labels, of one recording.
+
+    Args:
+        path: A folder with a file for each frame (like label_2), directly or in its data/; or a
+            tracker's file (lines of all frames, like label_02).
+        stream: For losses.
 
     Attributes:
-        root: The folder with a file for each frame (like label_2): the path itself or its data/;
-            or a tracker's file (lines of all frames, like label_02).
-        numbers: The frames with predictions, ascending; of a folder those with a file.
-        losses: Lines of a tracker's file without a frame number.
+        root: The folder of the files, or the tracker's file.
+        complete: Whether frames that are not in numbers have no objects, as in a tracker's file.
+        numbers: The frames, ascending; of a folder those with a file.
+        losses: Files whose name is no frame number; lines of a tracker's file without one.
 
     Raises:
-        UsageError: The path contains no result file.
-        BadFileError: A tracker's file is no text.
+        UsageError: The path contains no result file; the message says what to give.
+        BadFileError: A tracker's file is no text, or no line begins with a frame number.
         OSError: It cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, stream: str = Stream.PREDICTIONS.value) -> None:
         if not path.exists():
             raise MissingPathError(path)
-        self.root = path / _DATA if (path / _DATA).is_dir() else path
-        self.losses: tuple[Loss, ...] = ()
+        self.complete = path.is_file()
+        self.root = path if self.complete else _folder_of(path)
+        self._stream = stream
         self._absent = f'{self.root}: no result file for frames {{}}'
-        self._tracks = None if path.is_dir() else TrackFile(STORE.read_text(path), path)
+        self._tracks = _read_tracks(path) if self.complete else None
         if self._tracks is None:
-            self.numbers = self._numbers_of_files()
+            listing = STORE.list_numbered(self.root, (TXT,), FRAME_DIGITS)
+            self.numbers: tuple[int, ...] = tuple(listing.numbers.tolist())
+            self.losses = self._misnamed(listing.strays)
         else:
             self.numbers = tuple(sorted(self._tracks.rows))
-            self.losses = tuple(
-                Loss(Stream.PREDICTIONS.value, 1, str(error)) for error in self._tracks.errors
-            )
+            self.losses = tuple(Loss(stream, 1, str(error)) for error in self._tracks.errors)
         self._known = frozenset(self.numbers)
 
-    def _numbers_of_files(self) -> tuple[int, ...]:
-        listing = STORE.list_numbered(self.root, (TXT,), FRAME_DIGITS)
-        if not len(listing.numbers):
-            tracks = [name for name in listing.strays if _is_of_sequence(name)]
-            hint = f'; give one of its files, such as {tracks[0]}' if tracks else ''
-            raise UsageError(f'{self.root}: contains no file named like 000000.txt{hint}')
-        return tuple(listing.numbers.tolist())
+    def _misnamed(self, strays: Sequence[str]) -> tuple[Loss, ...]:
+        names = [name for name in strays if name.removesuffix(TXT).isdecimal()]
+        expected = f'expected names of {FRAME_DIGITS} digits, {_NAMED}'
+        text = f'{self.root}: {some_of(names)}; {expected}'
+        return (Loss(self._stream, len(names), text),) if names else ()
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
         return self.root / f'{number:0{FRAME_DIGITS}d}{TXT}' if self._tracks is None else self.root
 
+    def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
+        """Read the boxes of a frame, and an error for each invalid line; none if it has no file.
+
+        Raises:
+            BadFileError: The file is no text.
+            OSError: The file cannot be read.
+        """
+        if self._tracks is not None:
+            return self._tracks.boxes(number)
+        if number not in self._known:
+            return [], []
+        lines = parse_labels(STORE.read_text(self.path(number)), self.path(number))
+        return [*lines.sound().values()], [*lines.errors.values()]
+
     def read(self, number: int) -> FrameLabels:
-        """Read the predictions of a frame; invalid lines are in its missing.
+        """Read the results of a frame; invalid lines are in its missing.
 
         Raises:
             MissingDataError: There is no file for it; {} in the message stands for its number.
@@ -86,12 +108,65 @@ class ResultFiles:
 
     def absent(self, numbers: Collection[int]) -> Loss | None:
         """Return the loss of the frames without a result file; a tracker's file has all frames."""
-        if self._tracks is not None or self._known.issuperset(numbers):
+        if self.complete or self._known.issuperset(numbers):
             return None
         lost = tuple(sorted({*numbers} - self._known))
-        return Loss(Stream.PREDICTIONS.value, len(lost), self._absent, lost)
+        return Loss(self._stream, len(lost), self._absent, lost)
 
 
-def _is_of_sequence(name: str) -> bool:
-    stem = name.removesuffix(TXT)
-    return name.endswith(TXT) and len(stem) == SEQUENCE_DIGITS and stem.isdecimal()
+def find_frame_files(path: Path, digits: int = FRAME_DIGITS) -> Path | None:
+    """Return the folder with files named by frame: a path, or its data/; None without such files.
+
+    The folder itself comes first.
+
+    Args:
+        path: A folder.
+        digits: Of the names; SEQUENCE_DIGITS for a tracker's files.
+    """
+    return next((each for each in (path, path / _DATA) if _named_by(each, digits)), None)
+
+
+def _named_by(folder: Path, digits: int) -> bool:
+    return bool(len(STORE.list_numbered(folder, (TXT,), digits).numbers))
+
+
+def _folder_of(path: Path) -> Path:
+    """Return the folder of the files of a path.
+
+    Raises:
+        UsageError: There are none.
+    """
+    found = find_frame_files(path)
+    if found is None:
+        raise UsageError(f'{path}: {_describe_folder(path)}')
+    return found
+
+
+def _describe_folder(path: Path) -> str:
+    """Describe a folder without files named by frame, and what to give instead."""
+    entries = STORE.names(path)
+    if not entries:
+        return f'the folder is empty; expected a file like {_NAMED} for each frame'
+    below = [path / name for name in entries[:_MOST_FOLDERS] if (path / name).is_dir()]
+    found = [each for folder in below if (each := find_frame_files(folder)) is not None]
+    if found:
+        return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, found)])}?'
+    tracks = STORE.list_numbered(path, (TXT,), SEQUENCE_DIGITS)
+    first = tracks.path(int(tracks.numbers[0])) if len(tracks.numbers) else None
+    hint = f'; give the file of one sequence, such as {first}' if first is not None else ''
+    return f'contains no file like {_NAMED}, but {some_of(entries)}{hint}'
+
+
+def _read_tracks(path: Path) -> TrackFile:
+    """Read a tracker's file.
+
+    Raises:
+        BadFileError: It is no text, or has lines but no frame number.
+    """
+    tracks = TrackFile(STORE.read_text(path), path)
+    if tracks.errors and not tracks.rows:
+        expected = (
+            f'17 or 18 columns, of which the first is the frame, or a folder of files like {_NAMED}'
+        )
+        raise BadFileError(path, 'no line begins with a frame number', expected)
+    return tracks

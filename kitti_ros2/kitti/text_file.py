@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 T = TypeVar('T')
 
+BOM = '\ufeff'
+"""The byte order mark that some editors write at the beginning of a file."""
+
 
 @dataclass(frozen=True)
 class Lines(Generic[T]):
@@ -38,7 +41,7 @@ class Lines(Generic[T]):
 
 
 def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str], T]) -> Lines[T]:
-    """Parse each line of a text; blank lines at the end are ignored.
+    """Parse each line of a text; a byte order mark, and blank lines at the end, are ignored.
 
     Args:
         text: The file's content.
@@ -48,7 +51,7 @@ def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str
     """
     values: list[T | None] = []
     errors: dict[int, BadFileError] = {}
-    for index, line in enumerate(text.rstrip().splitlines()):
+    for index, line in enumerate(text.removeprefix(BOM).rstrip().splitlines()):
         try:
             values.append(parse(line))
         except ValueError as error:

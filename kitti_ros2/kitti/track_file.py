@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from ..model.errors import BadFileError
 from ..model.samples import TextFile
 from . import names
-from .label_file import frame_labels, parse_labels
+from .label_file import frame_labels, parse_tracks
+from .text_file import BOM
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,15 +37,23 @@ class TrackFile:
         self._lines = text.splitlines(keepends=True)
         for row, line in enumerate(self._lines):
             word = line.split(maxsplit=1)[0] if line.strip() else ''
-            if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
-                self.rows.setdefault(int(word), []).append(row)
+            whole = word.removeprefix(BOM).removesuffix('.0')
+            if whole.isdecimal() and len(whole) <= names.FRAME_DIGITS:
+                self.rows.setdefault(int(whole), []).append(row)
             elif word:
                 found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
                 self.errors.append(BadFileError(path, found, expected, line=row + 1))
 
     @cached_property
     def _boxes(self) -> Lines[Box]:
-        return parse_labels(''.join(self._lines), self.path)
+        return parse_tracks(''.join(self._lines), self.path)
+
+    def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
+        """Return the boxes of a frame, and an error for each invalid line."""
+        rows = self.rows.get(number, [])
+        found = [self._boxes.values[row] for row in rows]
+        errors = [self._boxes.errors[row] for row in rows if row in self._boxes.errors]
+        return [box for box in found if box is not None], errors
 
     def labels(self, number: int, name: str) -> FrameLabels:
         """Return the labels of a frame, none if it has no line.

@@ -38,10 +38,23 @@ def test_a_folder_has_the_frames_of_its_files(results):
         found.read(3)
 
 
-def test_the_folder_of_a_devkit_has_them_in_data(results):
+def test_the_folder_of_a_devkit_has_them_in_data(results, tmp_path):
+    results.rename(tmp_path / 'data')
+    assert ResultFiles(tmp_path).root == tmp_path / 'data'
+    assert ResultFiles(tmp_path).numbers == (2, 5, 9)
+
+
+def test_files_of_the_folder_itself_come_first(results):
     (results / 'data').mkdir()
     (results / '000002.txt').rename(results / 'data' / '000007.txt')
-    assert ResultFiles(results).numbers == (7,)
+    assert ResultFiles(results).numbers == (5, 9)
+
+
+def test_misnamed_files_are_a_loss(results):
+    (results / '12.txt').touch()
+    (results / 'notes.txt').touch()
+    [loss] = ResultFiles(results).losses
+    assert loss.text() == f'{results}: 12.txt; expected names of 6 digits, 000000.txt'
 
 
 def test_a_file_of_a_tracker_has_all_frames(tmp_path):
@@ -70,6 +83,35 @@ def test_an_invalid_line_costs_itself(results, tmp_path):
     assert not tracks.read(9).missing
 
 
+def test_a_file_without_frame_numbers_is_an_error(results, tmp_path):
+    with pytest.raises(BadFileError, match='no line begins with a frame number; expected 17 or 18'):
+        ResultFiles(results / '000002.txt')
+    (tmp_path / '0000.txt').touch()
+    assert ResultFiles(tmp_path / '0000.txt').numbers == ()
+
+
+def test_a_number_as_the_class_is_no_frame(tmp_path):
+    """An object line whose class is an id has 16 columns."""
+    path = tmp_path / '0000.txt'
+    path.write_text(track_lines({2: RESULTS[1]}) + line('2', 0, 20, 0.9))
+    [box], [error] = ResultFiles(path).boxes(2)
+    assert (box.frame, box.class_name) == (2, 'Car')
+    assert '0000.txt:2: 16 columns; expected 17 or 18 columns' in str(error)
+
+
+@pytest.mark.parametrize('frame', ['2', '2.0', '000002'])
+@pytest.mark.parametrize('mark', ['', '\ufeff'])
+@pytest.mark.parametrize('end', ['\n', '\r\n'])
+def test_how_other_programs_write_frames_and_files(frame, mark, end, tmp_path):
+    text = (mark + track_lines({2: RESULTS[1]}).replace('2 0 ', f'{frame} 0 ', 1)).replace(
+        '\n', end
+    )
+    (tmp_path / '0000.txt').write_bytes(text.encode())
+    assert classes_of(ResultFiles(tmp_path / '0000.txt').read(2)) == [('Car', 0.6)]
+    (tmp_path / '000002.txt').write_bytes(f'{mark}{line("Car", 0, 20, 0.6).strip()}{end}'.encode())
+    assert classes_of(ResultFiles(tmp_path).read(2)) == [('Car', 0.6)]
+
+
 def test_impossible_sizes_are_named(results):
     text = line('Car', 0, 20, 0.9).replace('1.50 2.00 4.00', '1.50 0.00 4.00')
     (results / '000005.txt').write_text(text)
@@ -80,8 +122,11 @@ def test_impossible_sizes_are_named(results):
 @pytest.mark.parametrize(
     ('name', 'message'),
     [
-        ('0003.txt', 'contains no file named like 000000.txt; give one of its files, such as 0003'),
-        ('readme.txt', 'contains no file named like 000000.txt$'),
+        (
+            '0003.txt',
+            'no file like 000000.txt, but 0003.txt; give the file of one sequence, such as',
+        ),
+        ('readme.txt', 'contains no file like 000000.txt, but readme.txt$'),
     ],
 )
 def test_folders_of_something_else(tmp_path, name, message):
