@@ -63,7 +63,7 @@ def looks_like_bag(path: Path) -> bool:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag by its content, or a folder that contains files of one.
+    """Whether a path is a bag by its content or name, or a folder that contains files of one.
 
     Raises:
         BadBagError: A file is empty, or irregular.
@@ -74,7 +74,7 @@ def is_bag(path: Path) -> bool:
     try:
         locate_bag(path)
     except NotABagError:
-        return False
+        return path.suffix in {each.suffix for each in CONTAINERS.values()}
     return True
 
 

@@ -70,6 +70,9 @@ def _read_list(path: Path) -> tuple[set[int], list[Loss]]:
 
 
 def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> UsageError:
+    for each in (found, truth):
+        if each.losses and not each.boxes:
+            return UsageError(f'{each.source}: no frame can be scored: {each.losses[0].text()}')
     described = [
         f'{each.source} has {describe_frames(sorted(each.boxes)) if each.boxes else "no frames"}'
         for each in (found, truth)

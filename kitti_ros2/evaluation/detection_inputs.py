@@ -7,6 +7,9 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from ..model.errors import UsageError
+from ..options.bag_results import BagResultsOptions
+from ..options.declare import options_of
 from .frame_boxes import FrameBoxes, read_boxes
 from .ground_truth_labels import holds_bag, open_truth_bag, read_ground_truth, recording_of
 
@@ -14,7 +17,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
-    from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from .frame_boxes import Progress
@@ -46,8 +48,30 @@ def read_frames(
     if holds_bag(results):
         found = _read_bag(results, ground_truth, read, recorded)
     else:
+        _refuse_bag_options(results, recorded)
         found = read_boxes(results, 'results', progress)
-    return read_ground_truth(ground_truth, read, progress), found
+    truth = read_ground_truth(ground_truth, read, progress)
+    labelled, detected = _scores(truth), _scores(found)
+    if labelled and None not in labelled and {*detected} == {None}:
+        raise UsageError(
+            f'{ground_truth}: all labels have scores, and {results} has none; give GROUND_TRUTH'
+            f' first, then RESULTS'
+        )
+    return truth, found
+
+
+def _refuse_bag_options(results: Path, recorded: BagResultsOptions) -> None:
+    given = [
+        f'--{each.name.replace("_", "-")}'
+        for each in options_of(BagResultsOptions)
+        if getattr(recorded, each.field) != each.default
+    ]
+    if given and results.exists():
+        raise UsageError(f'{results}: is no bag; {" and ".join(given)} is for results in a bag')
+
+
+def _scores(frames: FrameBoxes) -> list[float | None]:
+    return [box.score for boxes in frames.boxes.values() for box in boxes]
 
 
 def _read_bag(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.difficulty import LIMITS, Difficulty
-from ..model.text import some_of
+from ..model.text import format_count, some_of
 from .object_benchmark import SAMPLES
 from .object_table import UNSCORED
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .object_table import ObjectTable
 
 _MOST_CELLS = 4
+_NO_SIZE = -1.0
 
 
 def notes_on(scores: Scores, found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
@@ -31,6 +32,7 @@ def notes_on(scores: Scores, found: FrameBoxes, detections: ObjectTable) -> Iter
             f'{found.source}: {unscored} detections without a score, the 16th column, count as'
             f' {UNSCORED:g}; equal scores make a curve of one point'
         )
+    yield from _invalid_boxes(found, detections)
     for class_name, metrics in scores.items():
         yield from _notes_on_class(class_name, found, detections)
         absent = [name for name, levels in metrics.items() if None in levels.values()]
@@ -51,6 +53,22 @@ def notes_on(scores: Scores, found: FrameBoxes, detections: ObjectTable) -> Iter
             f'fewer objects than the {SAMPLES} samples of recall, so that no detector reaches an'
             f' R40 of 100: {some_of([*few], _MOST_CELLS)}'
         )
+
+
+def _invalid_boxes(found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+    """Yield remarks on boxes that match no label, whatever they are compared with."""
+    left, top, right, bottom = detections.box_2d.T
+    sizes = detections.size_hwl
+    counts = {
+        '2D box whose right is left of its left edge, or its bottom above its top': (
+            (right < left) | (bottom < top)
+        ),
+        'height, width or length below 0': ((sizes < 0) & (sizes != _NO_SIZE)).any(axis=1),
+    }
+    for what, invalid in counts.items():
+        count = int(np.count_nonzero(invalid))
+        if count:
+            yield f'{found.source}: {format_count(count, "detection")} with a {what}'
 
 
 def _notes_on_class(class_name: str, found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:

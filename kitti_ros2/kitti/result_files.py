@@ -12,7 +12,15 @@ from ..model.samples import TextFile
 from ..model.streams import Stream
 from ..model.text import some_of
 from .label_file import frame_labels, parse_labels
-from .names import FRAME_DIGITS, SEQUENCE_DIGITS, TXT
+from .names import (
+    CALIB,
+    FRAME_DIGITS,
+    OBJECT_LABELS,
+    SEQUENCE_DIGITS,
+    SPLITS,
+    TRACKING_LABELS,
+    TXT,
+)
 from .store import STORE
 from .track_file import TrackFile
 
@@ -27,6 +35,7 @@ _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
 _NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
 _MOST_FOLDERS = 200
+_OF_DATA_SETS = frozenset({CALIB, OBJECT_LABELS, TRACKING_LABELS})
 
 
 class ResultFiles:
@@ -147,10 +156,12 @@ def _describe_folder(path: Path) -> str:
     entries = STORE.names(path)
     if not entries:
         return f'the folder is empty; expected a file like {_NAMED} for each frame'
-    below = [path / name for name in entries[:_MOST_FOLDERS] if (path / name).is_dir()]
+    below = [path / name for name in entries[:_MOST_FOLDERS] if name not in _OF_DATA_SETS]
     found = [each for folder in below if (each := find_frame_files(folder)) is not None]
     if found:
         return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, found)])}?'
+    if not _OF_DATA_SETS.union(SPLITS).isdisjoint(entries):
+        return f'is a folder of a KITTI data set; expected result files like {_NAMED}'
     tracks = STORE.list_numbered(path, (TXT,), SEQUENCE_DIGITS)
     first = tracks.path(int(tracks.numbers[0])) if len(tracks.numbers) else None
     hint = f'; give the file of one sequence, such as {first}' if first is not None else ''

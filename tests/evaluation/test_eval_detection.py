@@ -156,6 +156,29 @@ def test_invalid_lines_and_files_are_named_and_the_rest_is_scored(folders, capsy
     assert 'notes.txt' not in err
 
 
+def test_boxes_that_match_no_label_are_noted(folders, capsys):
+    labels, results = folders
+    write_frames(
+        results,
+        {
+            3: line(area=(200, 100, 100, 200), score=0.9) + line(area=(1, 90, 9, 20), score=0.8),
+            4: line(size=(1.5, -1.6, 4), score=0.7) + line(size=(-1, -1, -1), score=0.6),
+        },
+    )
+    code, out, err = run(capsys, labels, results)
+    assert (code, err) == (0, '')
+    assert '2 detections with a 2D box whose right is left of its left edge' in out
+    assert '1 detection with a height, width or length below 0' in out
+
+
+def test_a_byte_order_mark_costs_no_line(folders, capsys):
+    labels, results = folders
+    expected = run(capsys, labels, results, '--json')
+    for path in (*labels.iterdir(), *results.iterdir()):
+        path.write_bytes(b'\xef\xbb\xbf' + path.read_bytes().replace(b'\n', b'\r\n'))
+    assert run(capsys, labels, results, '--json') == expected
+
+
 def test_losses_are_warnings_in_python(folders):
     labels, results = folders
     (results / '000009.txt').unlink()
@@ -214,7 +237,12 @@ def test_tracklets_of_a_drive_are_projected_into_the_image(recordings, tmp_path,
         (['{gt}', '{tmp}/empty'], 'the folder is empty; expected a file like 000000.txt'),
         (['{tmp}/empty', '{res}'], 'the folder is empty'),
         (['{gt}', '{tmp}'], 'did you mean {tmp}/others, {res}?'),
-        (['{gt}', '{tmp}/object'], 'contains no file like 000000.txt, but training'),
+        (['{gt}', '{tmp}/object'], 'is a folder of a KITTI data set; expected result files like'),
+        (['{res}', '{gt}'], '{res}: all labels have scores, and {gt} has none; give GROUND_TRUTH'),
+        (['{gt}', '{tmp}/odd/broken'], '000003.txt: byte 0 is no text'),
+        (['{gt}', '{tmp}/odd/text.mcap'], 'text.mcap: is a file of another kind'),
+        (['{gt}', '{res}', '--topic', '/boxes'], '{res}: is no bag; --topic is for results'),
+        (['{gt}', '{res}', '--tolerance', '1', '--class-map', 'a=Car'], '--class-map and --tol'),
         (['{gt}', '{tmp}/tracks'], 'give the file of one sequence, such as {tmp}/tracks/0000.txt'),
         (['{gt}', '{tmp}/text.txt'], 'text.txt: no line begins with a frame number'),
         (['{gt}', '{gt}/000003.txt'], '000003.txt: no line begins with a frame number'),
@@ -239,6 +267,9 @@ def test_mistakes_are_one_line(words, said, folders, tmp_path, recordings, capsy
     (tmp_path / 'tracks' / '0000.txt').write_text('7777 1 ' + FOUND)
     (tmp_path / 'tracks' / 'empty.txt').write_text('')
     (tmp_path / 'text.txt').write_text('no labels\n')
+    (tmp_path / 'odd' / 'broken').mkdir(parents=True)
+    (tmp_path / 'odd' / 'broken' / '000003.txt').write_bytes(b'\xff\xfe')
+    (tmp_path / 'odd' / 'text.mcap').write_text('no labels\n')
     testing = tmp_path / 'testing'
     shutil.copytree(recordings[Layout.OBJECT] / 'training' / 'calib', testing / 'calib')
     shutil.copytree(recordings[Layout.OBJECT] / 'training' / 'velodyne', testing / 'velodyne')

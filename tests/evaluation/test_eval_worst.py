@@ -244,3 +244,11 @@ def test_a_bag_that_to_bag_did_not_write_has_no_frame_numbers(recordings, made, 
     code, out, err = run(capsys, bag, made[1])
     assert (code, out) == (2, '')
     assert 'convert it with to-kitti, and give that folder' in err
+
+
+def test_results_that_no_transform_joins_are_an_error_with_its_reason(recordings, tmp_path, capsys):
+    labels = recordings[Layout.OBJECT]
+    bag = write_bag(tmp_path / 'results.mcap', answers(open_recording(labels), 'my_lidar'))
+    code, out, err = run(capsys, labels, bag)
+    assert (code, out) == (2, '')
+    assert "no transform at its stamp joins frame 'my_lidar'" in err
