@@ -41,8 +41,8 @@ def read_ground_truth(
     """Read the labels of a path.
 
     Args:
-        path: label_2, a split or root of the object layout, a tracking label file, or a recording
-            with labels: its folder, or a bag that to-bag wrote.
+        path: label_2, a split or root of the object layout, label_02 or a file of it, or a
+            recording with labels: its folder, or a bag that to-bag wrote.
         options: Layout and sequence of a recording.
         progress: Called for each frame.
 
@@ -57,7 +57,7 @@ def read_ground_truth(
     files = path if path.is_file() else _label_folder(path, options)
     if files is not None:
         return read_boxes(files, _STREAM, progress)
-    return _read_recording(path, open_recording(path, options), progress)
+    return _read_recording(path, open_recording(*recording_of(path, options)), progress)
 
 
 def holds_bag(path: Path) -> bool:
@@ -95,8 +95,11 @@ def recording_of(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
         options: The same.
     """
     whole = path.absolute()
-    if whole.is_file() and whole.parent.name == TRACKING_LABELS:
-        return whole.parents[1], replace(options, layout=Layout.TRACKING, sequence=whole.stem)
+    if whole.name == TRACKING_LABELS:
+        return whole.parent, replace(options, layout=Layout.TRACKING)
+    if whole.parent.name == TRACKING_LABELS and whole.is_file():
+        sequence = options.sequence or whole.stem
+        return whole.parents[1], replace(options, layout=Layout.TRACKING, sequence=sequence)
     folder = _label_folder(whole, options)
     if folder is not None and folder.name == OBJECT_LABELS:
         return folder.parent, options

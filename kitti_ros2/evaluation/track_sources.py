@@ -19,6 +19,7 @@ from ..model.losses import Loss
 from ..model.streams import Stream
 from ..model.text import some_of
 from .bag_results import read_bag_results
+from .ground_truth_labels import recording_of
 from .track_boxes import TRACKER_CLASSES
 
 if TYPE_CHECKING:
@@ -81,14 +82,12 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
     """
     if not path.exists():
         raise MissingPathError(path)
-    if path.is_file() and path.parent.name == TRACKING_LABELS and read.sequence is None:
-        path, read = path.parent, replace(read, sequence=path.stem)
-    if looks_like_bag(path):
+    folder, own = recording_of(path, read)
+    if looks_like_bag(folder):
         raise UsageError(
             f'{path}: ground truth is a tracking set with {TRACKING_LABELS}, or a file of it'
         )
-    folder = path.absolute().parent if path.name == TRACKING_LABELS else path
-    recordings = open_folders(folder, replace(read, layout=Layout.TRACKING))
+    recordings = open_folders(folder, replace(own, layout=Layout.TRACKING))
     found = []
     for each in recordings:
         labels = each.path(Stream.LABELS, 0)
