@@ -60,7 +60,7 @@ GUESTS = {
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
     'httpx': {'fetch'},
     'jinja2': {'report'},
-    'matplotlib': {'datasets', 'evaluation'},
+    'matplotlib': {'datasets', 'drawing', 'evaluation'},
     'rerun': {'rerun_view'},
     'trackeval': {'evaluation'},
     'typer': {'cli'},

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import itertools
 from typing import TYPE_CHECKING, Any
-from warnings import catch_warnings, simplefilter
 
-from ..drawing.plot_style import PLOT_STYLE
+from ..drawing.plot_style import plot_file
 from ..model.text import format_count
 from .recording_statistics import merged
 from .statistics_panels import PANELS
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 _COLUMNS = (3, 4)
 """Of the panels of a single set: the number that leaves fewer places empty."""
 _PANEL_INCHES = (3.3, 2.5)
-_DPI = 200
 _TITLE: dict[str, Any] = {'size': 11, 'weight': 'bold'}
 
 
@@ -40,26 +38,18 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
         ImportError: matplotlib is not installed.
         OSError: The file cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415 - heavy, and an extra
-    from matplotlib.figure import Figure  # noqa: PLC0415 - as above
-    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415 - as above
-
     totals = [each.total for each in sets]
     panels = [panel for panel in PANELS if any(panel.has(total) for total in totals)]
     columns = len(sets) if len(sets) > 1 else _columns(len(panels))
     rows = max(len(panels) if len(sets) > 1 else -(-len(panels) // columns), 1)
     width, height = _PANEL_INCHES
-    with rc_context(PLOT_STYLE), catch_warnings():
-        simplefilter('ignore')  # characters that the font does not have are drawn as boxes
-        layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08, hspace=0.02, wspace=0.02)
-        figure = Figure((width * columns, height * rows + 0.4), layout=layout)
+    with plot_file(path, (width * columns, height * rows + 0.4), h_pad=0.08) as figure:
         grid = figure.subplots(rows, columns, squeeze=False)
         if len(sets) > 1:
             _draw_side_by_side(grid, panels, totals, titles)
         else:
             figure.suptitle(_heading(titles[0], totals[0]), **_TITLE)
             _draw_panels(grid.flat, panels, totals * len(panels), totals)
-        figure.savefig(path, dpi=_DPI, format=path.suffix[1:].lower())
 
 
 def _columns(panels: int) -> int:

@@ -5,11 +5,10 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from ..drawing.plot_style import PLOT_STYLE
+from ..drawing.plot_style import plot_file
 from ..model.difficulty import Difficulty
 from ..model.text import format_count
 from .object_benchmark import SAMPLES
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from .object_benchmark import Curve
 
 _PANEL_INCHES = (2.9, 2.3)
-_DPI = 200
 _TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}
 _LOOKS = {
     Difficulty.EASY: ('#2a9d5c', (0, ())),
@@ -43,16 +41,9 @@ def draw_curves(scores: DetectionScores, title: str, path: Path) -> None:
         ImportError: matplotlib is not installed.
         OSError: The file cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415 - heavy, and an extra
-    from matplotlib.figure import Figure  # noqa: PLC0415 - as above
-    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415 - as above
-
     width, height = _PANEL_INCHES
     rows = len(scores.scores)
-    with rc_context(PLOT_STYLE), catch_warnings():
-        simplefilter('ignore')  # characters that the font does not have are drawn as boxes
-        layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, hspace=0.02, wspace=0.02)
-        figure = Figure((width * len(_TITLES), height * rows + 0.4), layout=layout)
+    with plot_file(path, (width * len(_TITLES), height * rows + 0.4)) as figure:
         grid = figure.subplots(rows, len(_TITLES), squeeze=False, sharex=True, sharey=True)
         heading = f'{title}, {format_count(scores.frames, "frame")}'
         figure.suptitle(heading, size=11, weight='bold')
@@ -63,7 +54,6 @@ def draw_curves(scores: DetectionScores, title: str, path: Path) -> None:
                 _draw(axes, metrics[metric])
         for axes in grid[-1]:
             axes.set_xlabel('recall, %')
-        figure.savefig(path, dpi=_DPI, format=path.suffix[1:].lower())
 
 
 def _draw(axes: Any, curves: Mapping[Difficulty, Curve | None]) -> None:  # noqa: ANN401 - of matplotlib
