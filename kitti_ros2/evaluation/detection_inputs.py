@@ -61,13 +61,10 @@ def read_frames(
 
 
 def _refuse_bag_options(results: Path, recorded: BagResultsOptions) -> None:
-    given = [
-        f'--{each.name.replace("_", "-")}'
-        for each in options_of(BagResultsOptions)
-        if getattr(recorded, each.field) != each.default
-    ]
-    if given and results.exists():
-        raise UsageError(f'{results}: is no bag; {" and ".join(given)} is for results in a bag')
+    for each in options_of(BagResultsOptions):
+        if results.exists() and getattr(recorded, each.field) != each.default:
+            name = each.name.replace('_', '-')
+            raise UsageError(f'{results}: is no bag; --{name} is for results in a bag')
 
 
 def _scores(frames: FrameBoxes) -> list[float | None]:
