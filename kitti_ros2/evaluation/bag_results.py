@@ -11,7 +11,7 @@ from ..bags.reader import open_messages, opened
 from ..importer.report import LossTally, damage
 from ..model.errors import KittiRos2Error
 from .class_map import CLASSES, ClassMap
-from .frame_stamps import StampedFrames
+from .frame_stamps import frames_of
 from .result_boxes import ResultBoxes
 from .result_frames import ResultFrames
 from .result_messages import choose_topic, read_messages
@@ -72,9 +72,7 @@ def read_bag_results(
         BadBagError: The bag cannot be read, or not one message belongs to a frame.
         UsageError: There is no such topic, it has no boxes, or several topics have.
     """
-    # A BagRecording has all that frames by stamp are made of.
-    frames = StampedFrames(cast('KittiRecording', recording), tolerance_ns)
-    tally = LossTally()
+    frames, tally = frames_of(recording, tolerance_ns), LossTally()
     known = ClassMap(class_map, classes)
     boxes: dict[int, Sequence[Box]] = {}
     with opened(bag) as source:

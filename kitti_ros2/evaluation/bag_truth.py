@@ -12,6 +12,7 @@ import numpy as np
 from ..importer.apply_calibration import Rigging
 from ..importer.guess import guess_plan
 from ..importer.survey import glance, look
+from ..importer.sync import default_tolerance_ns
 from ..messages.naming import FrameNames
 from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
@@ -21,6 +22,7 @@ from ..model.streams import Clock
 from ..own_bags.numbering import BY_POSITION, number_bag
 from ..own_bags.recording import BagRecording
 from .bag_trajectory import plan_of, read_poses
+from .frame_stamps import StampedFrames
 from .ground_truth_poses import GroundTruth, truth_of_recording
 from .rig_frames import CAMERA_0
 
@@ -78,11 +80,16 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
     links = [link for link in survey.static if link[1] != CAMERA_0]
     links.append((plan.pose.body, CAMERA_0, body_t_cam0))
     poses = found.moved(body_t_cam0.matrix()).poses
+    numbers = np.arange(len(poses), dtype=np.int64)
     placed = replace(
         found,
         poses=np.linalg.inv(poses[0]) @ poses,
-        numbers=np.arange(len(poses), dtype=np.int64),
+        numbers=numbers,
         frame='',
         notes=tuple(notes),
     )
-    return GroundTruth(bag.path.stem, placed, links)
+    frames = None
+    if found.stamps_ns is not None:
+        tolerance_ns = default_tolerance_ns(found.stamps_ns)
+        frames = StampedFrames(numbers, found.stamps_ns, tolerance_ns)
+    return GroundTruth(bag.path.stem, placed, frames, links)

@@ -1,86 +1,225 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a recording by stamp, and the time of a player by log time."""
+"""The frames of a recording by stamp, and the time of a player by log time.
+
+All evaluations match the stamps of results to frames here.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from ..importer.sync import default_tolerance_ns
+from ..importer.sync import NONE, default_tolerance_ns
+from ..kitti.turns import find_turns
+from ..model.stamps import LAST_NS
 from ..model.streams import FRAME_STREAMS, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from ..kitti.recording import KittiRecording
-    from ..model.samples import Int64Array
+    import numpy.typing as npt
+
+    from ..model.layouts import Layout
+    from ..model.recording import StreamIndex
+    from ..model.samples import Int64Array, Turn
 
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
+_ROUNDED_NS = 1_000_000
+"""Stamps pass through float64 seconds, or microseconds."""
+
+
+class FramedRecording(Protocol):
+    """The part of a recording that its frames have their stamps from."""
+
+    layout: Layout
+    common_numbers: bool
+
+    @property
+    def streams(self) -> Mapping[Stream, StreamIndex]:
+        """Index by stream."""
+        ...
+
+    @property
+    def period_ns(self) -> int:
+        """Time between frames without stamps."""
+        ...
+
+    @property
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan; empty of scans that are compensated for motion."""
+        ...
+
+
+class StampMatch(NamedTuple):
+    """The frames of M stamps.
+
+    Attributes:
+        numbers: (M,) of the nearest frame, NONE where it is too far.
+        distances_ns: (M,) from the nearest stamp of the frame, nanoseconds.
+        offsets_ns: (M,) from the moment of the frame: at the start of a turn minus half its length,
+            else the signed distance.
+        at_start: (M,) which are at the start of a turn.
+    """
+
+    numbers: Int64Array
+    distances_ns: Int64Array
+    offsets_ns: Int64Array
+    at_start: npt.NDArray[np.bool_]
 
 
 class StampedFrames:
     """The frames of a recording by stamp.
 
     A frame has the stamps of its scan and of its images, also the start of the turn, which is the
-    stamp of a scan with ring time.
+    stamp of a scan with ring time. That is half a period before the frame, as near to the frame
+    before: a stamp is at the start of a turn if it differs by rounding only.
 
     Args:
-        recording: The recording.
-        tolerance_ns: The largest distance from the stamp of a frame; None is half the median time
-            between frames, at most half the nominal one.
+        numbers: (N,) of the frame of each sample.
+        stamps_ns: (N,) of the samples.
+        tolerance_ns: The largest distance from the stamp of a frame.
+        turns: By number of the frame.
 
     Attributes:
-        numbers: Of the frames to be answered, ascending: those with labels where each frame has a
-            file of labels, else all.
-        tolerance_ns: As given, or its default.
+        numbers: Of the frames to be answered, ascending.
+        stamps_ns: (N,) those of the samples, ascending.
+        tolerance_ns: As given.
         first_ns: The stamp of the first frame.
     """
 
-    def __init__(self, recording: KittiRecording, tolerance_ns: int | None = None) -> None:
-        streams = recording.streams
-        known: list[Stream] = [stream for stream in _STAMPED if stream in streams]
-        known = known or [*streams]
-        used = known if recording.common_numbers else known[:1]
-        numbers = np.concatenate([streams[stream].numbers for stream in used])
-        stamps = np.concatenate([streams[stream].stamps_ns for stream in used])
-        order = np.argsort(stamps, kind='stable')
-        self._stamps, self._numbers = stamps[order], numbers[order]
-        self._starts = {turn.start_ns: number for number, turn in recording.turns.items()}
+    def __init__(
+        self,
+        numbers: Int64Array,
+        stamps_ns: Int64Array,
+        tolerance_ns: int,
+        turns: Mapping[int, Turn] | None = None,
+    ) -> None:
+        order = np.argsort(stamps_ns, kind='stable')
+        self.stamps_ns, self._numbers = stamps_ns[order], numbers[order]
+        begun = sorted(
+            (turn.start_ns, turn.forward_ns, number) for number, turn in (turns or {}).items()
+        )
+        self._starts, self._forward, self._begun = np.array(begun, np.int64).reshape(-1, 3).T
         self._first_of: dict[int, int] = {}
-        for number, stamp in zip(self._numbers.tolist(), self._stamps.tolist(), strict=True):
+        for number, stamp in zip(self._numbers.tolist(), self.stamps_ns.tolist(), strict=True):
             self._first_of.setdefault(number, stamp)
-        traits = recording.layout.traits
-        of_files = Stream.LABELS in streams and traits.frame_set
-        frames = streams[Stream.LABELS].numbers if of_files else numbers
-        self.numbers: list[int] = sorted({*frames.tolist()})
-        self.first_ns = int(self._stamps[0])
-        half_ns = min(default_tolerance_ns(streams[used[0]].stamps_ns), recording.period_ns // 2)
-        self.tolerance_ns = half_ns if tolerance_ns is None else tolerance_ns
+        self.numbers: list[int] = sorted({*numbers.tolist()})
+        self.first_ns = int(self.stamps_ns[0])
+        self.tolerance_ns = tolerance_ns
 
     def stamp_of(self, number: int) -> int:
         """Return the first stamp of a frame."""
         return self._first_of[number]
 
+    def match(self, stamps_ns: Int64Array, tolerance_ns: int | None = None) -> StampMatch:
+        """Match stamps to frames.
+
+        Args:
+            stamps_ns: (M,) in any order.
+            tolerance_ns: Another one than that of the frames.
+        """
+        tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
+        place, offsets = _nearest(self.stamps_ns, stamps_ns)
+        distances = np.abs(offsets)
+        numbers = np.where(distances <= tolerance, self._numbers[place], NONE)
+        if not len(self._starts):
+            return StampMatch(numbers, distances, offsets, np.zeros(len(numbers), dtype=bool))
+        start, late = _nearest(self._starts, stamps_ns)
+        off = np.abs(late)
+        at_start = (off < distances) & (off <= min(_ROUNDED_NS, tolerance))
+        return StampMatch(
+            np.where(at_start, self._begun[start], numbers),
+            np.where(at_start, off, distances),
+            np.where(at_start, stamps_ns - self._forward[start], offsets),
+            at_start,
+        )
+
     def nearest(self, stamp_ns: int) -> tuple[int, int] | None:
         """Return the number of the frame of a stamp and its distance; None if it is too far."""
-        place = int(np.searchsorted(self._stamps, stamp_ns))
-        near = range(max(place - 1, 0), min(place + 1, len(self._stamps)))
-        distance, best = min((abs(int(self._stamps[each]) - stamp_ns), each) for each in near)
-        if distance and stamp_ns in self._starts:
-            return self._starts[stamp_ns], 0
-        return (int(self._numbers[best]), distance) if distance <= self.tolerance_ns else None
+        found = self.match(np.array([min(stamp_ns, LAST_NS)], dtype=np.int64))
+        number = int(found.numbers[0])
+        return None if number == NONE else (number, int(found.distances_ns[0]))
 
     def latest(self, stamp_ns: int) -> tuple[int, int] | None:
         """Return the number of the last frame before a time and the distance.
 
         None if it is further than twice the tolerance, which is the time between frames.
         """
-        place = int(np.searchsorted(self._stamps, stamp_ns, 'right')) - 1
-        distance = stamp_ns - int(self._stamps[place]) if place >= 0 else -1
+        place = int(np.searchsorted(self.stamps_ns, stamp_ns, 'right')) - 1
+        distance = stamp_ns - int(self.stamps_ns[place]) if place >= 0 else -1
         within = 0 <= distance <= 2 * self.tolerance_ns
         return (int(self._numbers[place]), distance) if within else None
+
+
+def frames_of(recording: FramedRecording, tolerance_ns: int | None = None) -> StampedFrames:
+    """Return the frames of a recording that results are expected of.
+
+    These are the frames with labels where each frame has a file of labels, else all with a scan or
+    an image.
+
+    Args:
+        recording: The recording.
+        tolerance_ns: The largest distance from the stamp of a frame; None is half the median time
+            between frames, at most half the nominal one.
+    """
+    streams = recording.streams
+    known: list[Stream] = [stream for stream in _STAMPED if stream in streams]
+    found = _stamped_by(recording, known or [*streams], tolerance_ns)
+    if Stream.LABELS in streams and recording.layout.traits.frame_set:
+        found.numbers = sorted({*streams[Stream.LABELS].numbers.tolist()})
+    return found
+
+
+def posed_frames_of(recording: FramedRecording) -> StampedFrames:
+    """Return the frames of a recording with poses; they also have the stamps of these."""
+    known = [Stream.POSE, *(stream for stream in _STAMPED if stream in recording.streams)]
+    return _stamped_by(recording, known, None)
+
+
+def _stamped_by(
+    recording: FramedRecording, known: Sequence[Stream], tolerance_ns: int | None
+) -> StampedFrames:
+    """Return frames with the stamps of some streams.
+
+    Args:
+        recording: The recording.
+        known: The streams; the first has the numbers of frames where others have their own.
+        tolerance_ns: As frames_of.
+    """
+    used = [recording.streams[each] for each in known]
+    used = used if recording.common_numbers else used[:1]
+    if tolerance_ns is None:
+        tolerance_ns = min(default_tolerance_ns(used[0].stamps_ns), recording.period_ns // 2)
+    return StampedFrames(
+        np.concatenate([index.numbers for index in used]),
+        np.concatenate([index.stamps_ns for index in used]),
+        tolerance_ns,
+        _turns(recording) if recording.common_numbers else None,
+    )
+
+
+def _turns(recording: FramedRecording) -> Mapping[int, Turn]:
+    """Return the turns of a recording, also of scans that it has not, or that are compensated.
+
+    Its scans may have been played with --undo-deskew.
+    """
+    if recording.turns:
+        return recording.turns
+    streams = recording.streams
+    index = streams[Stream.SCAN] if Stream.SCAN in streams else next(iter(streams.values()))
+    forward = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
+    return find_turns(forward, {}, {}, recording.period_ns)
+
+
+def _nearest(known: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Array, Int64Array]:
+    """Return the place of the nearest of (N,) ascending stamps, and how much later (M,) are."""
+    after = np.minimum(np.searchsorted(known, stamps_ns), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    is_before = stamps_ns - known[before] <= np.abs(known[after] - stamps_ns)
+    place = np.where(is_before, before, after)
+    return place, stamps_ns - known[place]
 
 
 class PlayedTime:

@@ -24,17 +24,20 @@ from ..model.recording import MovingRecording
 from ..model.samples import Pose
 from ..model.streams import Clock, Stream
 from ..options.messages import MessageOptions
+from .frame_stamps import posed_frames_of
 from .rig_frames import kitti_links
 from .trajectories import CameraTrajectory, read_trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
     from ..model.geometry import Transform
+    from ..model.samples import Turn
     from ..options.read import ReadOptions
     from ..rig.tf_tree import Link
+    from .frame_stamps import StampedFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +47,14 @@ class GroundTruth:
     Attributes:
         name: Sequence or drive, such as 09.
         trajectory: Of camera 0, in its first frame.
+        frames: Its frames by stamp; None without stamps.
         links: Static transforms up to camera 0; empty without a calibration.
         epoch_ns: Stamp of second 0 in recordings without absolute time; None for others.
     """
 
     name: str
     trajectory: CameraTrajectory
+    frames: StampedFrames | None = None
     links: Sequence[Link] = ()
     epoch_ns: int | None = None
 
@@ -77,7 +82,7 @@ def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
     if beside.trajectory.numbers is None or not np.array_equal(
         beside.trajectory.numbers, found.numbers
     ):
-        return GroundTruth(path.stem, found, beside.links)
+        return GroundTruth(path.stem, found, links=beside.links)
     timed = replace(found, stamps_ns=beside.trajectory.stamps_ns)
     return replace(beside, name=path.stem, trajectory=timed)
 
@@ -96,6 +101,12 @@ class PosedRecording(MovingRecording, Protocol):
     """A recording with losses: of a folder, or of a bag."""
 
     root: Path
+    common_numbers: bool
+
+    @property
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan, by file number."""
+        ...
 
     @property
     def losses(self) -> Sequence[Loss]:
@@ -147,4 +158,5 @@ def truth_of_recording(
         losses=tuple(losses),
         notes=tuple(f'{part}: not known, a nominal value is used' for part in nominal),
     )
-    return GroundTruth(recording.name, found, kitti_links(calibration, base_t_imu), epoch_ns)
+    links = kitti_links(calibration, base_t_imu)
+    return GroundTruth(recording.name, found, posed_frames_of(recording), links, epoch_ns)

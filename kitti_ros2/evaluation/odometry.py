@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..options.evaluation_tables import ODOMETRY, make_odometry_options
-from .frame_matching import match_result
+from .frame_matching import match_result, poses_at_frames
 from .open_trajectories import open_result, open_truth
 from .pose_errors import check_evo, pose_errors, rmse
 from .segment_errors import LENGTHS_M, path_distances, segment_errors
@@ -135,7 +135,7 @@ def score_trajectory(
         numbers = np.arange(len(poses), dtype=np.int64)
     match = match_result(truth, numbers, found, options.tolerance_ns)
     known = match.known
-    at_frames = found.poses[match.indices]
+    at_frames = poses_at_frames(truth.trajectory, match, found)
     segments = segment_errors(numbers, poses, at_frames, known)
     errors = pose_errors(numbers[known], poses[known], at_frames[known], options.align)
     distances = path_distances(poses)

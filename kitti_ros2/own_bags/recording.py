@@ -145,7 +145,7 @@ class BagRecording:
 
     @cached_property
     def turns(self) -> Mapping[int, Turn]:
-        """The turn of each scan, by file number."""
+        """The turn of each scan, by file number; empty if its stamps are missing."""
         return self._blueprint.turns() or {}
 
     def readable_poses(

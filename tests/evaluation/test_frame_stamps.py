@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.evaluation.frame_stamps import PlayedTime, StampedFrames
+from kitti_ros2.evaluation.frame_stamps import PlayedTime, frames_of
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -20,7 +20,7 @@ def holed(request, recordings, tmp_path):
 
 
 def test_stamps_of_every_sensor_are_those_of_their_frame(holed):
-    frames = StampedFrames(holed)
+    frames = frames_of(holed)
     for stream in (Stream.SCAN, Stream.IMAGE_2):
         index = holed.streams[stream]
         for number, stamp in zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True):
@@ -32,7 +32,7 @@ def test_stamps_of_every_sensor_are_those_of_their_frame(holed):
 
 
 def test_what_is_too_far_belongs_to_no_frame(holed):
-    frames = StampedFrames(holed, 1000)
+    frames = frames_of(holed, 1000)
     first = frames.first_ns
     assert frames.nearest(first - 1000)[1] == 1000
     assert frames.nearest(first - 1001) is None
