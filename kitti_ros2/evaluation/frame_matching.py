@@ -12,7 +12,7 @@ import numpy as np
 from ..importer.sync import NONE
 from ..model.errors import UsageError
 from ..model.geometry import Transform
-from ..model.losses import Loss, describe_frames
+from ..model.losses import Loss, describe_frames, format_numbers
 from ..model.motion import ScannerMotion
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.text import format_count
@@ -61,24 +61,38 @@ class FrameMatch:
 
 
 def match_result(
-    truth: GroundTruth, numbers: Int64Array, result: CameraTrajectory, tolerance_ns: int | None
+    truth: GroundTruth,
+    numbers: Int64Array,
+    result: CameraTrajectory,
+    tolerance_ns: int | None,
+    scored: npt.NDArray[np.bool_],
 ) -> FrameMatch:
     """Match a result to the frames of a ground truth.
+
+    Each frame without a pose is a loss: a result that begins late is not told from one of a stack
+    that failed. So is a pose with the number of no frame. Poses with other stamps are a note, since
+    odometry at a higher rate has them between frames.
 
     Args:
         truth: The ground truth.
         numbers: (N,) its frame numbers.
         result: The result, with numbers or stamps.
         tolerance_ns: Largest accepted difference of stamps; None is half the period.
+        scored: (N,) the frames that a pose is expected of.
 
     Raises:
-        UsageError: No pose belongs to a frame, or the ground truth has no stamps.
+        UsageError: No pose belongs to a frame to score, or the ground truth has no stamps.
     """
     if result.numbers is not None:
         found = _by_number(numbers, result.numbers, result.source)
     else:
         found = _by_stamp(truth, numbers, result, tolerance_ns)
-    missing = numbers[~found.known].tolist()
+    if not scored.all():
+        shown = format_numbers(numbers[scored].tolist()) or 'none of the ground truth'
+        if not (found.known & scored).any():
+            raise UsageError(f'{result.source}: no pose of the frames to score, {shown}')
+        found = replace(found, notes=(*found.notes, f'scored are frames {shown} only'))
+    missing = numbers[scored & ~found.known].tolist()
     if not missing:
         return found
     loss = Loss('result', len(missing), f'{result.source}: no pose of frames {{}}', tuple(missing))

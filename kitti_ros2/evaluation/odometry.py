@@ -18,6 +18,7 @@ from .segment_errors import LENGTHS_M, path_distances, segment_errors
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Container
 
     import numpy.typing as npt
     from typing_extensions import Unpack
@@ -41,7 +42,7 @@ class OdometryScores:
     Attributes:
         name: Sequence or drive of the ground truth, such as 09.
         ground_truth, result: Descriptions of both.
-        numbers: (N,) frame numbers of the ground truth.
+        numbers: (N,) frame numbers of the ground truth, of the frames to score.
         known: (N,) which of them have a result.
         positions: (N, 3) of the ground truth, in its first camera 0, metres.
         distances_m: (N,) along the ground truth up to each frame.
@@ -91,6 +92,8 @@ class OdometryScores:
 def evaluate_odometry(
     ground_truth: str | os.PathLike[str],
     result: str | os.PathLike[str],
+    *,
+    frames: Container[int] | None = None,
     **options: Unpack[OdometryKeywords],
 ) -> OdometryScores:
     """Score a trajectory as KITTI's odometry benchmark does, and with APE and RPE.
@@ -98,6 +101,8 @@ def evaluate_odometry(
     Args:
         ground_truth: A poses file, the folder of a sequence or drive, or a bag.
         result: A poses file (12 columns, or 13 with the frame number first), a TUM file or a bag.
+        frames: Numbers of the frames to score, such as those that were played; None is all. Only
+            these are losses if they have no pose.
         options: Those of `kitti-ros2 eval odometry --help`, with the same defaults:
             topic='/odom', tf=['odom', 'base_link'], frame='velo_link', align='se3',
             tolerance=0.02, sequence='09'.
@@ -117,14 +122,18 @@ def evaluate_odometry(
     from ..api.source import warn  # noqa: PLC0415 - as above
 
     read, chosen = make_odometry_options(by_name(options, ODOMETRY))
-    scores = score_trajectory(Path(ground_truth), Path(result), read, chosen)
+    scores = score_trajectory(Path(ground_truth), Path(result), read, chosen, frames)
     for loss in scores.losses:
         warn(loss.text())
     return scores
 
 
 def score_trajectory(
-    ground_truth: Path, result: Path, read: ReadOptions, options: OdometryOptions
+    ground_truth: Path,
+    result: Path,
+    read: ReadOptions,
+    options: OdometryOptions,
+    frames: Container[int] | None = None,
 ) -> OdometryScores:
     """Score a trajectory; see evaluate_odometry."""
     check_evo()
@@ -133,9 +142,10 @@ def score_trajectory(
     poses, numbers = truth.trajectory.poses, truth.trajectory.numbers
     if numbers is None:
         numbers = np.arange(len(poses), dtype=np.int64)
-    match = match_result(truth, numbers, found, options.tolerance_ns)
-    known = match.known
-    at_frames = poses_at_frames(truth.trajectory, match, found)
+    scored = np.array([frames is None or number in frames for number in numbers.tolist()])
+    match = match_result(truth, numbers, found, options.tolerance_ns, scored)
+    at_frames = poses_at_frames(truth.trajectory, match, found)[scored]
+    numbers, poses, known = numbers[scored], poses[scored], match.known[scored]
     segments = segment_errors(numbers, poses, at_frames, known)
     errors = pose_errors(numbers[known], poses[known], at_frames[known], options.align)
     distances = path_distances(poses)

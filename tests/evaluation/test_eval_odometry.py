@@ -182,6 +182,37 @@ def test_steps_over_missing_frames_are_not_in_rpe(root, tmp_path):
     assert scores.errors.rpe_m.max() < 0.2
 
 
+@pytest.mark.parametrize('by_stamp', [False, True])
+def test_frames_that_were_not_played_are_not_missing(by_stamp, root, tmp_path):
+    """As of `play --start --end`: the part is scored like a ground truth that is no longer."""
+    part = range(40, 340)
+    given = [number for number in part if number not in {100, 101}]
+    if by_stamp:
+        stamps = np.array(stamps_of(FRAMES))[given]
+        path = write_tum(tmp_path / 'r.tum', (f'{ns}e-9' for ns in stamps), RESULT[given])
+    else:
+        path = write_poses(tmp_path / 'r.txt', RESULT[given], given)
+    with pytest.warns(KittiRos2Warning, match='no pose of frames 100-101$') as warned:
+        scores = evaluate_odometry(gt(root), path, frames=part)
+    assert len(warned) == len(scores.losses) == 1
+    assert scores.losses[0].numbers == (100, 101)
+    assert scores.numbers.tolist() == [*part]
+    assert 'scored are frames 40-339 only' in scores.notes
+    truth = write_poses(tmp_path / 'gt.txt', TRUTH[40:340])
+    cut = write_poses(tmp_path / 'cut.txt', RESULT[given], [n - 40 for n in given])
+    with pytest.warns(KittiRos2Warning, match='no pose of frames 60-61'):
+        expected = evaluate_odometry(truth, cut)
+    assert scores.t_err_percent == pytest.approx(expected.t_err_percent, 1e-4)
+    assert scores.ape_m == pytest.approx(expected.ape_m, 1e-6)
+
+
+def test_a_result_without_the_frames_to_score_is_an_error(root, tmp_path):
+    path = write_poses(tmp_path / 'r.txt', RESULT[:30])
+    for frames, shown in ((range(30, 40), '30-39'), (range(500, 510), 'none of the ground truth')):
+        with pytest.raises(UsageError, match=f'no pose of the frames to score, {shown}'):
+            evaluate_odometry(gt(root), path, frames=frames)
+
+
 def test_errors_are_those_of_definition(root, tmp_path):
     """APE and RPE computed without evo."""
     scores = evaluate_odometry(gt(root), write_poses(tmp_path / 'r.txt', RESULT), align='none')
