@@ -95,10 +95,12 @@ def read_poses(bag: OpenBag, survey: Survey, plan: PosePlan) -> CameraTrajectory
     Raises:
         UsageError: It holds no valid pose.
     """
-    tally = LossTally()
-    track = read_track([bag], plan, survey, tally)
+    tally, topic = LossTally(), survey.topics[plan.topic]
+    try:
+        track = read_track([bag], plan, survey, tally, child=plan_of(topic).body)
+    except UsageError as error:
+        raise UsageError(f'{bag.path}: {error}; {_usable(survey)}') from None
     lost = tally.losses()
-    topic = survey.topics[plan.topic]
     losses = [*damage(survey.losses, bag.path.name), *lost]
     twice = topic.count - sum(loss.count for loss in lost) - len(track)
     if topic.msgtype in _ONE_EACH and twice:

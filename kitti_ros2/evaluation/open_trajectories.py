@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from ..bags.locate import locate_bag, looks_like_bag
 from ..messages.naming import FrameNames
-from ..model.errors import MissingPathError, NotABagError, UsageError
+from ..model.errors import BadFileError, MissingPathError, NotABagError, UsageError
 from .ground_truth_poses import truth_of_file, truth_of_folder
 from .rig_frames import frame_t_cam0
-from .trajectories import read_trajectory
+from .trajectories import EXPECTED, read_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,6 +71,8 @@ def open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> 
         raise MissingPathError(path)
     if path.is_dir() and not looks_like_bag(path):
         raise UsageError(f'{path}: is a folder without a bag; {_EXPECTED}')
+    if not (path.is_dir() or path.is_file()):
+        raise UsageError(f'{path}: is no regular file; {_EXPECTED}')
     if _is_text(path):
         if options.topic is not None or options.tf:
             given = '--tf' if options.tf else '--topic'
@@ -105,11 +107,13 @@ def _is_text(path: Path) -> bool:
     """Whether a path is a file and no bag.
 
     Raises:
-        BadBagError: It is empty, or no regular file.
+        BadFileError: It is empty.
         OSError: It cannot be read.
     """
     if not path.is_file():
         return False
+    if not path.stat().st_size:
+        raise BadFileError(path, 'is empty', f'a bag, or {EXPECTED}')
     try:
         locate_bag(path)
     except NotABagError:

@@ -11,15 +11,17 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..kitti.text_file import parse_numbers
 from ..model.errors import BadFileError
-from ..model.geometry import Transform
-from ..model.losses import Loss
+from ..model.geometry import quaternion_to_rotation
+from ..model.losses import Loss, format_numbers
 from ..model.stamps import parse_seconds
+from ..model.text import format_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -34,7 +36,7 @@ _QUATERNION = 1e-2
 _ROTATION = 0.1
 """The same of R^T R; the devkit accepts any matrix, and products of many are not exact."""
 _REPORTED_ROTATION = 1e-3
-_EXPECTED = '12 numbers a line (KITTI), 13 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
+EXPECTED = '12 numbers a line (KITTI), 13 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,32 +78,38 @@ class CameraTrajectory:
 def read_trajectory(path: Path) -> CameraTrajectory:
     """Read a poses file or a TUM file, detected by the number of columns of most lines.
 
-    An invalid line is a loss, and so is a second pose of one frame.
+    An invalid line is a loss, and so is a second pose of one frame. A first line without a number
+    is a header, which is left out with a note.
 
     Raises:
         BadFileError: It has no valid line.
         OSError: It cannot be read.
     """
     rows = _rows(path)
+    header = len(rows) > 1 and not any(map(_is_number, rows[0][1]))
+    rows = rows[header:]
     if not rows:
-        raise BadFileError(path, 'holds no poses', _EXPECTED)
+        raise BadFileError(path, 'contains no poses', EXPECTED)
     ((columns, _),) = Counter(len(words) for _, words in rows).most_common(1)
     form = _FORMATS.get(columns)
-    if form is None:
-        raise BadFileError(path, f'{columns} columns', _EXPECTED, line=rows[0][0])
-    keys, poses, losses = _parse_rows(path, rows, form)
-    order, twice = _ascending(keys)
-    if twice:
-        losses.append(Loss(path.name, twice, f'{path}: a second pose of the same {form.key}'))
-    ascending = np.array(keys, dtype=np.int64)[order]
-    found = np.array(poses)[order]
-    notes = [f'{path}: {form.key}s are not in order; sorted'] if keys != sorted(keys) else []
-    off = max(map(_error_of_rotation, found))
+    if form is None or ',' in rows[0][1][0]:
+        raise _unknown_columns(path, rows[0][0], columns, ' '.join(rows[0][1]))
+    lines, keys, poses, losses = _parse_rows(path, rows, form)
+    ascending, order = np.unique(np.array(keys, dtype=np.int64), return_index=True)
+    again = sorted({*range(len(keys))} - {*order.tolist()})
+    if again:
+        where = format_numbers([lines[place] for place in again])
+        text = f'{path}: a second pose of the same {form.key} in lines {where}; the first is used'
+        losses.append(Loss(path.name, len(again), text))
+    notes = [f'{path}: the first line has no numbers; taken as a header'] if header else []
+    if keys != sorted(keys):
+        notes.append(f'{path}: {form.key}s are not in order; sorted')
+    off = float(_errors_of_rotation(poses[order]).max())
     if off > _REPORTED_ROTATION:
         notes.append(f'{path}: matrices are no exact rotations, R^T R is off by up to {off:.2g}')
     return CameraTrajectory(
         f'{path} ({form.name})',
-        found,
+        poses[order],
         numbers=None if form.timed else ascending,
         stamps_ns=ascending if form.timed else None,
         losses=tuple(losses),
@@ -109,87 +117,111 @@ def read_trajectory(path: Path) -> CameraTrajectory:
     )
 
 
-def _parse_rows(
-    path: Path, rows: Sequence[tuple[int, list[str]]], form: _PoseFormat
-) -> tuple[list[int], list[Float64Array], list[Loss]]:
-    """Return the key and the pose of each valid row, and the others as losses.
-
-    Raises:
-        BadFileError: No row is valid.
-    """
-    keys, poses, bad = [], [], []
-    for position, (number, words) in enumerate(rows):
-        try:
-            key, pose = form.parse(words, position)
-        except ValueError as error:
-            bad.append(BadFileError(path, str(error), form.expected, line=number))
-            continue
-        keys.append(key)
-        poses.append(pose)
-    if not poses:
-        raise bad[0]
-    return keys, poses, [Loss(path.name, 1, str(error)) for error in bad]
-
-
-def _ascending(keys: Sequence[int]) -> tuple[Int64Array, int]:
-    """Return the order of the first pose of each key, and the number of others."""
-    _, first = np.unique(np.array(keys, dtype=np.int64), return_index=True)
-    return first, len(keys) - len(first)
-
-
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return line number and words of each line, without blank ones and comments."""
     try:
-        text = path.read_text(encoding='utf-8')
+        text = path.read_text(encoding='utf-8-sig')
     except UnicodeDecodeError:
-        raise BadFileError(path, 'is no text', _EXPECTED) from None
+        text = '\0'
+    if '\0' in text:
+        raise BadFileError(path, 'is no UTF-8 text', EXPECTED)
     lines = enumerate(text.splitlines(), start=1)
     found = ((number, line.split()) for number, line in lines)
     return [(number, words) for number, words in found if words and words[0][0] != '#']
 
 
-def _parse_kitti(words: list[str], position: int) -> tuple[int, Float64Array]:
-    return position, _matrix(parse_numbers(words, 12))
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
-def _parse_numbered(words: list[str], _: int) -> tuple[int, Float64Array]:
+def _unknown_columns(path: Path, line: int, columns: int, text: str) -> BadFileError:
+    for name, mark in (('commas', ','), ('semicolons', ';')):
+        if mark in text:
+            return BadFileError(
+                path, f'numbers are separated by {name}', f'spaces, and {EXPECTED}', line=line
+            )
+    return BadFileError(path, format_count(columns, 'column'), EXPECTED, line=line)
+
+
+def _parse_rows(
+    path: Path, rows: Sequence[tuple[int, list[str]]], form: _PoseFormat
+) -> tuple[list[int], list[int], Float64Array, list[Loss]]:
+    """Return line, key and (4, 4) pose of each valid row, and the others as losses.
+
+    Raises:
+        BadFileError: No row is valid.
+    """
+    lines, keys, values = [], [], []
+    faults: dict[int, str] = {}
+    for position, (line, words) in enumerate(rows):
+        try:
+            key, matrix = form.parse(words, position)
+        except ValueError as error:
+            faults[line] = str(error)
+            continue
+        lines.append(line)
+        keys.append(key)
+        values.append(matrix)
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    poses[:, :3] = np.reshape(values, (-1, 3, 4))
+    wrong = _faults(poses)
+    faults |= {lines[place]: fault for place, fault in wrong.items()}
+    kept = [place for place in range(len(keys)) if place not in wrong]
+    errors = [
+        BadFileError(path, fault, form.expected, line=line)
+        for line, fault in sorted(faults.items())
+    ]
+    if not kept:
+        raise errors[0]
+    losses = [Loss(path.name, 1, str(error)) for error in errors]
+    return [lines[place] for place in kept], [keys[place] for place in kept], poses[kept], losses
+
+
+def _parse_kitti(words: list[str], position: int) -> tuple[int, list[float]]:
+    return position, parse_numbers(words, 12)
+
+
+def _parse_numbered(words: list[str], _: int) -> tuple[int, list[float]]:
     number, *values = parse_numbers(words, 13)
     if not (number.is_integer() and 0 <= number < 2**31):
         raise ValueError(f'{words[0]!r} is no frame number')
-    return int(number), _matrix(values)
+    return int(number), values
 
 
-def _parse_tum(words: list[str], _: int) -> tuple[int, Float64Array]:
-    values = parse_numbers(words, 8)[1:]
-    if abs(np.linalg.norm(values[3:]) - 1) > _QUATERNION:
-        raise ValueError(f'the quaternion has length {np.linalg.norm(values[3:]):.3g}, not 1')
-    pose = Transform.from_quaternion(values[3:], values[:3]).matrix()
-    return parse_seconds(words[0]), _checked(pose)
+def _parse_tum(words: list[str], _: int) -> tuple[int, list[float]]:
+    x, y, z, *quaternion = parse_numbers(words, 8)[1:]
+    length = hypot(*quaternion)
+    if abs(length - 1) > _QUATERNION:
+        raise ValueError(f'the quaternion has length {length:.3g}, not 1')
+    first, second, third = quaternion_to_rotation(np.array(quaternion)).tolist()
+    return parse_seconds(words[0]), [*first, x, *second, y, *third, z]
 
 
-def _matrix(values: list[float]) -> Float64Array:
-    return _checked(np.vstack([np.reshape(values, (3, 4)), [0.0, 0.0, 0.0, 1.0]]))
+def _faults(poses: Float64Array) -> dict[int, str]:
+    """Return by index why one of (N, 4, 4) poses is no rotation and translation."""
+    off, sign = _errors_of_rotation(poses), np.linalg.det(poses[:, :3, :3])
+    far = np.abs(poses).max(axis=(1, 2), initial=0) > _FARTHEST_M
+    found = {}
+    for place in np.flatnonzero(far | ~(off <= _ROTATION) | (sign < 0)).tolist():
+        if far[place]:
+            found[place] = 'a position beyond 1e9 m'
+        elif off[place] <= _ROTATION:
+            found[place] = 'the matrix is a reflection (left-handed axes, determinant -1)'
+        else:
+            found[place] = f'the matrix is no rotation (R^T R is off by {off[place]:.2g})'
+    return found
 
 
-def _checked(pose: Float64Array) -> Float64Array:
-    """Return a (4, 4) pose.
-
-    Raises:
-        ValueError: It is no rotation and translation.
-    """
-    rotation = pose[:3, :3]
-    if np.abs(pose).max() > _FARTHEST_M:
-        raise ValueError('a position beyond 1e9 m')
-    off = _error_of_rotation(pose)
-    if off > _ROTATION or np.linalg.det(rotation) < 0:
-        raise ValueError(f'the matrix is no rotation (R^T R is off by {off:.2g})')
-    return pose
-
-
-def _error_of_rotation(pose: Float64Array) -> float:
-    """Return how far R^T R is from the identity."""
-    rotation = pose[:3, :3]
-    return float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+def _errors_of_rotation(poses: Float64Array) -> Float64Array:
+    """Return (N,) how far R^T R is from the identity."""
+    rotations = np.clip(poses[:, :3, :3], -_FARTHEST_M, _FARTHEST_M)
+    products = rotations.transpose(0, 2, 1) @ rotations
+    found: Float64Array = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0)
+    return found
 
 
 @dataclass(frozen=True)
@@ -198,13 +230,13 @@ class _PoseFormat:
 
     Attributes:
         name: For users.
-        parse: Parses the words of a row at a position to its key and its (4, 4) pose.
+        parse: Parses the words of a row at a position to its key and the 12 numbers of its matrix.
         expected: What a line holds.
         timed: Whether poses are identified by a stamp, and not by a frame number.
     """
 
     name: str
-    parse: Callable[[list[str], int], tuple[int, Float64Array]]
+    parse: Callable[[list[str], int], tuple[int, list[float]]]
     expected: str
     timed: bool = False
 

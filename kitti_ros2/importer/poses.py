@@ -25,9 +25,21 @@ if TYPE_CHECKING:
 
 
 def read_track(
-    bags: Sequence[BagSource], plan: PosePlan, survey: Survey, losses: LossTally
+    bags: Sequence[BagSource],
+    plan: PosePlan,
+    survey: Survey,
+    losses: LossTally,
+    *,
+    child: str = '',
 ) -> PoseTrack:
     """Read the poses that a plan names.
+
+    Args:
+        bags: Parts of a recording.
+        plan: The topic or link.
+        survey: Of the bags.
+        losses: Takes messages without a valid pose.
+        child: The only valid child frame of Odometry; empty for any.
 
     Raises:
         UsageError: The topic is missing, or its type has no poses.
@@ -39,7 +51,10 @@ def read_track(
         decode = Decoder(messages.typestore)
         for message in messages:
             try:
-                poses = _poses(decode(message), message.msgtype, plan, survey)
+                decoded = decode(message)
+                if child and message.msgtype == types.ODOMETRY:
+                    _check_child(decoded.child_frame_id.lstrip('/'), child)
+                poses = _poses(decoded, message.msgtype, plan, survey)
             except ValueError as error:
                 reason = reason or f' ({error})'
                 losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
@@ -51,8 +66,14 @@ def read_track(
     if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
         stamps = topic.stamps()[0].tolist()
     if not found:
-        raise UsageError(f'{topic.name}: holds no pose of {plan.body}{reason}')
+        whose = f' of {plan.body}' if plan.body else ''
+        raise UsageError(f'{topic.name}: holds no pose{whose}{reason}')
     return PoseTrack(stamps, [pose for _, pose in found])
+
+
+def _check_child(found: str, child: str) -> None:
+    if found != child:
+        raise ValueError(f'of {found or "no frame"}, not of {child}')
 
 
 def _poses(

@@ -185,7 +185,7 @@ def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Cand
 
 def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiError:
     """Return the error for a recording without any stream."""
-    reasons = [loss.message for loss in recording.losses]
+    reasons = [loss.text() for loss in recording.losses]
     found = '; '.join([f'no data file of {recording.name} can be used', *reasons[:1]])
     return NotKittiError(path, found, [layout.value])
 

@@ -33,7 +33,9 @@ from kitti_ros2.evaluation import evaluate_odometry, odometry_plot
 from kitti_ros2.kitti.calib_file import parse_calibration
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses import rect_from_imu
+from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.naming import base_t_imu
+from kitti_ros2.messages.ros_types import Path as PathMessage
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
@@ -373,6 +375,35 @@ def test_two_poses_of_one_stamp_are_counted(root, tmp_path, run):
     assert err.startswith('skipped /odom (1): /odom: a second pose of the same stamp\n')
 
 
+def test_a_pose_of_another_frame_costs_its_message(root, tmp_path, run):
+    times, poses = stamps_of(FRAMES), body_poses(root, 'base_link')
+    bag = write_bag(tmp_path / 'run.mcap', *(
+        ('/odom', ns, odometry(ns, pose, 'velo_link' if n in {5, 6} else '/base_link'))
+        for n, (ns, pose) in enumerate(zip(times, poses, strict=True))
+    ))  # fmt: skip
+    code, _, err = run(root, bag)
+    assert code == 1
+    assert 'skipped /odom (2): ' in err
+    assert 'no pose (of velo_link, not of base_link)' in err
+    assert 'no pose of frames 5-6\n' in err
+
+
+def test_a_topic_without_a_valid_pose_is_an_error(root, tmp_path, run):
+    empty = write_bag(
+        tmp_path / 'empty.mcap', ('/path', 1, PathMessage(make_header(1, 'odom'), []))
+    )
+    zero = odometry(1, np.eye(4))
+    zero.pose.pose.orientation.w = 0.0
+    zeros = write_bag(tmp_path / 'zeros.mcap', ('/odom', 1, zero))
+    for bag, complaint in (
+        (empty, ': /path: holds no pose; --topic takes /path (nav_msgs/msg/Path)'),
+        (zeros, ': /odom: holds no pose of base_link (a pose of NaN, of an impossible place or of'),
+    ):
+        code, _, err = run(root, bag)
+        assert code == 2
+        assert one_line(err).startswith(f'kitti-ros2: {bag}{complaint}')
+
+
 def test_an_invalid_message_costs_its_frame(root, tmp_path, run):
     times, poses = stamps_of(FRAMES), body_poses(root, 'base_link')
     poses[5, 0, 3] = np.nan
@@ -441,7 +472,10 @@ def test_mistakes_are_one_line(root, recordings, tmp_path, run):
     for words, complaint in (
         ((tmp_path / 'absent.txt', file), 'absent.txt'),
         ((gt(root), tmp_path / 'absent.txt'), 'absent.txt: no such file or folder'),
-        ((gt(root), tmp_path / 'empty.txt'), 'empty.txt: is empty'),
+        (
+            (gt(root), tmp_path / 'empty.txt'),
+            'empty.txt: is empty; expected a bag, or 12 numbers a line',
+        ),
         ((tum, file), 'is a TUM file; as ground truth give a poses file'),
         ((alone, tum), 'has no time stamps'),
         ((alone, file, '--frame', 'velo_link'), 'neither the ground truth nor the result has'),
@@ -450,6 +484,11 @@ def test_mistakes_are_one_line(root, recordings, tmp_path, run):
         ((gt(root), file, '--align', 'se2'), 'align'),
         ((gt(root), far), 'has 2 frames, 7000 to 7001; the ground truth has 400 frames, 0 to 399'),
         ((recordings[Layout.OBJECT], file), 'has no poses'),
+        (
+            (tmp_path / 'empty.txt', file),
+            'empty.txt: is empty; expected a bag, or 12 numbers a line',
+        ),
+        ((gt(root), '/dev/null'), 'is no regular file; a result is a poses file'),
         ((gt(root), root), 'is a folder without a bag; a result is a poses file'),
         ((gt(root), file, '-o', tmp_path / 'a.jpg'), 'a plot ends in .png, .pdf or .svg'),
     ):

@@ -60,7 +60,8 @@ def test_tum_keeps_all_nanoseconds_and_is_sorted(tmp_path):
         ('1 0 0', '3 values'),
         (LINE.format('2e9'), 'a position beyond 1e9 m'),
         ('1.1' + LINE.format(0)[1:], 'the matrix is no rotation (R^T R is off by 0.21)'),
-        ('-1' + LINE.format(0)[1:], 'the matrix is no rotation'),
+        ('-1' + LINE.format(0)[1:], 'the matrix is a reflection (left-handed axes'),
+        ('1e200' + LINE.format(0)[1:], 'a position beyond 1e9 m'),
         ('0 0 0 0 0 0 0 0 0 0 0 0', 'the matrix is no rotation'),
     ],
 )
@@ -97,20 +98,60 @@ def test_an_invalid_line_of_tum_costs_its_pose(line, complaint, tmp_path):
     assert found.losses[0].text().startswith(f'{path}:4: ')
 
 
+@pytest.mark.parametrize('change', [b'\xef\xbb\xbf%s', b'# a comment\n\n%s', b'%s\n  \n'])
+@pytest.mark.parametrize('end', [b'\n', b'\r\n', b'\r'])
+def test_marks_blank_lines_and_line_ends_change_nothing(change, end, tmp_path):
+    path = tmp_path / '09.txt'
+    lines = [LINE.format(x).encode() for x in range(3)]
+    path.write_bytes(change % end.join(lines))
+    found = read_trajectory(path)
+    assert found.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert (found.losses, found.notes) == ((), ())
+
+
+def test_a_header_is_no_frame(tmp_path):
+    path = write(tmp_path, 'r11 r12 r13 tx', *(LINE.format(x) for x in range(3)))
+    found = read_trajectory(path)
+    assert found.numbers.tolist() == found.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert found.losses == ()
+    assert found.notes == (f'{path}: the first line has no numbers; taken as a header',)
+
+
+def test_a_long_file_is_read_in_one_piece(tmp_path):
+    lines = [f'{n * 0.01:.6f} {n} 0 0 0 0 0 1' for n in range(20_000)]
+    lines[700] = lines[699]
+    found = read_trajectory(write(tmp_path, *lines))
+    assert (len(found), len(found.losses)) == (19_999, 1)
+    assert 'in lines 701' in found.losses[0].text()
+
+
 def test_the_first_of_two_poses_of_a_frame_is_used(tmp_path):
     path = write(tmp_path, *(f'{n} {LINE.format(x)}' for n, x in ((0, 0), (1, 1), (1, 5), (2, 2))))
     found = read_trajectory(path)
     assert found.poses[:, 0, 3].tolist() == [0, 1, 2]
     assert [loss.count for loss in found.losses] == [1]
-    assert 'a second pose of the same frame number' in found.losses[0].text()
+    assert found.losses[0].text() == (
+        f'{path}: a second pose of the same frame number in lines 3; the first is used'
+    )
 
 
 @pytest.mark.parametrize(
     ('content', 'complaint'),
     [
-        (b'# only a comment\n', 'holds no poses'),
+        (b'# only a comment\n', 'contains no poses'),
+        (b'', 'contains no poses'),
+        (b'x y z\n', ':1: 3 columns; expected 12'),
         (b'1 2 3\n', ':1: 3 columns; expected 12 numbers a line'),
-        (b'\xff\xfe\x00', 'is no text'),
+        (b'1\n', ':1: 1 column; expected'),
+        (b'0,0,0,0,0,0,0,1\n', ':1: numbers are separated by commas; expected spaces, and 12'),
+        (b'1; 0; 0\n', ':1: numbers are separated by semicolons; expected spaces'),
+        (b'1, 0, 0, 0, 0, 0, 0, 1\n', ':1: numbers are separated by commas; expected spaces'),
+        (b'\0' * 99, 'is no UTF-8 text'),
+        ('1 0 0'.encode('utf-16'), 'is no UTF-8 text'),
+        (b'1 0 0 0 0 1 0 0 0 0 1\n', ':1: 11 columns; expected 12 numbers a line'),
+        (b'1 0 0 0 0 1 0 0 0 0 1 0 0\n', ':1: the matrix is no rotation'),
+        (b'0 0 0 0 0 0 0 0\n', ':1: the quaternion has length 0, not 1'),
+        (b'\xff\xfe\x00', 'is no UTF-8 text'),
         (b'nan 0 0 0 0 1 0 0 0 0 1 0\n', ":1: 'nan' is no finite number; expected twelve numbers"),
     ],
 )

@@ -140,3 +140,18 @@ def test_a_late_pose_of_a_stack_is_that_of_its_stamp(tmp_path):
     stamps = [f'{DEFAULT_EPOCH_NS + ns}e-9' for ns in late.tolist()]
     result = write_tum(tmp_path / 'r.tum', stamps, true_poses(late / NS_PER_S))
     assert evaluate_odometry(root, result).errors.ape_m.max() < 0.0003
+
+
+def test_the_truth_does_not_move_where_its_stamps_are_wrong(tmp_path):
+    offsets = np.array(offsets_ns(FRAMES))
+    poses = true_poses(offsets / NS_PER_S)
+    root = write_sequence(tmp_path / 'odometry', poses)
+    times = root / 'sequences' / '07' / 'times.txt'
+    lines = times.read_text().splitlines()
+    lines[31] = lines[30]
+    times.write_text('\n'.join(lines))
+    stamps = [f'{DEFAULT_EPOCH_NS + ns + 5_000_000}e-9' for ns in offsets.tolist()]
+    with pytest.warns(KittiRos2Warning, match='no pose of frames'):
+        scores = evaluate_odometry(root, write_tum(tmp_path / 'r.tum', stamps, poses))
+    assert 'stamps are not ascending' in scores.notes[-1]
+    assert np.isfinite(scores.ape_m)
