@@ -80,9 +80,10 @@ def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
     return PosePlan((plain or topics)[0].name, child, parent)
 
 
-def _usable(survey: Survey) -> str:
+def _usable(survey: Survey, other_than: str = '') -> str:
     """List the topics and links that may be a result."""
-    topics = [f'{each.name} ({each.msgtype})' for each in survey.of_type(*_POSES)]
+    others = [each for each in survey.of_type(*_POSES) if each.name != other_than]
+    topics = [f'{each.name} ({each.msgtype})' for each in others]
     links = [f'{parent} {child}' for parent, child in survey.moving]
     parts = [f'--topic takes {some_of(topics, _SHOWN)}'] if topics else []
     parts += [f'--tf takes {some_of(links, _SHOWN)}'] if links else []
@@ -99,7 +100,7 @@ def read_poses(bag: OpenBag, survey: Survey, plan: PosePlan) -> CameraTrajectory
     try:
         track = read_track([bag], plan, survey, tally, child=plan_of(topic).body)
     except UsageError as error:
-        raise UsageError(f'{bag.path}: {error}; {_usable(survey)}') from None
+        raise UsageError(f'{bag.path}: {error}; {_usable(survey, plan.topic)}') from None
     lost = tally.losses()
     losses = [*damage(survey.losses, bag.path.name), *lost]
     twice = topic.count - sum(loss.count for loss in lost) - len(track)

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import TYPE_CHECKING
@@ -86,7 +87,7 @@ def read_trajectory(path: Path) -> CameraTrajectory:
         OSError: It cannot be read.
     """
     rows = _rows(path)
-    header = len(rows) > 1 and not any(map(_is_number, rows[0][1]))
+    header = len(rows) > 1 and not _has_number(rows[0][1])
     rows = rows[header:]
     if not rows:
         raise BadFileError(path, 'contains no poses', EXPECTED)
@@ -130,12 +131,13 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
     return [(number, words) for number, words in found if words and words[0][0] != '#']
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+def _has_number(words: list[str]) -> bool:
+    """Whether a line has a number, with any separators."""
+    for word in ' '.join(words).replace(',', ' ').replace(';', ' ').split():
+        with suppress(ValueError):
+            float(word)
+            return True
+    return False
 
 
 def _unknown_columns(path: Path, line: int, columns: int, text: str) -> BadFileError:

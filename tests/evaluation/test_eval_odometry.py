@@ -396,7 +396,7 @@ def test_a_topic_without_a_valid_pose_is_an_error(root, tmp_path, run):
     zero.pose.pose.orientation.w = 0.0
     zeros = write_bag(tmp_path / 'zeros.mcap', ('/odom', 1, zero))
     for bag, complaint in (
-        (empty, ': /path: holds no pose; --topic takes /path (nav_msgs/msg/Path)'),
+        (empty, ': /path: holds no pose; it needs an Odometry, a PoseStamped, a Path or a moving'),
         (zeros, ': /odom: holds no pose of base_link (a pose of NaN, of an impossible place or of'),
     ):
         code, _, err = run(root, bag)

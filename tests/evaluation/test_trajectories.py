@@ -144,6 +144,8 @@ def test_the_first_of_two_poses_of_a_frame_is_used(tmp_path):
         (b'1 2 3\n', ':1: 3 columns; expected 12 numbers a line'),
         (b'1\n', ':1: 1 column; expected'),
         (b'0,0,0,0,0,0,0,1\n', ':1: numbers are separated by commas; expected spaces, and 12'),
+        (b'0,0,0,0,0,0,0,1\n' * 2, ':1: numbers are separated by commas'),
+        (b'stamp,x\n0,0\n1,0\n', ':2: numbers are separated by commas'),
         (b'1; 0; 0\n', ':1: numbers are separated by semicolons; expected spaces'),
         (b'1, 0, 0, 0, 0, 0, 0, 1\n', ':1: numbers are separated by commas; expected spaces'),
         (b'\0' * 99, 'is no UTF-8 text'),
