@@ -105,41 +105,127 @@ def test_the_fixed_frame_does_not_matter():
     assert second.r_err_deg_per_m == pytest.approx(first.r_err_deg_per_m, rel=1e-3)
 
 
+def segments_of(truth):
+    """First and last frame of each segment and its length, found frame by frame."""
+    way = [np.float32(0)]
+    for before, after in pairwise(truth[:, :3, 3]):
+        x, y, z = np.float32(after - before)
+        way.append(way[-1] + np.sqrt(x * x + y * y + z * z))
+    for first in range(0, len(truth), 10):
+        for length in range(100, 801, 100):
+            last = first
+            while last < len(way) and way[last] <= way[first] + np.float32(length):
+                last += 1
+            if last < len(way):
+                yield first, last, length
+
+
 def shows_drift(truth):
-    """1 % of the way, and 0.01 degrees a metre, to three digits."""
+    """Check the figures of known drifts to four digits, and 1.00 % and 0.0100 deg/m as printed.
+
+    Expected values are computed from the positions of the ground truth alone, in float64. A segment
+    ends at the first frame beyond its length, so a drift of 1 % of the way, or of 0.01 degrees a
+    metre, is that times the way between its frames over its length, a little more than 1. Positions
+    that are scaled by 1.01 are off by 1 % of the chord, which is shorter than the way in bends.
+    """
+    positions = truth[:, :3, 3]
+    way = np.append(0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
+    ways, chords = [], []
+    for first, last, length in segments_of(truth):
+        ways.append((way[last] - way[first]) / length)
+        chords.append(math.dist(positions[first], positions[last]) / length)
+    drift, scale = math.fsum(ways) / len(ways), math.fsum(chords) / len(chords)
+    assert 1 < drift < 1.005
     aside = score(truth, drifted(truth, share=0.01))
+    assert aside.t_err_percent == pytest.approx(drift, rel=2e-5)
     assert f'{aside.t_err_percent:.2f}' == '1.00'
     assert aside.r_err_deg_per_m == 0
-    turned = score(truth, drifted(truth, deg_per_m=0.01))
-    assert f'{turned.r_err_deg_per_m:.4f}' == '0.0100'
-    both = score(truth, drifted(truth, 0.01, 0.01))
-    assert f'{both.r_err_deg_per_m:.4f}' == '0.0100'
+    for turned in (drifted(truth, deg_per_m=0.01), drifted(truth, 0.01, 0.01)):
+        found = score(truth, turned)
+        assert found.r_err_deg_per_m == pytest.approx(0.01 * drift, rel=2e-5)
+        assert f'{found.r_err_deg_per_m:.4f}' == '0.0100'
+    scaled = score(truth, scaled_by(truth, 1.01))
+    assert scaled.t_err_percent == pytest.approx(scale, rel=2e-5)
+    assert scaled.r_err_deg_per_m == 0
+
+
+def scaled_by(poses, factor):
+    found = poses.copy()
+    found[:, :3, 3] *= factor
+    return found
+
+
+def agrees_with_devkit(truth, figures):
+    """Check figures against those of the devkit's program, to all digits that it was asked for.
+
+    They are from calcSequenceErrors and saveStats of evaluate_odometry.cpp, compiled with GCC (-O2)
+    and run on the poses that are made here, written with ten digits: t_err in percent, r_err in
+    degrees a metre, and the number of segments.
+    """
+    results = {
+        'scale': scaled_by(truth, 1.01),
+        'aside': drifted(truth, 0.01),
+        'turned': drifted(truth, 0, 0.01),
+        'both': drifted(truth, 0.01, 0.01),
+        'shaken': shaken(truth),
+    }
+    for name, (t_err, r_err, count) in figures.items():
+        found = score(truth, results[name])
+        assert len(found) == count
+        assert found.t_err_percent == pytest.approx(t_err, rel=2e-6, abs=1e-6), name
+        assert found.r_err_deg_per_m == pytest.approx(r_err, rel=2e-6, abs=1e-8), name
 
 
 def test_a_known_drift_has_its_figures():
     shows_drift(drive(4000))
 
 
+def test_figures_are_those_of_the_devkit():
+    figures = {
+        'scale': (0.654934, 0, 2790),
+        'aside': (1.001670, 0, 2790),
+        'turned': (18.310568, 0.01001668, 2790),
+        'both': (17.578053, 0.01001668, 2790),
+        'shaken': (3.792060, 0.01433347, 2790),
+    }
+    agrees_with_devkit(drive(4000), figures)
+
+
 def test_a_scale_of_a_straight_way_is_its_error():
+    """The chord of a straight segment is its way: 1 % and the part of a step beyond the length."""
     truth = drive(3000, bend=0)
-    scaled = truth.copy()
-    scaled[:, :3, 3] *= 1.01
-    found = score(truth, scaled)
+    found = score(truth, scaled_by(truth, 1.01))
     assert f'{found.t_err_percent:.2f}' == '1.00'
     assert found.r_err_deg_per_m == 0
 
 
-def test_a_known_drift_on_a_real_way_has_its_figures(real_kitti):
+@pytest.fixture
+def poses_00(real_kitti):
+    """(4541, 4, 4) poses of sequence 00."""
     path = real_kitti / 'odometry/dataset/poses/00.txt'
     values = parse_poses(path.read_text(), path).values
     truth = np.array([np.vstack([pose, [0, 0, 0, 1]]) for pose in values])
     assert len(truth) == 4541
-    found = score(truth, truth)
+    return truth
+
+
+def test_a_known_drift_on_a_real_way_has_its_figures(poses_00):
+    found = score(poses_00, poses_00)
     assert (f'{found.t_err_percent:.6f}', found.r_err_deg_per_m) == ('0.000000', 0)
-    shows_drift(truth)
-    scaled = drifted(truth, deg_per_m=0.01)
-    scaled[:, :3, 3] *= 1.01
-    compare(score(truth, scaled), brute_force(range(4541), truth, dict(enumerate(scaled))))
+    shows_drift(poses_00)
+    scaled = scaled_by(drifted(poses_00, deg_per_m=0.01), 1.01)
+    compare(score(poses_00, scaled), brute_force(range(4541), poses_00, dict(enumerate(scaled))))
+
+
+def test_figures_on_a_real_way_are_those_of_the_devkit(poses_00):
+    figures = {
+        'scale': (0.616603, 0, 3283),
+        'aside': (1.001602, 0, 3283),
+        'turned': (17.340698, 0.01001603, 3283),
+        'both': (17.406647, 0.01001603, 3283),
+        'shaken': (4.022267, 0.01577563, 3283),
+    }
+    agrees_with_devkit(poses_00, figures)
 
 
 @pytest.mark.parametrize('frames', [1, 2, 50])
