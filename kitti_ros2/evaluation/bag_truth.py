@@ -18,6 +18,7 @@ from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout
 from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..model.recording import StreamIndex
 from ..model.streams import Clock
 from ..own_bags.numbering import BY_POSITION, number_bag
 from ..own_bags.recording import BagRecording
@@ -90,6 +91,6 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
     )
     frames = None
     if found.stamps_ns is not None:
-        tolerance_ns = default_tolerance_ns(found.stamps_ns)
-        frames = StampedFrames(numbers, found.stamps_ns, tolerance_ns)
+        samples = StreamIndex(numbers, found.stamps_ns)
+        frames = StampedFrames([samples], default_tolerance_ns(found.stamps_ns))
     return GroundTruth(bag.path.stem, placed, frames, links)

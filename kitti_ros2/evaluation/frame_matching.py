@@ -141,13 +141,10 @@ def _by_stamp(
             f'{result.source}: {format_count(unused, "pose")} of no frame, or not the nearest of'
             f' one, not used'
         )
-    at_start = int(np.count_nonzero(found.at_start[used]))
-    if at_start:
-        count = format_count(at_start, 'pose')
-        notes.append(f"{result.source}: {count} at the start of the turn of the frame's scan")
     indices, offsets_ns = np.full((2, len(numbers)), [[NONE], [0]], dtype=np.int64)
     indices[places], offsets_ns[places] = used, found.offsets_ns[used]
-    by = f'stamp, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
+    moment = f' ({found.moment})' if found.moment else ''
+    by = f'stamp{moment}, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
     true_ns = truth.trajectory.stamps_ns
     if true_ns is not None and (np.diff(true_ns) <= 0).any():
         text = 'stamps are not ascending; poses are compared with those of their frames as they are'

@@ -19,8 +19,6 @@ from ..model.streams import FRAME_STREAMS, Stream
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy.typing as npt
-
     from ..model.layouts import Layout
     from ..model.recording import StreamIndex
     from ..model.samples import Int64Array, Turn
@@ -56,29 +54,50 @@ class StampMatch(NamedTuple):
     """The frames of M stamps.
 
     Attributes:
-        numbers: (M,) of the nearest frame, NONE where it is too far.
+        numbers: (M,) of the frame, NONE where the nearest is too far.
         distances_ns: (M,) from the nearest stamp of the frame, nanoseconds.
-        offsets_ns: (M,) from the moment of the frame: at the start of a turn minus half its length,
-            else the signed distance.
-        at_start: (M,) which are at the start of a turn.
+        offsets_ns: (M,) how much later than the frame they are: 0 at the stamp of a sensor.
+        moment: What they are stamps of; empty: of sensors, or of nothing known.
     """
 
     numbers: Int64Array
     distances_ns: Int64Array
     offsets_ns: Int64Array
-    at_start: npt.NDArray[np.bool_]
+    moment: str = ''
+
+
+class _Moments(NamedTuple):
+    """A stamp of each of N frames.
+
+    Attributes:
+        name: For users; empty for the samples of a sensor.
+        numbers: (N,) of the frames.
+        stamps_ns: (N,) ascending.
+        late_ns: (N,) how much later than the frame they are.
+    """
+
+    name: str
+    numbers: Int64Array
+    stamps_ns: Int64Array
+    late_ns: Int64Array
+
+    def frames_at(self, stamps_ns: Int64Array, within_ns: int) -> int:
+        """Return how many of the frames have one of (M,) stamps."""
+        place, off = _nearest(self.stamps_ns, stamps_ns)
+        return len(np.unique(place[np.abs(off) <= within_ns]))
 
 
 class StampedFrames:
     """The frames of a recording by stamp.
 
-    A frame has the stamps of its scan and of its images, also the start of the turn, which is the
-    stamp of a scan with ring time. That is half a period before the frame, as near to the frame
-    before: a stamp is at the start of a turn if it differs by rounding only.
+    A frame has the stamps of its scan and of its images; results are stamped at one of them. It
+    also has the start of the scanner's turn, which is the stamp of a scan with ring time, and the
+    end, which is that of odometry whose scans are compensated to it. These are half a period from
+    the frame, as near to another: a stamp is at one of them if it differs by rounding only. The end
+    of a turn is also the start of the next, so all stamps of a result are judged together.
 
     Args:
-        numbers: (N,) of the frame of each sample.
-        stamps_ns: (N,) of the samples.
+        samples: Of the sensors, by number of the frame; the first is the moment of the frame.
         tolerance_ns: The largest distance from the stamp of a frame.
         turns: By number of the frame.
 
@@ -91,21 +110,21 @@ class StampedFrames:
 
     def __init__(
         self,
-        numbers: Int64Array,
-        stamps_ns: Int64Array,
+        samples: Sequence[StreamIndex],
         tolerance_ns: int,
         turns: Mapping[int, Turn] | None = None,
     ) -> None:
-        order = np.argsort(stamps_ns, kind='stable')
-        self.stamps_ns, self._numbers = stamps_ns[order], numbers[order]
-        begun = sorted(
-            (turn.start_ns, turn.forward_ns, number) for number, turn in (turns or {}).items()
-        )
-        self._starts, self._forward, self._begun = np.array(begun, np.int64).reshape(-1, 3).T
+        numbers = np.concatenate([index.numbers for index in samples])
+        stamps = np.concatenate([index.stamps_ns for index in samples])
+        order = np.argsort(stamps, kind='stable')
+        self.stamps_ns, self._numbers = stamps[order], numbers[order]
         self._first_of: dict[int, int] = {}
         for number, stamp in zip(self._numbers.tolist(), self.stamps_ns.tolist(), strict=True):
             self._first_of.setdefault(number, stamp)
-        self.numbers: list[int] = sorted({*numbers.tolist()})
+        self._known, first = np.unique(numbers, return_index=True)
+        self._moments_ns = stamps[first]
+        self._moments = _moments_of(samples, turns or {})
+        self.numbers: list[int] = self._known.tolist()
         self.first_ns = int(self.stamps_ns[0])
         self.tolerance_ns = tolerance_ns
 
@@ -114,26 +133,31 @@ class StampedFrames:
         return self._first_of[number]
 
     def match(self, stamps_ns: Int64Array, tolerance_ns: int | None = None) -> StampMatch:
-        """Match stamps to frames.
+        """Match the stamps of a result to frames.
 
         Args:
             stamps_ns: (M,) in any order.
             tolerance_ns: Another one than that of the frames.
         """
         tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
-        place, offsets = _nearest(self.stamps_ns, stamps_ns)
-        distances = np.abs(offsets)
-        numbers = np.where(distances <= tolerance, self._numbers[place], NONE)
-        if not len(self._starts):
-            return StampMatch(numbers, distances, offsets, np.zeros(len(numbers), dtype=bool))
-        start, late = _nearest(self._starts, stamps_ns)
-        off = np.abs(late)
-        at_start = (off < distances) & (off <= min(_ROUNDED_NS, tolerance))
+        place, off = _nearest(self.stamps_ns, stamps_ns)
+        distances, nearest = np.abs(off), self._numbers[place]
+        offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
+        numbers = np.where(distances <= tolerance, nearest, NONE)
+        rounded = min(_ROUNDED_NS, tolerance)
+        frames, best = max(
+            ((each.frames_at(stamps_ns, rounded), each) for each in self._moments),
+            key=lambda pair: pair[0],
+        )
+        if 2 * frames < min(len(stamps_ns), len(self.numbers)):
+            return StampMatch(numbers, distances, offsets)
+        place, off = _nearest(best.stamps_ns, stamps_ns)
+        at_it = np.abs(off) <= rounded
         return StampMatch(
-            np.where(at_start, self._begun[start], numbers),
-            np.where(at_start, off, distances),
-            np.where(at_start, stamps_ns - self._forward[start], offsets),
-            at_start,
+            np.where(at_it, best.numbers[place], numbers),
+            np.where(at_it, np.abs(off), distances),
+            np.where(at_it, off + best.late_ns[place], offsets),
+            best.name,
         )
 
     def nearest(self, stamp_ns: int) -> tuple[int, int] | None:
@@ -174,8 +198,10 @@ def frames_of(recording: FramedRecording, tolerance_ns: int | None = None) -> St
 
 def posed_frames_of(recording: FramedRecording) -> StampedFrames:
     """Return the frames of a recording with poses; they also have the stamps of these."""
-    known = [Stream.POSE, *(stream for stream in _STAMPED if stream in recording.streams)]
-    return _stamped_by(recording, known, None)
+    known = [stream for stream in _STAMPED if stream in recording.streams]
+    return _stamped_by(
+        recording, [*known, Stream.POSE] if recording.common_numbers else [Stream.POSE], None
+    )
 
 
 def _stamped_by(
@@ -189,15 +215,33 @@ def _stamped_by(
         tolerance_ns: As frames_of.
     """
     used = [recording.streams[each] for each in known]
-    used = used if recording.common_numbers else used[:1]
     if tolerance_ns is None:
         tolerance_ns = min(default_tolerance_ns(used[0].stamps_ns), recording.period_ns // 2)
-    return StampedFrames(
-        np.concatenate([index.numbers for index in used]),
-        np.concatenate([index.stamps_ns for index in used]),
-        tolerance_ns,
-        _turns(recording) if recording.common_numbers else None,
-    )
+    if not recording.common_numbers:
+        return StampedFrames(used[:1], tolerance_ns)
+    return StampedFrames(used, tolerance_ns, _turns(recording))
+
+
+def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> list[_Moments]:
+    """Return the samples of each sensor, and starts and ends of turns."""
+    none = np.zeros(1, dtype=np.int64)
+    found = [('', index.numbers, index.stamps_ns, none) for index in samples]
+    if turns:
+        rows = [
+            (number, turn.start_ns, turn.forward_ns, turn.end_ns) for number, turn in turns.items()
+        ]
+        numbers, starts, forward, ends = np.array(rows, dtype=np.int64).T
+        found.append(("start of the scan's turn", numbers, starts, starts - forward))
+        found.append(("end of the scan's turn", numbers, ends, ends - forward))
+    return [_in_order(*each) for each in found]
+
+
+def _in_order(
+    name: str, numbers: Int64Array, stamps_ns: Int64Array, late_ns: Int64Array
+) -> _Moments:
+    order = np.argsort(stamps_ns, kind='stable')
+    late = np.broadcast_to(late_ns, order.shape)
+    return _Moments(name, numbers[order], stamps_ns[order], late[order])
 
 
 def _turns(recording: FramedRecording) -> Mapping[int, Turn]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry that is stamped at the start of the scanner's turn, as scans with ring time are."""
+"""Odometry that is stamped at the start or the end of the scanner's turn, or at other times."""
 
 from __future__ import annotations
 
@@ -40,13 +40,14 @@ def at_starts(source):
     return open_recording(source, options)
 
 
-def answers(recording, path, *, to_ns=1):
+def answers(recording, path, *, to_ns=1, at_end=False):
     """A stack's Odometry of every scan, with the stamp of the scan, and the pose of its frame."""
     scans = recording.streams[Stream.SCAN]
     found = []
-    for number, stamp in zip(scans.numbers.tolist(), scans.stamps_ns.tolist(), strict=True):
+    for number, start in zip(scans.numbers.tolist(), scans.stamps_ns.tolist(), strict=True):
         pose = recording.read(Stream.POSE, number).world_T_imu.matrix()
-        rounded = round(stamp / to_ns) * to_ns
+        stamp = recording.turns[number].end_ns if at_end else start
+        rounded = stamp // to_ns * to_ns
         found.append(('/odom', rounded, odometry(rounded, pose, 'imu_link')))
     return write_bag(path, *found)
 
@@ -68,13 +69,15 @@ def ground_truth(request, tmp_path):
 
 
 @pytest.mark.parametrize('layout', POSED)
-@pytest.mark.parametrize('to_ns', [1, 1000])
-def test_every_frame_gets_the_pose_of_its_scan(layout, to_ns, recordings, ground_truth, tmp_path):
+@pytest.mark.parametrize(('to_ns', 'at_end'), [(1000, False), (1, True)])
+def test_every_frame_gets_the_pose_of_its_scan(
+    layout, to_ns, at_end, recordings, ground_truth, tmp_path
+):
     source = make_holes(recordings[layout], layout, tmp_path / 'holes')
     recording = at_starts(source)
     scans = recording.streams[Stream.SCAN]
     assert (scans.stamps_ns < open_recording(source).streams[Stream.SCAN].stamps_ns).all()
-    result = answers(recording, tmp_path / 'run.mcap', to_ns=to_ns)
+    result = answers(recording, tmp_path / 'run.mcap', to_ns=to_ns, at_end=at_end)
     answered = np.isin(recording.streams[Stream.POSE].numbers, scans.numbers)
     assert answered.any()
     assert not answered.all()
@@ -82,6 +85,8 @@ def test_every_frame_gets_the_pose_of_its_scan(layout, to_ns, recordings, ground
         scores = evaluate_odometry(ground_truth(source), result)
     assert scores.known.tolist() == answered.tolist()
     assert len(scores.losses) == 1
+    moment = 'end' if at_end else 'start'
+    assert scores.matched_by.startswith(f"stamp ({moment} of the scan's turn), at most")
 
 
 FRAMES = 400
@@ -136,7 +141,7 @@ def test_of_several_poses_the_nearest_to_the_frame_is_used(tmp_path):
 def test_a_late_pose_of_a_stack_is_that_of_its_stamp(tmp_path):
     offsets = np.array(offsets_ns(FRAMES))
     root = write_sequence(tmp_path / 'odometry', true_poses(offsets / NS_PER_S))
-    late = offsets + np.where(np.arange(FRAMES) % 2, 30_000_000, 0)
+    late = offsets + np.where(np.arange(FRAMES) % 3, 30_000_000, 0)
     stamps = [f'{DEFAULT_EPOCH_NS + ns}e-9' for ns in late.tolist()]
     result = write_tum(tmp_path / 'r.tum', stamps, true_poses(late / NS_PER_S))
     assert evaluate_odometry(root, result).errors.ape_m.max() < 0.0003
