@@ -143,8 +143,9 @@ def _by_stamp(
         )
     indices, offsets_ns = np.full((2, len(numbers)), [[NONE], [0]], dtype=np.int64)
     indices[places], offsets_ns[places] = used, found.offsets_ns[used]
-    moment = f' ({found.moment})' if found.moment else ''
-    by = f'stamp{moment}, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
+    by = f'stamp, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
+    if found.moment:
+        by = f'stamp ({found.moment})'
     true_ns = truth.trajectory.stamps_ns
     if true_ns is not None and (np.diff(true_ns) <= 0).any():
         text = 'stamps are not ascending; poses are compared with those of their frames as they are'

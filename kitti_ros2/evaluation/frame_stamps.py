@@ -231,8 +231,8 @@ def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> li
             (number, turn.start_ns, turn.forward_ns, turn.end_ns) for number, turn in turns.items()
         ]
         numbers, starts, forward, ends = np.array(rows, dtype=np.int64).T
-        found.append(("start of the scan's turn", numbers, starts, starts - forward))
-        found.append(("end of the scan's turn", numbers, ends, ends - forward))
+        found.append(('start of turn', numbers, starts, starts - forward))
+        found.append(('end of turn', numbers, ends, ends - forward))
     return [_in_order(*each) for each in found]
 
 
