@@ -8,6 +8,7 @@ within 80 m, reflectances 0..0.99, no point is at the origin. Scanners of others
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -44,26 +45,31 @@ class ScanFile:
     missing: str = ''
 
     @cached_property
-    def bounds(self) -> Float32Array:
-        """(2, 4) least and greatest of x, y, z and reflectance; NaN if any value is NaN."""
+    def bounds(self) -> tuple[list[float], list[float]]:
+        """The least and the greatest x, y, z and reflectance; NaN if a value of the column is."""
         flat = self.points.reshape(-1)
-        whole = len(flat) - len(flat) % _FOLDED
-        rest = self.points[whole // _COLUMNS :]
-        parts = [flat[:whole].reshape(-1, _FOLDED)] if whole else []
-        low = [each.min(axis=0).reshape(-1, _COLUMNS) for each in parts]
-        high = [each.max(axis=0).reshape(-1, _COLUMNS) for each in parts]
-        return np.stack(
-            [np.concatenate([*low, rest]).min(axis=0), np.concatenate([*high, rest]).max(axis=0)]
-        )
+        return _reduce(np.minimum, flat), _reduce(np.maximum, flat)
 
     @cached_property
     def reach(self) -> float:
         """The greatest absolute coordinate, metres; NaN or infinite if any is."""
-        return float(np.abs(self.bounds[:, :3]).max())
+        low, high = self.bounds
+        ends = [*low[:3], *high[:3]]
+        return math.nan if any(map(math.isnan, ends)) else max(map(abs, ends))
+
+
+def _reduce(ufunc: np.ufunc, flat: Float32Array) -> list[float]:
+    """Return the least or greatest value of each column of points in a row."""
+    if len(flat) > _FOLDED:
+        rows = flat[: len(flat) // _FOLDED * _FOLDED].reshape(-1, _FOLDED)
+        flat = ufunc(ufunc.reduce(rows), flat[-_FOLDED:])  # values may be seen twice
+    columns: list[float] = ufunc.reduce(flat.reshape(-1, _COLUMNS).T.copy(), axis=1).tolist()
+    return columns
 
 
 def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
-    if not (scan.reach < _NOT_METRES and np.isfinite(scan.bounds).all()):
+    low, high = scan.bounds
+    if not (scan.reach < _NOT_METRES and math.isfinite(low[3]) and math.isfinite(high[3])):
         wrong = np.logical_not((np.abs(scan.points) < _NOT_METRES).all(axis=1))
         first = int(np.argmax(wrong))
         values = ' '.join(f'{value:g}' for value in scan.points[first])
@@ -77,14 +83,14 @@ def _find_far(scan: ScanFile) -> Iterator[Breach]:
 
 
 def _find_constant(scan: ScanFile) -> Iterator[Breach]:
-    low, high = scan.bounds[:, :3]
-    if len(scan.points) > 1 and (low == high).all():
-        place = ' '.join(f'{value:g}' for value in low)
+    low, high = scan.bounds
+    if len(scan.points) > 1 and low[:3] == high[:3]:
+        place = ' '.join(f'{value:g}' for value in low[:3])
         yield Breach(f'all {len(scan.points)} points are at {place}', scan.path)
 
 
 def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
-    low, high = (float(value) for value in scan.bounds[:, 3])
+    low, high = (ends[3] for ends in scan.bounds)
     if low < 0 or 1 < high < _NOT_METRES:
         yield Breach(f'reflectances from {low:g} to {high:g}', scan.path)
 
