@@ -25,6 +25,7 @@ from .frame_rules import (
     SCAN_FRAME_RULES,
     FrameFiles,
     LabelledScan,
+    near_boxes,
 )
 from .image_rules import IMAGE_RULES, ImageFile
 from .label_rules import LABEL_RULES, LabelFile, LabelLine
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 
     from ..kitti.recording import KittiRecording
     from ..model.boxes import Cuboid
-    from ..model.samples import Float32Array
     from ..options.validating import ValidateOptions
+    from .frame_rules import NearBox
     from .recording_rules import ImageShape
     from .rule import Breach
 
@@ -116,6 +117,9 @@ class FrameChecks:
             stream: frozenset(listing.numbers.tolist())
             for stream, listing in recording.listings.items()
         }
+        self._cameras = {
+            stream: stream.camera for stream in self._numbers if stream.camera is not None
+        }
         self._known: dict[str, Calibration] = {}
 
     @property
@@ -135,28 +139,30 @@ class FrameChecks:
     def __call__(self, numbers: Sequence[int]) -> list[FrameResult]:
         """Check some frames, one after the other, and their labels together."""
         with np.errstate(all='ignore'):  # files may hold any numbers
-            checked = [self._check(number) for number in numbers]
+            checked = [self._check_others(number) for number in numbers]
+            frames = {frame.number: frame for _, frame in checked if frame is not None}
+            near = near_boxes([*frames.values()])
+            for result, frame in checked:
+                others, result.found = result.found, []
+                self._check_scan(result, frame, near.get(result.number, []))
+                result.found += others
             results = [result for result, _ in checked]
-            frames = [frame for _, frame in checked if frame is not None]
-            results[-1].found += find_breaches(LABEL_FRAME_RULES, frames)
+            results[-1].found += find_breaches(LABEL_FRAME_RULES, [*frames.values()])
         return results
 
-    def _check(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
+    def _check_others(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
+        """Check the files of a frame but for its scan."""
         result = FrameResult(number)
-        points = self._check_scan(number, result)
-        for stream in self._numbers:
-            if stream.camera is not None:
-                self._check_image(stream, number, result)
+        for stream in self._cameras:
+            self._check_image(stream, number, result)
         self._check_packet(number, result)
         calibration, calibration_path = self._check_calibration(number, result)
         lines, cuboids, label_path = self._check_labels(number, result)
         if calibration is None or not self._recording.common_numbers:
             return result, None
-        sizes = {stream.camera or 0: shape[:2] for stream, shape in result.images.items()}
+        sizes = {self._cameras[stream]: shape[:2] for stream, shape in result.images.items()}
         frame = FrameFiles(number, calibration, sizes, calibration_path, label_path, lines, cuboids)
         result.found += find_breaches(FRAME_RULES, frame)
-        if points is not None:
-            result.found += find_breaches(SCAN_FRAME_RULES, LabelledScan(frame, points))
         return result, frame
 
     def _path(self, stream: Stream, number: int, result: FrameResult) -> Path | None:
@@ -167,17 +173,22 @@ class FrameChecks:
         file = result.look(stream, path)
         return None if file is None or self._options.quick else path
 
-    def _check_scan(self, number: int, result: FrameResult) -> Float32Array | None:
+    def _check_scan(
+        self, result: FrameResult, frame: FrameFiles | None, boxes: Sequence[NearBox]
+    ) -> None:
+        number = result.number
         path = self._path(Stream.SCAN, number, result)
         if path is None:
-            return None
+            return
         scan = result.try_read(Stream.SCAN, path, lambda: self._recording.read(Stream.SCAN, number))
         if not isinstance(scan, Scan):
-            return None
+            return
         result.points = len(scan.points)
         file = ScanFile(path, scan.points, next(iter(scan.missing.values()), ''))
         result.found += find_breaches(SCAN_RULES, file)
-        return scan.points
+        if frame is not None:
+            labelled = LabelledScan(frame, scan.points, boxes)
+            result.found += find_breaches(SCAN_FRAME_RULES, labelled)
 
     def _check_image(self, stream: Stream, number: int, result: FrameResult) -> None:
         path = self._path(stream, number, result)
@@ -215,9 +226,7 @@ class FrameChecks:
         if known is not None or text is None:
             return known, path
         cameras = [
-            stream.camera
-            for stream in self._numbers
-            if stream.camera is not None and number in self._numbers[stream]
+            camera for stream, camera in self._cameras.items() if number in self._numbers[stream]
         ]
         try:
             calibration = parse_calibration(text, path, path.name)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ..model.boxes import (
 )
 from ..model.labels import rect_from_velo
 from ..model.matching import iou_2d
-from .places import Places, any_inside
+from .places import places_of_boxes, places_of_cuboids, places_without_points
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Calibration, Float32Array
     from .label_rules import LabelLine
+    from .places import Place
 
 Size = tuple[int, int]
 _LEAST_IOU = 0.3
@@ -87,12 +88,56 @@ class FrameFiles:
         return camera.p_rect if is_usable and camera is not None else None
 
 
+class NearBox(NamedTuple):
+    """A 3D box that is visible and near the scanner.
+
+    Attributes:
+        name: Its class; of a tracklet also its identity.
+        line: Of the label file, from 1; None for a tracklet.
+        place: Its place.
+    """
+
+    name: str
+    line: int | None
+    place: Place
+
+
 @dataclass(frozen=True, eq=False)
 class LabelledScan:
-    """A frame with the points of its scan, (N, 4)."""
+    """A frame with the points of its scan, (N, 4), and the boxes near the scanner."""
 
     frame: FrameFiles
     points: Float32Array
+    boxes: Sequence[NearBox]
+
+
+def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
+    """Return the boxes that are visible and near, by frame: numpy takes them all at once."""
+    known = [
+        (frame, velo_t_rect)
+        for frame in frames
+        if (velo_t_rect := _velo_from_rect(frame.calibration)) is not None
+    ]
+    labels = [
+        (frame.number, each, velo_t_rect)
+        for frame, velo_t_rect in known
+        for each in frame.solid
+        if each.box.occluded <= 0
+    ]
+    cuboids = [(frame.number, each) for frame, _ in known for each in frame.cuboids]
+    named: list[tuple[int, str, int | None]] = [
+        *((number, box.class_name, line) for number, (line, box), _ in labels),
+        *((number, f'{each.class_name} {each.identity}', None) for number, each in cuboids),
+    ]
+    places = [
+        *places_of_boxes([each.box for _, each, _ in labels], [each for *_, each in labels]),
+        *places_of_cuboids([each for _, each in cuboids]),
+    ]
+    near: dict[int, list[NearBox]] = {}
+    for (number, name, line), place in zip(named, places, strict=True):
+        if place.distance < _NEAR_M:
+            near.setdefault(number, []).append(NearBox(name, line, place))
+    return near
 
 
 def _find_projection(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
@@ -161,32 +206,20 @@ def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
             yield Breach(text, frame.label_path, line)
 
 
-@lru_cache(maxsize=16)
-def _velo_from_rect(calibration: Calibration) -> Transform:
-    return rect_from_velo(calibration).inverse()
+@lru_cache(maxsize=64)
+def _velo_from_rect(calibration: Calibration) -> Transform | None:
+    """Return velo_T_rect; None without it."""
+    try:
+        return rect_from_velo(calibration).inverse()
+    except ValueError:
+        return None
 
 
 def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
-    frame = scan.frame
-    visible = [each for each in frame.solid if each.box.occluded <= 0]
-    if not (visible or frame.cuboids):
-        return
-    try:
-        velo_t_rect = _velo_from_rect(frame.calibration)
-    except ValueError:
-        return
-    places = Places.of_boxes([box for _, box in visible], velo_t_rect)
-    if frame.cuboids:
-        places = places.joined(Places.of_cuboids(frame.cuboids))
-    named: list[tuple[int | None, str]] = [(line, box.class_name) for line, box in visible]
-    named += [(None, f'{each.class_name} {each.identity}') for each in frame.cuboids]
-    distances = np.linalg.norm(places.middles, axis=1)
-    near = np.flatnonzero(distances < _NEAR_M)
-    hit = any_inside(scan.points, places.chosen(near))
-    for index in near[~hit].tolist():
-        line, name = named[index]
-        text = f'frame {frame.number}: {name} at {distances[index]:.0f} m'
-        yield Breach(f'{text}: no point of the scan is inside', frame.label_path, line)
+    for index in places_without_points(scan.points, [each.place for each in scan.boxes]):
+        name, line, place = scan.boxes[index]
+        text = f'frame {scan.frame.number}: {name} at {place.distance:.0f} m'
+        yield Breach(f'{text}: no point of the scan is inside', scan.frame.label_path, line)
 
 
 def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:

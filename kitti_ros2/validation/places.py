@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a scan inside 3D boxes: whether there are any, for all boxes of a frame at once."""
+"""Places of 3D boxes in a scan, and which boxes have no point of it inside."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from ..model.boxes import box_rotations
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy.typing as npt
-
     from ..model.boxes import Box, Cuboid
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Float32Array
@@ -24,68 +22,72 @@ _MARGIN_M = 0.05
 """Labels have two decimals, and annotators draw boxes close to the points."""
 
 
-class Places(NamedTuple):
-    """The places of boxes in velo_link.
+class Place(NamedTuple):
+    """The place of a box in velo_link.
 
     Attributes:
-        middles: (N, 3) metres.
-        rotations: (N, 3, 3) velo_R_box.
-        halves: (N, 3) half of length, width, height.
+        middle: (3,) metres.
+        rotation: (3, 3) velo_R_box.
+        half: (3,) half of length, width, height, with a margin.
+        radius: Of the sphere around it.
+        distance: Of its middle from the scanner.
     """
 
-    middles: Float64Array
-    rotations: Float64Array
-    halves: Float64Array
-
-    @classmethod
-    def of_boxes(cls, boxes: Sequence[Box], velo_t_rect: Transform) -> Places:
-        """Return the places of labels with positive sizes; those of cuboid_of, all at once."""
-        location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
-        halves = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
-        location[:, 1] -= halves[:, 2]
-        rotations = box_rotations(np.array([box.rotation_y for box in boxes]))
-        return cls(velo_t_rect.apply(location), velo_t_rect.rotation @ rotations, halves)
-
-    @classmethod
-    def of_cuboids(cls, cuboids: Sequence[Cuboid]) -> Places:
-        """Return the places of tracklets."""
-        middles = np.array([each.velo_T_box.translation for each in cuboids], np.float64)
-        rotations = np.array([each.velo_T_box.rotation for each in cuboids], np.float64)
-        halves = np.array([each.size_lwh for each in cuboids], np.float64) / 2
-        return cls(middles.reshape(-1, 3), rotations.reshape(-1, 3, 3), halves.reshape(-1, 3))
-
-    def joined(self, other: Places) -> Places:
-        """Return these places, then others."""
-        return Places(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
-
-    def chosen(self, indices: npt.NDArray[np.intp]) -> Places:
-        """Return some of the places."""
-        return Places(*(each[indices] for each in self))
+    middle: Float64Array
+    rotation: Float64Array
+    half: Float64Array
+    radius: np.float32
+    distance: float
 
 
-def any_inside(points: Float32Array, places: Places) -> npt.NDArray[np.bool_]:
-    """Whether any point of a scan is inside each box; most are found in a sample of the points.
+def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[Place]:
+    """Return the places of labels with positive sizes, each with the transform of its frame."""
+    location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
+    half = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
+    location[:, 1] -= half[:, 2]
+    velo_r_rect, offset = _stacked(velo_t_rect)
+    middle = (velo_r_rect @ location[:, :, None])[:, :, 0] + offset
+    return _places(middle, velo_r_rect @ box_rotations([box.rotation_y for box in boxes]), half)
+
+
+def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[Place]:
+    """Return the places of tracklets."""
+    rotation, middle = _stacked([each.velo_T_box for each in cuboids])
+    half = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 3) / 2
+    return _places(middle, rotation, half)
+
+
+def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Array]:
+    """Return (N, 3, 3) rotations and (N, 3) translations."""
+    rotations = np.array([each.rotation for each in transforms], np.float64)
+    translations = np.array([each.translation for each in transforms], np.float64)
+    return rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
+
+
+def _places(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[Place]:
+    radius = (np.linalg.norm(half, axis=1) + _MARGIN_M).astype(np.float32)
+    distance = np.linalg.norm(middle, axis=1).tolist()
+    return list(map(Place, middle, rotation, half + _MARGIN_M, radius, distance))
+
+
+def places_without_points(points: Float32Array, places: Sequence[Place]) -> list[int]:
+    """Return the indices of places without a point; most have one in a sample of the points.
 
     Args:
-        points: (N, 4).
-        places: Of the boxes.
+        points: (N, 4), a scan.
+        places: In its frame.
     """
-    hit = np.zeros(len(places.middles), np.bool_)
+    left = list(range(len(places)))
     for step in (_SAMPLED, 1):
-        left = np.flatnonzero(~hit)
-        if len(left):
+        if left:
             xyz = np.ascontiguousarray(points[::step, :3].T)
-            hit[left] = [
-                _has_point(xyz, *place) for place in zip(*places.chosen(left), strict=True)
-            ]
-    return hit
+            left = [index for index in left if not _has_point(xyz, places[index])]
+    return left
 
 
-def _has_point(
-    xyz: Float32Array, middle: Float64Array, rotation: Float64Array, half: Float64Array
-) -> bool:
-    radius = np.float32(np.linalg.norm(half) + _MARGIN_M)
-    near = np.flatnonzero(np.abs(xyz[0] - np.float32(middle[0])) <= radius)
-    near = near[np.abs(xyz[1, near] - np.float32(middle[1])) <= radius]
-    own = (xyz[:, near].T - middle) @ rotation
-    return bool((np.abs(own) <= half + _MARGIN_M).all(axis=1).any())
+def _has_point(xyz: Float32Array, place: Place) -> bool:
+    x, y, _ = place.middle.astype(np.float32)
+    near = (np.abs(xyz[0] - x) <= place.radius).nonzero()[0]
+    near = near[np.abs(xyz[1, near] - y) <= place.radius]
+    own = (xyz[:, near].T - place.middle) @ place.rotation
+    return bool((np.abs(own) <= place.half).all(axis=1).any())
