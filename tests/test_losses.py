@@ -62,6 +62,10 @@ def test_a_loss_is_cut_to_a_span():
     loss = Loss('scan', 4, 'no file for frames {}', (1, 2, 3, 9))
     assert loss.within(2, 5) == Loss('scan', 2, 'no file for frames {}', (2, 3))
     assert loss.within(4, 8) is None
+    assert loss.among({1, 2, 3, 5, 9}) is loss
+    assert loss.among({9, 10}) == Loss('scan', 1, 'no file for frames {}', (9,))
+    assert loss.among(()) is None
+    assert Loss('scan', 4, 'damaged').among(()) == Loss('scan', 4, 'damaged')
     assert loss.text() == 'no file for frames 1-3, 9'
 
 

@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -15,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..api.keywords import by_name
-from ..api.source import KittiRos2Warning, warn
+from ..api.source import warn
 from ..files.staging import refuse_inside
 from ..node.installed import check_installed
 from ..options.evaluation_tables import LIVE, make_live_options
 from .live_run import record_run
+from .live_scores import check_task, score_results
 
 if TYPE_CHECKING:
     import os
@@ -116,6 +115,15 @@ def run_live(
         progress: Called with the numbers of answered frames and of all.
     """
     check_installed()
+    known = options.known_task()
+    if known is not None:
+        check_task(known, source, played)
+
+    def accept(msgtype: str) -> None:
+        task = options.task_of(msgtype)
+        if task != known:
+            check_task(task, source, played)
+
     with ExitStack() as stack:
         if options.out is None:
             folder = stack.enter_context(TemporaryDirectory(prefix='kitti_ros2_'))
@@ -123,9 +131,9 @@ def run_live(
         else:
             bag = options.out
             refuse_inside(source, bag)
-        run = record_run(source, options, played, bag, show, progress)
+        run = record_run(source, options, played, bag, accept, show, progress)
         task = options.task_of(run.msgtype)
-        scores = score_results(task, source, bag, options.topic, played)
+        scores = score_results(task, source, bag, played, run)
     return LiveScores(
         task=task,
         scores=scores,
@@ -138,26 +146,6 @@ def run_live(
         losses=(*run.losses, *scores.losses),
         notes=(*run.notes, *scores.notes),
     )
-
-
-def score_results(
-    task: str, source: Path, bag: Path, topic: str, played: Mapping[str, object]
-) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
-    """Score the results in a bag against the ground truth of a source.
-
-    Args:
-        task: The evaluation.
-        source: The ground truth.
-        bag: The results.
-        topic: Their topic.
-        played: The options of the player; layout and sequence are those of the ground truth, too.
-    """
-    evaluate = getattr(import_module(f'.{task}', __package__), f'evaluate_{task}')
-    of_source = ('sequence',) if task == 'tracking' else ('layout', 'sequence')
-    given = {name: played[name] for name in of_source if name in played}
-    with warnings.catch_warnings():  # the losses are those of the run, too
-        warnings.simplefilter('ignore', KittiRos2Warning)
-        return evaluate(source, bag, topic=topic, **given)
 
 
 def _latency(latencies_ns: Mapping[int, int]) -> Latency:

@@ -45,12 +45,14 @@ class LiveRun:
 
     Attributes:
         answers: The answers of the stack.
+        topic: The topic with its results.
         msgtype: The type of the topic.
         losses: What the stack did not answer, and what could not be played.
         notes: Other remarks, one line each.
     """
 
     answers: Answers
+    topic: str
     msgtype: str = ''
     losses: list[Loss] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -67,6 +69,7 @@ def record_run(
     options: LiveOptions,
     played: Mapping[str, object],
     bag: Path,
+    accept: Callable[[str], None],
     show: Callable[[bytes], object],
     progress: Progress,
 ) -> LiveRun:
@@ -77,6 +80,7 @@ def record_run(
         options: Those of the run.
         played: Those of the player, by name.
         bag: The bag to write.
+        accept: Called with the type of the topic; raises an error if it cannot be scored.
         show: Called with each line of the node's output.
         progress: Called with the numbers of answered frames and of all.
 
@@ -92,7 +96,7 @@ def record_run(
         open_live_player(source, played, options.wait_for, answers) as player,
         NodeProcess(options.node, show) if options.node else nullcontext() as node,
     ):
-        stage = _Stage(player, node, options, writer, answers)
+        stage = _Stage(player, node, options, writer, answers, accept)
         stage.wait_until_ready()
         stage.play(progress)
     if node is not None and node.killed:
@@ -110,23 +114,25 @@ class _Stage:
         options: LiveOptions,
         bag: BagWriter,
         answers: Answers,
+        accept: Callable[[str], None],
     ) -> None:
         self._player = player
         self._node = node
         self._options = options
         self._bag = bag
         self._answers = answers
+        self._accept = accept
         self._begin_ns = int(player.session.program.stamps_ns[0])
         self._error: KittiRos2Error | None = None
         self._writing = threading.Lock()
-        self.run = LiveRun(answers, notes=[*player.session.program.notes()])
+        self.run = LiveRun(answers, options.topic, notes=[*player.session.program.notes()])
 
     def wait_until_ready(self) -> None:
         """Wait until the topic has a publisher, and enough nodes subscribe.
 
         Raises:
             StackError: The node has ended, or the time is up.
-            UsageError: Results of the topic's type cannot be scored.
+            KittiRos2Error: Results of the topic's type cannot be scored.
         """
         self._refuse_own_topic()
         end = time.monotonic() + self._options.start_timeout_ns / NS_PER_S
@@ -175,12 +181,12 @@ class _Stage:
         """Return the type to subscribe to, of those that the topic has.
 
         Raises:
-            UsageError: It is not the one requested, one of several, or none that can be scored.
+            KittiRos2Error: It is not the one requested, one of several, or none that can be scored.
         """
         chosen = self._options.msgtype or found[0]
         if chosen not in found or (len(found) > 1 and self._options.msgtype is None):
             raise UsageError(f'{self._options.topic} is {" and ".join(found)}; give --type')
-        self._options.task_of(chosen)
+        self._accept(chosen)
         return chosen
 
     def _record(self, channel: Channel) -> None:

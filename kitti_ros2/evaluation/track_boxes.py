@@ -15,7 +15,7 @@ from ..model.losses import Loss
 from .class_map import CLASSES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Container, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from ..model.boxes import Box
@@ -60,6 +60,12 @@ class TrackBoxes(NamedTuple):
     boxes: Sequence[TrackBox]
     losses: tuple[Loss, ...] = ()
     others: int = 0
+
+    def among(self, numbers: Container[int] | None) -> TrackBoxes:
+        """Return the same with the boxes of some frames only; None is all."""
+        if numbers is None:
+            return self
+        return self._replace(boxes=[each for each in self.boxes if each.frame in numbers])
 
 
 def read_truth(path: Path, length: int) -> TrackBoxes:

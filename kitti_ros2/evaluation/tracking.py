@@ -17,7 +17,7 @@ from .track_sources import find_results, find_sequences
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Container, Mapping, Sequence
 
     from typing_extensions import Unpack
 
@@ -100,8 +100,17 @@ def score_tracking(
     read: ReadOptions,
     options: BagResultsOptions,
     progress: Progress,
+    played: Container[int] | None = None,
 ) -> TrackingScores:
     """Score tracks.
+
+    Args:
+        ground_truth: See evaluate_tracking.
+        results: The same.
+        read: Options of the ground truth.
+        options: Those of a bag.
+        progress: Called with the number of sequences done, and of all.
+        played: The frames to score; None is all.
 
     Raises:
         KittiRos2Error: As evaluate_tracking.
@@ -114,8 +123,8 @@ def score_tracking(
     losses, notes, others = [*source.losses], [*source.notes], 0
     sequences = []
     for each in source.sequences:
-        truth = read_truth(each.labels, each.length)
-        tracks = _read(source, each, classes)
+        truth = read_truth(each.labels, each.length).among(played)
+        tracks = _read(source, each, classes).among(played)
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
         notes += [*_empty_frames(each, truth, tracks), *_short_tracks(each, tracks)]
@@ -127,10 +136,15 @@ def score_tracking(
     return TrackingScores(
         figures.combined,
         figures.by_sequence,
-        sum(each.length for each in sequences),
+        sum(_count(each.length, played) for each in sequences),
         (*losses, *classes.losses(str(results))),
         tuple(notes),
     )
+
+
+def _count(length: int, played: Container[int] | None) -> int:
+    """Return how many frames of a sequence are scored."""
+    return length if played is None else sum(number in played for number in range(length))
 
 
 def _read(source: ResultSource, sequence: TruthSequence, classes: ClassMap) -> TrackBoxes:

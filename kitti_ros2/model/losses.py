@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from .text import format_count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Container, Iterable, Sequence
 
     from .samples import Int64Array
 
@@ -33,9 +33,13 @@ class Loss:
 
     def within(self, lowest: int, highest: int) -> Loss | None:
         """Return the part between two file numbers, both included; all if none are known."""
-        if not self.numbers:
+        return self.among(range(lowest, highest + 1))
+
+    def among(self, numbers: Container[int]) -> Loss | None:
+        """Return the part that concerns some file numbers; all if none are known."""
+        kept = tuple(number for number in self.numbers if number in numbers)
+        if kept == self.numbers:
             return self
-        kept = tuple(number for number in self.numbers if lowest <= number <= highest)
         return Loss(self.stream, len(kept), self.message, kept) if kept else None
 
     def text(self) -> str:

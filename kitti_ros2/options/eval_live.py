@@ -120,6 +120,10 @@ class LiveOptions:
         if not 1 <= self.wait_for <= MOST_SUBSCRIBERS:
             raise UsageError(f'wait_for {self.wait_for} is not within 1 to {MOST_SUBSCRIBERS}')
 
+    def known_task(self) -> str | None:
+        """Return the evaluation if the options name it or the type; None if the topic decides."""
+        return self.task if self.msgtype is None else self.task_of(self.msgtype)
+
     def task_of(self, msgtype: str) -> str:
         """Return the evaluation of results of a type.
 

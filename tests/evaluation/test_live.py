@@ -56,8 +56,8 @@ def run(recordings, monkeypatch):
     """Run a node on the synthetic drive."""
     scored = []
 
-    def score(*given):
-        scored.append(given)
+    def score(task, source, bag, _, found):
+        scored.append((task, source, bag, found.topic))
         return NoScores()
 
     def run(behaviour, **options):
@@ -73,7 +73,7 @@ def run(recordings, monkeypatch):
 
 def test_every_frame_is_answered_and_recorded(run, tmp_path, recordings):
     out = tmp_path / 'boxes.mcap'
-    found, ((task, source, bag, topic, _),) = run('all', out=out, timeout=60)
+    found, ((task, source, bag, topic),) = run('all', out=out, timeout=60)
     assert (task, source, bag, topic) == ('detection', recordings[Layout.RAW], out, TOPIC)
     assert (found.frames, found.missing, found.stragglers) == (FRAMES, (), 0)
     assert [*found.latencies_ns] == [0, 1, 2, 3, 4]
@@ -197,7 +197,7 @@ def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monke
 def new_stage(folder, player, answers):
     options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
     with open_bag(folder / 'a.mcap', BagOptions(), TYPESTORE) as bag:
-        yield live_run._Stage(player, None, options, bag, answers)
+        yield live_run._Stage(player, None, options, bag, answers, options.task_of)
 
 
 def test_a_flood_is_stopped(tmp_path):

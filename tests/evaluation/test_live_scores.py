@@ -1,0 +1,173 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What cannot be scored is refused before it is played; only frames that were played are scored."""
+
+import re
+import shutil
+from types import SimpleNamespace
+
+import pytest
+from builders import convert_recording
+
+from kitti_ros2.evaluation import live, live_run, live_scores, pose_errors, track_metrics
+from kitti_ros2.evaluation.live_run import LiveRun
+from kitti_ros2.evaluation.track_boxes import TrackBox, TrackBoxes
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.losses import Loss
+from kitti_ros2.model.msgtypes import DETECTIONS_3D, ODOMETRY
+from kitti_ros2.options.evaluation_tables import make_live_options
+from kitti_ros2.player.answers import Answers
+
+from result_bag import TOPIC, answers, write_bag  # isort: skip
+
+
+@pytest.fixture
+def refusal(monkeypatch):
+    """A function that returns the error of a run, which ends before anything is started."""
+    monkeypatch.setattr(live, 'check_installed', lambda: None)
+    monkeypatch.setattr(live, 'record_run', pytest.fail)
+    for module in (live_scores, pose_errors):
+        monkeypatch.setattr(module, 'check_evo', lambda: None)
+    monkeypatch.setattr(live_scores, 'check_trackeval', lambda: None)
+
+    def refusal(source, **options):
+        with pytest.raises(KittiRos2Error) as error:
+            live.evaluate_live(source, topic='/boxes', node='no-such-program', **options)
+        return str(error.value)
+
+    return refusal
+
+
+@pytest.mark.parametrize(
+    ('layout', 'options', 'complaint'),
+    [
+        (Layout.ODOMETRY, {'task': 'detection'}, 'odometry 00 has no labels'),
+        (Layout.ODOMETRY, {'type': DETECTIONS_3D}, 'odometry 00 has no labels'),
+        (Layout.OBJECT, {'task': 'odometry'}, 'training has no poses'),
+        (Layout.OBJECT, {'type': ODOMETRY}, 'training has no poses'),
+        (Layout.RAW, {'task': 'tracking'}, 'no tracking recording; it is layout raw'),
+    ],
+)
+def test_a_source_without_ground_truth_is_refused(layout, options, complaint, refusal, recordings):
+    assert complaint in refusal(recordings[layout], **options)
+
+
+@pytest.mark.parametrize('task', ['detection', 'tracking'])
+def test_labels_in_a_bag_are_no_ground_truth(task, refusal, recordings, tmp_path):
+    bag = tmp_path / 'drive.mcap'
+    convert_recording(recordings[Layout.RAW], bag)
+    said = 'drive.mcap: is a bag, whose labels are not read as ground truth; give the KITTI folder'
+    assert said in refusal(bag, task=task)
+
+
+def test_tracks_are_of_one_sequence(refusal, recordings, tmp_path):
+    root = tmp_path / 'tracking'
+    shutil.copytree(recordings[Layout.TRACKING], root)
+    for path in [*root.glob('training/*/0000*')]:
+        other = path.with_name(path.name.replace('0000', '0001'))
+        shutil.copytree(path, other) if path.is_dir() else shutil.copy(path, other)
+    said = refusal(root, task='tracking')
+    assert said.endswith('choose what is played with --sequence (0000, 0001)')
+
+
+@pytest.mark.parametrize(
+    ('task', 'module', 'package'),
+    [('odometry', pose_errors, 'evo'), ('tracking', track_metrics, 'trackeval')],
+)
+def test_what_is_not_installed_is_named_first(task, module, package, monkeypatch, recordings):
+    monkeypatch.setattr(live, 'check_installed', lambda: None)
+    monkeypatch.setattr(live, 'record_run', pytest.fail)
+    monkeypatch.setattr(module, 'find_spec', lambda _: None)
+    complaint = f"needs {package}, which is not installed; run pip install 'kitti_ros2[eval]'"
+    with pytest.raises(KittiRos2Error, match=re.escape(complaint)):
+        live.evaluate_live(recordings[Layout.OBJECT], topic='/boxes', task=task)
+
+
+@pytest.mark.parametrize(
+    ('msgtype', 'complaint'),
+    [
+        (DETECTIONS_3D, 'odometry 00 has no labels'),
+        ('sensor_msgs/msg/Imu', '/boxes is sensor_msgs/msg/Imu, which cannot be scored'),
+    ],
+)
+def test_the_type_of_the_topic_is_checked_as_soon_as_it_is_known(
+    msgtype, complaint, monkeypatch, recordings
+):
+    monkeypatch.setattr(live, 'check_installed', lambda: None)
+    monkeypatch.setattr(live, 'record_run', lambda *given: given[4](msgtype))
+    with pytest.raises(KittiRos2Error, match=re.escape(complaint)):
+        live.evaluate_live(recordings[Layout.ODOMETRY], topic='/boxes')
+
+
+@pytest.mark.parametrize(
+    ('name', 'complaint'),
+    [
+        ('taken.mcap', 'taken.mcap: exists already; choose another name, or pass --overwrite'),
+        ('boxes.db3', 'boxes.db3: a sqlite3 bag is a directory'),
+        ('file/boxes.mcap', 'boxes.mcap: cannot be written (Not a directory)'),
+    ],
+)
+def test_a_bag_that_cannot_be_written_is_refused(
+    name, complaint, monkeypatch, recordings, tmp_path
+):
+    pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
+    monkeypatch.setattr(live_run, 'NodeProcess', pytest.fail)
+    for taken in ('taken.mcap', 'file'):
+        (tmp_path / taken).touch()
+    with pytest.raises(KittiRos2Error, match=re.escape(complaint)):
+        live.evaluate_live(recordings[Layout.RAW], topic='/boxes', out=tmp_path / name)
+
+
+def run_of(recording, played, answered):
+    """A run in which some frames were sent, and some of these answered."""
+    found = Answers(10**12)
+    for frame in recording:
+        if frame.number in played:
+            found.sent(frame.number, frame.number, scan=True)
+        if frame.number in answered:
+            found.received(frame.number)
+    return LiveRun(found, TOPIC, DETECTIONS_3D)
+
+
+def test_frames_without_an_answer_are_lost_once_and_others_not(recordings, tmp_path):
+    source = recordings[Layout.RAW]
+    recording = open_recording(source)
+    messages = answers(recording)
+    bag = write_bag(tmp_path / 'boxes.mcap', [messages[1], messages[3]])
+    frames = [SimpleNamespace(number=number) for number in range(5)]
+    run = run_of(frames, played={1, 2, 3}, answered={1, 3})
+    found = live_scores.score_results('detection', source, bag, {}, run)
+    assert found.frames == 2
+    assert found.losses == ()
+    assert run.missing == (2,)
+
+
+def test_tracks_of_frames_that_were_not_played_are_not_scored():
+    every = [TrackBox('car', frame, 7, None) for frame in range(4)]
+    found = TrackBoxes(every, (Loss('tracks', 1, 'line 9'),), 3)
+    assert found.among(None) == found
+    assert found.among({1, 3}) == TrackBoxes([every[1], every[3]], found.losses, 3)
+
+
+def test_tracking_scores_the_frames_that_were_played(recordings, tmp_path):
+    pytest.importorskip('trackeval', reason="needs trackeval (pip install 'kitti_ros2[eval]')")
+    source = recordings[Layout.TRACKING]
+    recording = open_recording(source)
+    bag = write_bag(tmp_path / 'boxes.mcap', answers(recording)[1:4])
+    frames = [SimpleNamespace(number=number) for number in range(5)]
+    run = run_of(frames, played={1, 2, 3}, answered={1, 2, 3})
+    found = live_scores.score_results('tracking', source, bag, {}, run)
+    assert (found.frames, found.losses) == (3, ())
+    assert found.classes['car']['MOTA'] == 100
+
+
+def test_the_evaluation_is_known_from_the_task_or_the_type():
+    for given, task in [
+        ({}, None),
+        ({'task': 'tracking'}, 'tracking'),
+        ({'type': ODOMETRY}, 'odometry'),
+        ({'type': DETECTIONS_3D, 'task': 'tracking'}, 'tracking'),
+    ]:
+        assert make_live_options({'topic': '/boxes', **given})[0].known_task() == task
