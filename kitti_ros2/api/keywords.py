@@ -132,7 +132,7 @@ class LiveKeywords(TypedDict, total=False):
     """Options of eval live."""
 
     topic: str
-    node: str
+    node: str | None
     type: str | None
     task: str | None
     start_timeout: float | str

@@ -78,7 +78,9 @@ def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> Usa
         for each in (found, truth)
     ]
     among = f' among those of {listed}' if listed is not None else ''
+    lost = [loss for each in (found, truth) if not each.boxes for loss in each.losses]
+    reason = f' ({max(lost, key=lambda loss: loss.count).text()})' if lost else ''
     return UsageError(
-        f'no frame{among} has both results and labels: {", ".join(described)};'
+        f'no frame{among} has both results and labels: {", ".join(described)}{reason};'
         f' give the results of these frames, or their labels'
     )

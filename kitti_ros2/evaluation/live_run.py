@@ -94,7 +94,7 @@ def record_run(
     with (
         open_bag(bag, storage, TYPESTORE) as writer,
         open_live_player(source, played, options.wait_for, answers) as player,
-        NodeProcess(options.node, show) if options.node else nullcontext() as node,
+        nullcontext() if options.node is None else NodeProcess(options.node, show) as node,
     ):
         stage = _Stage(player, node, options, writer, answers, accept)
         stage.wait_until_ready()

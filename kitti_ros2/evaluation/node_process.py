@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 _STOPS = ((signal.SIGINT, 8.0), (signal.SIGTERM, 4.0), (signal.SIGKILL, 2.0))
 """How a node is stopped, each signal with the seconds until the next one."""
+_SHELL = re.compile(r'^\s*(source|export|cd|\.|\w+=\S*)\s|[;&|<>]')
+_SHELL_HINT = '; no shell interprets it: for what a shell does, give "bash -c \'...\'"'
 _NO_SIGNAL = 0  # only checks whether there is a process
 _LOOK_EVERY_S = 0.02
 _LAST_OUTPUT_S = 0.5
@@ -60,7 +63,8 @@ class NodeProcess:
                 env={'PYTHONUNBUFFERED': '1', **os.environ},
             )
         except OSError as error:
-            raise UsageError(f'--node cannot be started: {describe_error(error)}') from None
+            hint = _SHELL_HINT if _SHELL.search(command) else ''
+            raise UsageError(f'--node cannot be started: {describe_error(error)}{hint}') from None
         self._show = show
         self._last_line = b''
         self._reader = threading.Thread(target=self._read, name='node-output', daemon=True)
@@ -90,7 +94,7 @@ class NodeProcess:
                 self.killed = self._signal(number) and number is signal.SIGKILL
                 if self._is_gone_within(seconds):
                     break
-        except KeyboardInterrupt:  # a second Ctrl-C
+        except (KeyboardInterrupt, SystemExit):  # a second Ctrl-C or SIGTERM
             self._signal(signal.SIGKILL)
             raise
         self._reader.join(_LAST_OUTPUT_S)
@@ -116,4 +120,5 @@ class NodeProcess:
         with self._process.stdout as output:
             for line in output:
                 self._last_line = line if line.strip() else self._last_line
-                self._show(line)
+                with suppress(OSError):  # a node blocks if nobody reads its output
+                    self._show(line)

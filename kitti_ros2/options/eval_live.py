@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from ..model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, MARKERS, ODOMETRY, PATH, POSE
 from ..model.spelling import not_one_of
@@ -38,7 +39,7 @@ class LiveOptions:
 
     Attributes:
         topic: The topic with its results.
-        node: The command that starts it; empty if it is started otherwise.
+        node: The command that starts it; None if it is started otherwise.
         msgtype: The type of the topic; None takes that of its publisher.
         task: The evaluation; None is the usual one for the type.
         start_timeout_ns: Nanoseconds within which the node must publish the topic and subscribe.
@@ -56,8 +57,8 @@ class LiveOptions:
     topic: str = option(
         '', 'Topic with the results of the node', parse_text, unset='required', metavar='TOPIC'
     )
-    node: str = option(
-        '',
+    node: str | None = option(
+        None,
         'Command that starts the node, in quotes',
         parse_text,
         unset='none: it is started otherwise',
@@ -116,9 +117,19 @@ class LiveOptions:
             raise not_one_of('task', self.task, (*_BOXES, *_POSES))
         if self.msgtype is not None:
             self.task_of(self.msgtype)
+        self._check_out()
         check_bounds(self, 'start_timeout', 'timeout')
         if not 1 <= self.wait_for <= MOST_SUBSCRIBERS:
             raise UsageError(f'wait_for {self.wait_for} is not within 1 to {MOST_SUBSCRIBERS}')
+
+    def _check_out(self) -> None:
+        """Refuse names of files that only a rosbag2 directory contains."""
+        inner = {each.suffix for each in CONTAINERS.values() if not each.in_file}
+        if self.out is not None and self.out.suffix in inner:
+            raise UsageError(
+                f'{self.out}: results are written as MCAP or ROS 1; give'
+                f' {self.out.with_suffix(CONTAINERS["mcap"].suffix)}'
+            )
 
     def known_task(self) -> str | None:
         """Return the evaluation if the options name it or the type; None if the topic decides."""

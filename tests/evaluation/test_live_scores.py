@@ -105,7 +105,7 @@ def test_the_type_of_the_topic_is_checked_as_soon_as_it_is_known(
     ('name', 'complaint'),
     [
         ('taken.mcap', 'taken.mcap: exists already; choose another name, or pass --overwrite'),
-        ('boxes.db3', 'boxes.db3: a sqlite3 bag is a directory'),
+        ('boxes.db3', 'boxes.db3: results are written as MCAP or ROS 1; give /'),
         ('file/boxes.mcap', 'boxes.mcap: cannot be written (Not a directory)'),
     ],
 )
@@ -142,6 +142,15 @@ def test_frames_without_an_answer_are_lost_once_and_others_not(recordings, tmp_p
     assert found.frames == 2
     assert found.losses == ()
     assert run.missing == (2,)
+
+
+def test_a_result_in_an_unknown_frame_says_why_nothing_is_scored(recordings, tmp_path):
+    source = recordings[Layout.RAW]
+    bag = write_bag(tmp_path / 'boxes.mcap', answers(open_recording(source), 'nowhere'))
+    frames = [SimpleNamespace(number=number) for number in range(5)]
+    run = run_of(frames, played={*range(5)}, answered={*range(5)})
+    with pytest.raises(KittiRos2Error, match="no transform at its stamp joins frame 'nowhere'"):
+        live_scores.score_results('detection', source, bag, {}, run)
 
 
 def test_tracks_of_frames_that_were_not_played_are_not_scored():

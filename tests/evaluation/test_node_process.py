@@ -38,6 +38,8 @@ def is_running(pid):
         (' ', '--node is empty'),
         ('no-such-program --x', '--node cannot be started: no-such-program: No such file'),
         ('/', '--node cannot be started: /: Permission denied'),
+        ('cd x && ros2 run a b', 'no shell interprets it: for what a shell does, give "bash -c'),
+        ('SPEED=1 no-such-program', 'SPEED=1: No such file or directory; no shell interprets it'),
     ],
 )
 def test_a_command_that_cannot_run_is_named(command, complaint):
@@ -61,6 +63,15 @@ def test_a_crash_is_named_by_its_signal():
     with NodeProcess(python('import os; os.kill(os.getpid(), 11)'), lambda _: None) as node:
         wait_until(node.ended)
         assert node.ended() == 'killed by SIGSEGV'
+
+
+def test_it_runs_on_when_nobody_shows_its_output():
+    def fail(_):
+        raise BrokenPipeError
+
+    with NodeProcess(python('print("x" * 200_000); print("done")'), fail) as node:
+        wait_until(node.ended)
+        assert node.ended() == 'exit code 0; its last line: done'
 
 
 def test_words_are_those_of_a_shell():
