@@ -3,6 +3,15 @@
 """The end of a terminal that a program writes to."""
 
 import os
+import re
+
+
+def read_until(master: int, expected: bytes) -> re.Match[bytes]:
+    """What is written to a terminal up to a regular expression, as its match."""
+    written = b''
+    while not (found := re.search(expected, written)):
+        written += os.read(master, 1 << 16)
+    return found
 
 
 def read_to_the_end(master: int) -> bytes:

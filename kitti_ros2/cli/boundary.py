@@ -36,6 +36,8 @@ def main(args: list[str] | None = None) -> int:
         os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
         _mend_streams()
         signal.signal(signal.SIGTERM, _terminate)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
+            signal.signal(signal.SIGHUP, _terminate)
         if words[:1] == ['play']:
             from .ending import end_by_signal
 

@@ -389,12 +389,15 @@ def test_sizes(text, size):
     assert parse_bytes(text) == size
 
 
-@pytest.mark.parametrize(('sent', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ('sent', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)]
+)
 def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, code):
     """Ended while it encodes: no bag, no left-overs, at most a line."""
     out = tmp_path / 'to' / 'o.mcap'
     out.parent.mkdir()
     waiting = f"""{UNTIL_A_SIGNAL}
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests may run under nohup
 import kitti_ros2.exporter.encode as e; old = e.Encoder.encode
 e.Encoder.encode = lambda self, entry: signalled.wait() and old(self, entry)
 from kitti_ros2.cli import main; sys.exit(main())

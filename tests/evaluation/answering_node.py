@@ -8,6 +8,7 @@ See the functions of Behaviours.
 """
 
 import os
+import subprocess
 import sys
 from contextlib import suppress
 
@@ -51,6 +52,13 @@ class Behaviours:
 
     def silent(self, stamp_ns):
         """Never answers."""
+
+    def family(self, stamp_ns):
+        """Starts another process at its first scan, and never answers."""
+        if not self._stamps:
+            child = subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])
+            print(f'processes {os.getpid()} {child.pid}.', flush=True)
+        self._stamps.append(stamp_ns)
 
 
 def main(behaviour):

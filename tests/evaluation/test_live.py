@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stack is played to, recorded, scored and stopped; what goes wrong is said in one line."""
 
-import json
 import re
 import shlex
 import sys
@@ -17,7 +16,6 @@ import pytest
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.cli import eval_live, main
 from kitti_ros2.evaluation import live, live_run
 from kitti_ros2.evaluation.node_process import StackError
 from kitti_ros2.messages.cdr import deserialize
@@ -62,6 +60,7 @@ def run(recordings, monkeypatch):
 
     def run(behaviour, **options):
         scored.clear()
+        monkeypatch.setattr(live, 'check_task', lambda *_: None)
         monkeypatch.setattr(live, 'score_results', score)
         return live.evaluate_live(
             recordings[Layout.RAW],
@@ -136,6 +135,7 @@ def test_a_node_without_answers_is_an_error(behaviour, complaint, run, tmp_path)
         ({'topic': 'boxes'}, "'boxes' is no full name of a topic"),
         ({'topic': '/my boxes'}, "'/my boxes' is no full name of a topic"),
         ({'topic': ''}, '--topic is missing'),
+        ({'node': ''}, '--node is empty; give the command that starts the node'),
         ({'timeout': 0}, 'timeout 0 is not within 1 to 3600'),
         ({'wait_for': 0}, 'wait_for 0 is not within 1 to 1000'),
         ({'task': 'detecting'}, "task takes detection, tracking or odometry, not 'detecting'"),
@@ -222,22 +222,3 @@ def test_answers_with_the_current_time_are_explained(tmp_path):
             ' message with the stamp of no frame, the first 2023-11-14 22:13:20.000000000; a result'
             ' must have the stamp of the scan or image that it was made from'
         )
-
-
-def test_the_command_prints_one_document(recordings, capsys, monkeypatch):
-    commands = SimpleNamespace(scores_json=lambda _: {'detection': {}, 'frames': FRAMES})
-    monkeypatch.setattr(live, 'score_results', lambda *_: NoScores())
-    monkeypatch.setattr(eval_live, '_command_of', lambda _: commands)
-    words = ['eval', 'live', str(recordings[Layout.RAW]), '--node', node('crash'), '--json']
-    assert main([*words, '--topic', TOPIC]) == 1
-    printed = capsys.readouterr()
-    values = json.loads(printed.out)
-    assert (values['detection'], values['frames']) == ({}, FRAMES)
-    assert {name: values['live'][name] for name in ('frames', 'answered', 'missing')} == {
-        'frames': 3,
-        'answered': 2,
-        'missing': [2],
-    }
-    assert set(values['live']['latency']) == {'median_ms', 'p95_ms', 'max_ms'}
-    assert 'out of memory\n' in printed.err
-    assert 'the node ended early: killed by SIGABRT' in printed.err
