@@ -142,6 +142,9 @@ class _Stage:
             if time.monotonic() > end:
                 raise StackError(self._what_is_missing())
             time.sleep(_LOOK_EVERY_S)
+        topic = self._options.topic
+        if (publishers := self._player.count_publishers(topic)) > 1:
+            self.run.notes.append(f'{topic} has {publishers} publishers: their results are mixed')
         for channel in _TRANSFORMS:
             self._record(channel)
 

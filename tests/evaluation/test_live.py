@@ -17,7 +17,7 @@ import kitti_ros2
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.evaluation import live, live_run
-from kitti_ros2.evaluation.node_process import StackError
+from kitti_ros2.evaluation.node_process import NodeProcess, StackError
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import peek_header
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -90,6 +90,12 @@ def test_every_frame_is_answered_and_recorded(run, tmp_path, recordings):
     assert box.results[0].hypothesis.class_id == 'Car'
     assert by_topic['/tf_static']
     assert summarize_bag(out).complete
+
+
+def test_a_node_that_runs_already_is_noted(run):
+    with NodeProcess(node('all'), lambda _: None):
+        found, _ = run('all', timeout=60, wait_for=2)
+    assert found.notes[0] == f'{TOPIC} has 2 publishers: their results are mixed'
 
 
 def test_a_node_that_answers_late_gets_the_next_frame(run):
