@@ -73,7 +73,6 @@ def _of_truth(task: str, played: Given) -> Given:
 
 
 def _check_detection(source: Path, given: Given) -> None:
-    _refuse_bag(source)
     read, _, _ = make_detection_options(given)
     read_ground_truth(source, read)
 
@@ -84,7 +83,11 @@ def _score_detection(source: Path, bag: Path, given: Given, _: LiveRun) -> Any: 
 
 def _check_tracking(source: Path, given: Given) -> None:
     check_trackeval()
-    _refuse_bag(source)
+    if looks_like_bag(source):
+        raise UsageError(
+            f'{source}: is a bag, whose tracks are not read as ground truth; give the KITTI folder'
+            f' that it was made from'
+        )
     read, _ = make_tracking_options(given)
     names = [each.name for each in find_sequences(source, read)]
     if len(names) > 1:
@@ -103,16 +106,8 @@ def _check_odometry(source: Path, given: Given) -> None:
     open_truth(source, *make_odometry_options(given))
 
 
-def _score_odometry(source: Path, bag: Path, given: Given, _: LiveRun) -> Any:  # noqa: ANN401
-    return score_trajectory(source, bag, *make_odometry_options(given))
-
-
-def _refuse_bag(source: Path) -> None:
-    if looks_like_bag(source):
-        raise UsageError(
-            f'{source}: is a bag, whose labels are not read as ground truth; give the KITTI folder'
-            f' that it was made from'
-        )
+def _score_odometry(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
+    return score_trajectory(source, bag, *make_odometry_options(given), {*run.answers.frames()})
 
 
 class _Task(NamedTuple):

@@ -38,7 +38,8 @@ def write_sets(folder: Path) -> Path:
     write_mapping_of(folder)
     write_mirror(folder, folder / 'mirror')
     shutil.copytree(folder / 'object' / 'training' / 'label_2', folder / 'results' / 'data')
-    shutil.copytree(folder / 'tracking' / 'training' / 'label_02', folder / 'tracker_results' / 'data')
+    tracks = folder / 'tracking' / 'training' / 'label_02'
+    shutil.copytree(tracks, folder / 'tracker_results' / 'data')
     shutil.copyfile(folder / 'odometry' / 'poses' / '00.txt', folder / 'estimate_00.txt')
     return folder
 

@@ -18,6 +18,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
+from builders import convert_recording  # isort: skip
 from shared_files import made_once  # isort: skip
 from terminals import read_to_the_end, read_until  # isort: skip
 
@@ -64,6 +65,17 @@ def test_a_detector_is_scored(holes, run):
     assert re.search(LATENCY, out, re.MULTILINE)
     assert 'velodyne_points/data: no file for frames 2, which timestamps.txt lists' in err
     assert not re.search(r'no (message|answer)', err)
+
+
+def test_a_bag_is_played_and_is_the_ground_truth(holes, run, tmp_path):
+    bag = tmp_path / 'drive.mcap'
+    convert_recording(holes, bag)
+    node = python(EXAMPLES / 'cluster_detector.py')
+    _, of_bag, _ = run(bag, DETECTIONS, node)
+    _, of_folder, _ = run(holes, DETECTIONS, node)
+    tables = [text[: text.index('average precision')] for text in (of_bag, of_folder)]
+    assert tables[0] == tables[1]
+    assert ' IoU ' in tables[0]
 
 
 def test_the_document_has_the_scores_of_the_frames_that_were_played(holes, run, tmp_path, capsys):

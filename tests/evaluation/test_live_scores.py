@@ -54,12 +54,11 @@ def test_a_source_without_ground_truth_is_refused(layout, options, complaint, re
     assert complaint in refusal(recordings[layout], **options)
 
 
-@pytest.mark.parametrize('task', ['detection', 'tracking'])
-def test_labels_in_a_bag_are_no_ground_truth(task, refusal, recordings, tmp_path):
+def test_tracks_in_a_bag_are_no_ground_truth(refusal, recordings, tmp_path):
     bag = tmp_path / 'drive.mcap'
     convert_recording(recordings[Layout.RAW], bag)
-    said = 'drive.mcap: is a bag, whose labels are not read as ground truth; give the KITTI folder'
-    assert said in refusal(bag, task=task)
+    said = 'drive.mcap: is a bag, whose tracks are not read as ground truth; give the KITTI folder'
+    assert said in refusal(bag, task='tracking')
 
 
 def test_tracks_are_of_one_sequence(refusal, recordings, tmp_path):

@@ -158,9 +158,9 @@ def scaled_by(poses, factor):
 def agrees_with_devkit(truth, figures):
     """Check figures against those of the devkit's functions, to all digits that were printed.
 
-    They are from calcSequenceErrors and saveStats of evaluate_odometry.cpp in a program with another
-    class of 4x4 matrices, compiled with GCC (-O2) and run on the poses that are made here, written
-    with ten digits: t_err in percent, r_err in degrees a metre, and the number of segments.
+    They are from calcSequenceErrors and saveStats of evaluate_odometry.cpp, in a program with
+    another class of 4x4 matrices, compiled with GCC (-O2) and run on the poses that are made here,
+    written with ten digits: t_err in percent, r_err in degrees a metre, and the number of segments.
     """
     results = {
         'scale': scaled_by(truth, 1.01),
