@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK = '#30343b'
-PLOT_STYLE: dict[str, Any] = {
+_STYLE: dict[str, Any] = {
     'axes.axisbelow': True,
     'axes.edgecolor': INK,
     'axes.grid': True,
@@ -58,7 +58,7 @@ def plot_file(path: Path, inches: tuple[float, float], h_pad: float = 0.06) -> I
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
     from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415 - as above
 
-    with rc_context(PLOT_STYLE), catch_warnings():
+    with rc_context(_STYLE), catch_warnings():
         simplefilter('ignore')  # characters that the font does not have are drawn as boxes
         layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=h_pad, hspace=0.02, wspace=0.02)
         figure = Figure(inches, layout=layout)

@@ -8,11 +8,10 @@ Axes are those of matplotlib.
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from ..drawing.plot_style import INK, PLOT_STYLE
+from ..drawing.plot_style import INK, plot_file
 from .segment_errors import LENGTHS_M
 
 if TYPE_CHECKING:
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from .segment_errors import SegmentErrors
 
 _INCHES = (10.0, 6.6)
-_DPI = 200
 _RESULT = '#c8502b'
 _PLACES = (('path', 't'), ('path', 'r'), ('ape', 'ape'))
 _SPEEDS_M_S = np.arange(2, 25, 2)
@@ -45,12 +43,7 @@ def draw_odometry(scores: OdometryScores, path: Path) -> None:
         ImportError: matplotlib is not installed.
         OSError: The file cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415 - heavy, and an extra
-    from matplotlib.figure import Figure  # noqa: PLC0415 - as above
-
-    with rc_context(PLOT_STYLE), catch_warnings():
-        simplefilter('ignore')  # characters that the font does not have are drawn as boxes
-        figure = Figure(_INCHES, layout='constrained')
+    with plot_file(path, _INCHES) as figure:
         axes = figure.subplot_mosaic([*map(list, _PLACES)], height_ratios=(1, 1, 0.6))
         figure.suptitle(_heading(scores), size=11, weight='bold')
         _draw_paths(axes['path'], scores)
@@ -59,7 +52,6 @@ def draw_odometry(scores: OdometryScores, path: Path) -> None:
             axes['r'], scores.segments, 'rotation, deg/m', lambda part: part.r_err_deg_per_m
         )
         _draw_ape(axes['ape'], scores)
-        figure.savefig(path, dpi=_DPI, format=path.suffix[1:].lower())
 
 
 def _heading(scores: OdometryScores) -> str:
