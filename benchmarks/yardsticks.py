@@ -125,13 +125,18 @@ def process(out: Path, *words: str, to_disk: bool = False) -> tuple[Run, float]:
 
     def work() -> None:
         nonlocal peak
-        child = os.posix_spawn(COMMAND[0], [*COMMAND, *words], os.environ)
-        _, status, usage = os.wait4(child, 0)
-        if os.waitstatus_to_exitcode(status):
-            raise SystemExit(f'{" ".join(words)} failed')
-        peak = usage.ru_maxrss / 1000
+        peak = peak_mb(*words)
 
     return timed(out, work, to_disk=to_disk), peak
+
+
+def peak_mb(*words: str) -> float:
+    """Run a command of kitti-ros2, and return its peak memory in MB."""
+    child = os.posix_spawn(COMMAND[0], [*COMMAND, *words], os.environ)
+    _, status, usage = os.wait4(child, 0)
+    if os.waitstatus_to_exitcode(status):
+        raise SystemExit(f'{" ".join(words)} failed')
+    return usage.ru_maxrss / 1000
 
 
 def measure_memory(
