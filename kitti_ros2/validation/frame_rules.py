@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Calibration, Float32Array
     from .label_rules import LabelLine
-    from .places import Place
+    from .places import BoxInScan
 
 Size = tuple[int, int]
 _LEAST_IOU = 0.3
@@ -99,7 +99,7 @@ class NearBox(NamedTuple):
 
     name: str
     line: int | None
-    place: Place
+    place: BoxInScan
 
 
 @dataclass(frozen=True, eq=False)

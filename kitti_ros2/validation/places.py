@@ -22,8 +22,8 @@ _MARGIN_M = 0.05
 """Labels have two decimals, and annotators draw boxes close to the points."""
 
 
-class Place(NamedTuple):
-    """The place of a box in velo_link.
+class BoxInScan(NamedTuple):
+    """A box in velo_link.
 
     Attributes:
         middle: (3,) metres.
@@ -40,7 +40,7 @@ class Place(NamedTuple):
     distance: float
 
 
-def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[Place]:
+def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[BoxInScan]:
     """Return the places of labels with positive sizes, each with the transform of its frame."""
     location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
     half = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
@@ -50,7 +50,7 @@ def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> l
     return _places(middle, velo_r_rect @ box_rotations([box.rotation_y for box in boxes]), half)
 
 
-def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[Place]:
+def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[BoxInScan]:
     """Return the places of tracklets."""
     rotation, middle = _stacked([each.velo_T_box for each in cuboids])
     half = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 3) / 2
@@ -64,13 +64,13 @@ def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Arra
     return rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
 
 
-def _places(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[Place]:
+def _places(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[BoxInScan]:
     radius = (np.linalg.norm(half, axis=1) + _MARGIN_M).astype(np.float32)
     distance = np.linalg.norm(middle, axis=1).tolist()
-    return list(map(Place, middle, rotation, half + _MARGIN_M, radius, distance))
+    return list(map(BoxInScan, middle, rotation, half + _MARGIN_M, radius, distance))
 
 
-def places_without_points(points: Float32Array, places: Sequence[Place]) -> list[int]:
+def places_without_points(points: Float32Array, places: Sequence[BoxInScan]) -> list[int]:
     """Return the indices of places without a point; most have one in a sample of the points.
 
     Args:
@@ -85,7 +85,7 @@ def places_without_points(points: Float32Array, places: Sequence[Place]) -> list
     return left
 
 
-def _has_point(xyz: Float32Array, place: Place) -> bool:
+def _has_point(xyz: Float32Array, place: BoxInScan) -> bool:
     x, y, _ = place.middle.astype(np.float32)
     near = (np.abs(xyz[0] - x) <= place.radius).nonzero()[0]
     near = near[np.abs(xyz[1, near] - y) <= place.radius]

@@ -17,6 +17,7 @@ from label_set import FRAMES, TRAINING, write_labels
 from kitti_ros2.cli import main
 from kitti_ros2.cli.stats_comparison import titles_of
 from kitti_ros2.datasets import statistics_plot
+from kitti_ros2.drawing import plot_style
 from kitti_ros2.model.layouts import Layout
 
 needs_matplotlib = pytest.mark.skipif(
@@ -28,7 +29,7 @@ CAR = 'Car 0.00 0 -1.5 600 100 650 150 1.5 1.6 4.0 3.0 1.7 4.0 0.0\n'
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(statistics_plot, '_DPI', 60)
+    monkeypatch.setattr(plot_style, '_DPI', 60)
 
 
 @pytest.fixture(scope='session')

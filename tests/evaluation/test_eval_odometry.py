@@ -29,7 +29,8 @@ from drives import (
 
 from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.cli import main
-from kitti_ros2.evaluation import evaluate_odometry, odometry_plot
+from kitti_ros2.drawing import plot_style
+from kitti_ros2.evaluation import evaluate_odometry
 from kitti_ros2.kitti.calib_file import parse_calibration
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.poses import rect_from_imu
@@ -55,7 +56,7 @@ RESULT = shaken(TRUTH)
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(odometry_plot, '_DPI', 60)
+    monkeypatch.setattr(plot_style, '_DPI', 60)
 
 
 @pytest.fixture
