@@ -97,8 +97,11 @@ def record_run(
         nullcontext() if options.node is None else NodeProcess(options.node, show) as node,
     ):
         stage = _Stage(player, node, options, writer, answers, accept)
-        stage.wait_until_ready()
-        stage.play(progress)
+        try:
+            stage.wait_until_ready()
+            stage.play(progress)
+        finally:
+            stage.end_recording()
     if node is not None and node.killed:
         stage.run.notes.append('the node was killed: it ended neither by SIGINT nor by SIGTERM')
     return stage.run
@@ -125,6 +128,7 @@ class _Stage:
         self._begin_ns = int(player.session.program.stamps_ns[0])
         self._error: KittiRos2Error | None = None
         self._writing = threading.Lock()
+        self._recording = True
         self.run = LiveRun(answers, options.topic, notes=[*player.session.program.notes()])
 
     def wait_until_ready(self) -> None:
@@ -203,12 +207,18 @@ class _Stage:
                 if is_result:
                     self._answers.received(stamp_of(data, channel.msgtype))
                 with self._writing:
-                    stamp_ns = self._answers.newest_ns or self._begin_ns
-                    self._bag.write(number, stamp_ns, (data,))
+                    if self._recording:
+                        stamp_ns = self._answers.newest_ns or self._begin_ns
+                        self._bag.write(number, stamp_ns, (data,))
             except KittiRos2Error as error:
                 self._error = self._error or error
 
         self._player.hear(channel.topic, channel.msgtype, receive)
+
+    def end_recording(self) -> None:
+        """Ignore what is received from now on: a player that closes slowly still receives."""
+        with self._writing:
+            self._recording = False
 
     def _problem(self) -> str:
         """Return why the run cannot continue; empty if it can."""

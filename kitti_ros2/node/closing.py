@@ -46,13 +46,13 @@ class Closing:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, reason: type[BaseException] | None, *_: object) -> None:
         thread = threading.Thread(target=self._close, name='closing', daemon=True)
         thread.start()
         thread.join(self.seconds)
         if thread.is_alive():
             self._stop_request.abandon()
-        if self._error is not None:
+        if self._error is not None and reason is None:  # else it would hide the reason: Ctrl-C
             raise self._error
 
     def _close(self) -> None:

@@ -173,7 +173,7 @@ def test_ctrl_c_ends_the_node_with_all_its_processes(sent, code, recordings, tmp
     else:
         process.send_signal(sent)
     said = read_to_the_end(master)
-    assert process.wait() == code
+    assert process.wait() == code, said
     assert not any(map(is_running, pids))
     assert not out.parent.exists()
     assert (b'interrupted; no incomplete output is left behind' in said) == (sent is None)

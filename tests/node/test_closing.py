@@ -121,6 +121,19 @@ def test_an_error_of_a_callback_is_not_lost():
         stack.callback(fail)
 
 
+def test_an_error_of_a_callback_does_not_hide_ctrl_c():
+    def fail():
+        raise ZeroDivisionError
+
+    def interrupted():
+        with Closing(Ending()) as stack:
+            stack.callback(fail)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+
+
 def test_threads_that_are_stuck_do_not_hold_the_process(tmp_path):
     """Not even one that is no daemon, which an exit of Python waits for."""
     program = (
