@@ -116,7 +116,9 @@ setup(
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'node/fastdds.xml', 'report/templates/*']},
+    package_data={
+        NAME: ['py.typed', 'messages/definitions/*', 'node/fastdds.xml', 'report/templates/*']
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -6,25 +6,18 @@ rosbags contains every type of ROS 2, and importing them all takes longer than c
 drive. The definitions here are those of ROS 2 Jazzy's common_interfaces, tf2_msgs 0.36 and
 vision_msgs 4.1 (Apache-2.0 and BSD-3-Clause), without their comments, which a type's hash does
 not include. Tests compare each with that of rosbags, if it has one.
+
+The types of Autoware and Foxglove, and those that they need, are in files under definitions/, which
+name their sources. Their Python classes are made when the first message is decoded.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import (
-        BaseDesc,
-        Basename,
-        ConstValue,
-        FieldDesc,
-        NameDesc,
-        Typesdict,
-    )
-    from rosbags.typesys.store import Typestore as Typestore  # noqa: PLC0414 - others name it too
+from .type_definitions import LazyTypes, parse_definitions, read_definitions
 
 __all__ = [
     'TYPESTORE',
@@ -54,6 +47,7 @@ __all__ = [
     'Twist',
     'TwistStamped',
     'TwistWithCovariance',
+    'Typestore',
     'Vector3',
 ]
 
@@ -168,47 +162,11 @@ _DEFINITIONS = {
         'std_msgs/Header header|vision_msgs/Detection3D[] detections'
     ),
 }
-"""By full name the lines of the .msg file, divided by |."""
+"""By full name the lines of the .msg file, separated by |."""
 
 
-def _parse_type(word: str) -> FieldDesc:
-    """The type of a field, as rosbags describes it: float64, std_msgs/Header, uint8[], int32[9]."""
-    element, bracket, length = word.rstrip(']').partition('[')
-    package, slash, name = element.rpartition('/')
-    one: BaseDesc | NameDesc
-    if slash:
-        one = (Nodetype.NAME, f'{package}/msg/{name}')
-    else:
-        one = (Nodetype.BASE, (cast('Basename', name), 0))
-    if not bracket:
-        return one
-    return (Nodetype.ARRAY if length else Nodetype.SEQUENCE, (one, int(length or 0)))
-
-
-def _definitions() -> Typesdict:
-    types: Typesdict = {}
-    for msgtype, text in _DEFINITIONS.items():
-        constants: list[tuple[str, Basename, ConstValue]] = []
-        fields: list[tuple[str, FieldDesc]] = []
-        for line in text.split('|'):
-            kind, name = line.split(' ')
-            name, equals, value = name.partition('=')
-            if equals:
-                constants.append((name, cast('Basename', kind), int(value)))
-            else:
-                fields.append((name, _parse_type(kind)))
-        types[msgtype] = (constants, fields)
-    return types
-
-
-def _make_typestore() -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    store.register(_definitions())
-    return store
-
-
-TYPESTORE = _make_typestore()
-"""Knows the types above, and Time and Duration."""
+TYPESTORE: Typestore = LazyTypes(parse_definitions(_DEFINITIONS), read_definitions())
+"""Contains the types above, those in definitions/, and Time and Duration."""
 
 
 if TYPE_CHECKING:
