@@ -22,7 +22,7 @@ from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rena
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.messages.transforms import static_links
 from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.options.messages import Images, MessageOptions, Preset
+from kitti_ros2.options.messages import Images, MessageOptions, Objects, Preset
 from kitti_ros2.synthetic.rig import make_calibration
 from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
@@ -105,7 +105,9 @@ def exit_codes() -> str:
 
 def topics() -> str:
     """Return the table of topics, with streams, QoS and the names of the preset kitti2bag."""
-    options = MessageOptions(images=Images.BOTH, annotated=True)
+    options = MessageOptions(
+        images=Images.BOTH, annotated=True, objects=Objects.BOTH, annotations=True
+    )
     rows = [
         (
             _code(row.topic),

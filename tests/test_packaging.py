@@ -207,7 +207,7 @@ def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     scripts = setup_arguments['entry_points']['console_scripts']
     assert scripts == ['kitti-ros2 = kitti_ros2.cli:main', 'player = kitti_ros2.cli:player']
     assert setup_arguments['python_requires'] == '>=3.10'
-    data = ['py.typed', 'node/fastdds.xml', 'report/templates/*']
+    data = ['py.typed', 'messages/definitions/*', 'node/fastdds.xml', 'report/templates/*']
     assert setup_arguments['package_data'] == {'kitti_ros2': data}
     package = REPO / 'kitti_ros2'
     installed = {path for pattern in data for path in package.glob(pattern)}

@@ -56,6 +56,9 @@ class ToBagKeywords(ReadKeywords, total=False):
     marker_lifetime: float
     trails: bool
     ego_marker: bool
+    objects: str
+    autoware_labels: Mapping[str, str] | OneOrMore
+    annotations: bool
     predictions: str | os.PathLike[str] | None
     iou: float | str | Sequence[str] | None
     storage: str | None

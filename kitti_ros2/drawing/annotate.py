@@ -44,7 +44,7 @@ def annotate(
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
     """
-    projection = _projection(calibration, camera)
+    projection = projection_of(calibration, camera)
     labelled = is_labelled(calibration, camera)
     if projection is None or not solid:
         draw_boxes_2d(
@@ -67,7 +67,8 @@ def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bo
     return calibration is None or calibration.rectified
 
 
-def _projection(calibration: Calibration | Projection | None, camera: int) -> Projection | None:
+def projection_of(calibration: Calibration | Projection | None, camera: int) -> Projection | None:
+    """Return the projection into a camera's images, None for an incomplete calibration."""
     if calibration is None or isinstance(calibration, Projection):
         return calibration
     try:

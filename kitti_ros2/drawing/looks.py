@@ -68,8 +68,12 @@ def is_quiet(each: LabelledObject) -> bool:
 
 def scale_of(picture: Pixels) -> float:
     """Return the scale of lines and letters: 1 in KITTI's images, more in larger ones."""
-    area = picture.shape[0] * picture.shape[1]
-    return min(max(math.sqrt(area / _KITTI_AREA), 1.0), 3.0)
+    return scale_for((picture.shape[1], picture.shape[0]))
+
+
+def scale_for(size: tuple[int, int]) -> float:
+    """Return the scale of lines and letters for the (width, height) of a picture."""
+    return min(max(math.sqrt(size[0] * size[1] / _KITTI_AREA), 1.0), 3.0)
 
 
 def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:

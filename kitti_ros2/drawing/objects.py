@@ -113,6 +113,11 @@ def compared(
     return with_labels, with_predictions
 
 
+def is_missed(each: LabelledObject) -> bool:
+    """Whether an object is a label that no prediction finds."""
+    return each.match is not None and each.match.verdict is Verdict.FALSE_NEGATIVE
+
+
 def name_of(each: LabelledObject) -> str:
     """Format class, track, score, and the result of the comparison."""
     track = '' if each.track_id is None else f' {each.track_id}'

@@ -18,12 +18,8 @@ import numpy as np
 
 from ..importer.labels import TrackIds, make_boxes
 from ..kitti.image_size import image_size
-from ..messages.detections import (
-    boxes_of_detections_2d,
-    cuboids_of_detections,
-    frames_of_detections,
-)
-from ..messages.marker_boxes import cuboids_of_markers, frames_of_markers
+from ..messages.detections import boxes_of_detections_2d
+from ..messages.solid_boxes import cuboids_in, frames_in
 from ..model.boxes import Box, clip_bounds
 from ..model.errors import KittiRos2Error, MissingDataError
 from ..model.losses import Loss
@@ -141,11 +137,9 @@ class ResultBoxes:
 
     def _cuboids(self, result: ResultMessage, calibration: Calibration) -> list[Cuboid]:
         """Decode the boxes of a message to velo_link."""
-        of_markers = self._msgtype == MARKERS
-        names = (frames_of_markers if of_markers else frames_of_detections)(result.message)
+        names = frames_in(result.message)
         to_velo = {name: self._frames.velo_t(name, calibration, result.stamp_ns) for name in names}
-        decode = cuboids_of_markers if of_markers else cuboids_of_detections
-        cuboids, left_out = decode(result.message, to_velo, scores=True)
+        cuboids, left_out = cuboids_in(result.message, to_velo, scores=True)
         self._unusable.update(left_out)
         return cuboids
 

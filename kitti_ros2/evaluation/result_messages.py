@@ -19,7 +19,14 @@ from ..messages.header import stamp_ns_of
 from ..messages.topics import own_topics
 from ..model.errors import BadBagError, UsageError
 from ..model.losses import Loss
-from ..model.msgtypes import CLOCK, DETECTIONS_2D, DETECTIONS_3D, MARKERS
+from ..model.msgtypes import (
+    CLOCK,
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    MARKERS,
+    TRACKED_OBJECTS,
+)
 from ..model.spelling import did_you_mean
 from ..model.stamps import format_stamp, from_sec_nanosec
 from ..model.text import format_count
@@ -31,8 +38,10 @@ if TYPE_CHECKING:
     from ..bags.reader import BagSource
     from .frame_stamps import StampedFrames
 
-_TYPES = frozenset({DETECTIONS_3D, DETECTIONS_2D, MARKERS})
-_EXPECTED = 'a topic of Detection3DArray, Detection2DArray or MarkerArray'
+_TYPES = frozenset({DETECTIONS_3D, DETECTIONS_2D, DETECTED_OBJECTS, TRACKED_OBJECTS, MARKERS})
+_EXPECTED = (
+    'a topic of Detection3DArray, Detection2DArray, DetectedObjects, TrackedObjects or MarkerArray'
+)
 
 
 class ResultMessage(NamedTuple):
@@ -161,7 +170,7 @@ def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types
 
     Of markers those that are added come first.
     """
-    inner = message.detections if hasattr(message, 'detections') else message.markers
+    inner = [*getattr(message, 'detections', ()), *getattr(message, 'markers', ())]
     added = sorted(inner, key=lambda each: getattr(each, 'action', 0) != 0)
     headers = [each.header for each in (message, *added) if hasattr(each, 'header')]
     return next((stamp for each in headers if (stamp := stamp_ns_of(each)) > 0), None)

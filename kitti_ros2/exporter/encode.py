@@ -17,7 +17,7 @@ from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
 from ..messages.source import promise
 from ..messages.topics import make_table, select_topics, unmatched
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
 from ..model.losses import Loss
 from ..model.samples import Calibration, Description, FrameLabels, Scan
@@ -66,11 +66,18 @@ class Encoder:
         self._schedule = schedule
         self._unmatched = unmatched([row.topic for row in table], selection)
         due = {stream for stream in Stream if schedule.count(stream)}
-        self.table: list[Topic] = [row for row in selected if row.stream in due]
+        self._recording = recording
+        if options.annotations and not (self._labelled or self._predicted):
+            raise UsageError(
+                f'{recording.name}: no annotations can be made: the recording has neither labels'
+                f' nor predictions of its frames'
+            )
+        self.table: list[Topic] = [
+            row for row in selected if row.stream in due and self._has_needs(row)
+        ]
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
         for index, row in enumerate(self.table):
             self._rows[row.stream].append((index, row))
-        self._recording = recording
         self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
@@ -106,6 +113,7 @@ class Encoder:
             entry.stream.camera or 0,
             _once(decode_png),
             lambda: self._labels_of(entry.number),
+            lambda: self._predictions_of(entry.number),
         )
         messages, losses = self._serialize(rows, sample, moment)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -154,13 +162,32 @@ class Encoder:
         labels = self._recording.read(Stream.LABELS, number)
         return labels if isinstance(labels, FrameLabels) else FrameLabels()
 
+    def _predictions_of(self, number: int) -> FrameLabels | None:
+        """Read the predictions of a frame; None without any."""
+        if number not in self._predicted:
+            return None
+        found = self._recording.read(Stream.PREDICTIONS, number)
+        return found if isinstance(found, FrameLabels) else FrameLabels()
+
     @cached_property
     def _labelled(self) -> frozenset[int]:
-        """The numbers of the frames with labels; empty without common numbers."""
-        index = self._recording.streams.get(Stream.LABELS)
+        """The numbers of the frames with labels."""
+        return self._numbers_with(Stream.LABELS)
+
+    @cached_property
+    def _predicted(self) -> frozenset[int]:
+        """The numbers of the frames with predictions."""
+        return self._numbers_with(Stream.PREDICTIONS)
+
+    def _numbers_with(self, stream: Stream) -> frozenset[int]:
+        """Return the file numbers of a stream; empty without common numbers."""
+        index = self._recording.streams.get(stream)
         if index is None or not self._recording.common_numbers:
             return frozenset()
         return frozenset(index.numbers.tolist())
+
+    def _has_needs(self, row: Topic) -> bool:
+        return row.needs is None or bool(self._numbers_with(row.needs))
 
     @staticmethod
     def _serialize(

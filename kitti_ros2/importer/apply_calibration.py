@@ -13,9 +13,9 @@ import numpy as np
 from ..files.png.encode import encode_png
 from ..files.png.header import parse_image
 from ..messages.clouds import decode_cloud
-from ..messages.detections import ABSURD, cuboids_of_detections, has_scores
-from ..messages.marker_boxes import cuboids_of_markers
+from ..messages.detections import ABSURD, has_scores
 from ..messages.pixels import pixels_of, png_of, size_of
+from ..messages.solid_boxes import cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
 from ..model import msgtypes as types
 from ..model.errors import BadFileError, UsageError
@@ -220,14 +220,12 @@ class Rigging:
         return boxes
 
     def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
-        """Decode a Detection3DArray or MarkerArray to boxes in velo_link; why others are skipped.
+        """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
 
         Raises:
             ValueError: They cannot be read.
         """
-        if hasattr(message, 'detections'):
-            return cuboids_of_detections(message, self._to_velo, scores=self._scores)
-        return cuboids_of_markers(message, self._to_velo)
+        return cuboids_in(message, self._to_velo, scores=self._scores)
 
     def body_t_rect(self) -> Transform:
         """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.

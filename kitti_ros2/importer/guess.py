@@ -168,15 +168,19 @@ class _Guesser:
         return next((name for name in _BODIES if name in known), _BODIES[0])
 
     def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
-        """Choose labels: detections before markers."""
+        """Choose labels: detections, then objects of Autoware, those with tracks first; markers."""
         own = self._survey.topics.get(LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
             return LabelPlan(own.name, _main(cameras)) if cameras else None
-        topics = self._of_labels(types.DETECTIONS_3D) or [
+        kinds = (types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS)
+        topics = next(filter(None, map(self._of_labels, kinds)), None) or [
             each for each in self._of_labels(types.MARKERS) if _has_cubes(each)
         ]
         if not topics or not cameras:
-            self.notes.append('missing: labels (no Detection3DArray, no cubes in a MarkerArray)')
+            self.notes.append(
+                'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'
+                ' in a MarkerArray)'
+            )
             return None
         best = max(topics, key=lambda each: (bool(_TRUTH.search(each.name)), each.count))
         self._pass_over('labels', best, topics)
@@ -224,7 +228,8 @@ def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
-        wanted |= {types.DETECTIONS_3D, types.MARKERS}
+        wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
+        wanted |= {types.MARKERS}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (

@@ -200,7 +200,10 @@ def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
     if not plan.cameras:
         missing.append('camera images')
     if plan.labels is None:
-        missing.append(f'labels (a Detection3DArray, cubes in a MarkerArray, or {LABEL_LINES})')
+        missing.append(
+            'labels (a Detection3DArray, TrackedObjects or DetectedObjects, cubes in a MarkerArray,'
+            f' or {LABEL_LINES})'
+        )
     if plan.calibration == NONE:
         missing.append('calibration (camera_info)')
     if missing or plan.labels is None:

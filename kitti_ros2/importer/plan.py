@@ -83,8 +83,8 @@ class LabelPlan:
     """The source of the labels.
 
     Attributes:
-        topic: A Detection3DArray, a MarkerArray whose cubes are the boxes, or the label lines that
-            a bag written by to-bag contains.
+        topic: A Detection3DArray, TrackedObjects or DetectedObjects (Autoware), a MarkerArray
+            whose cubes are the boxes, or the label lines that a bag written by to-bag contains.
         camera: The KITTI camera whose pixels the 2D boxes are.
         out_of_view: Whether boxes outside of the camera's view are kept.
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2

@@ -30,6 +30,8 @@ _EMPTY = np.empty(0, dtype=np.uint8)
 _LENGTH = struct.Struct('<I')
 _STAMP = struct.Struct('<iI')
 _STAMP_OFFSET = 4
+_TIMESTAMP = 'timestamp'
+"""The field that messages of Foxglove have for a header."""
 
 # Bytes that follow the bulk field (`data`, uint8[]) of the message types that have one.
 BULK_TAIL = {
@@ -103,7 +105,7 @@ def restamp(parts: Parts, stamp_ns: int) -> Parts:
 
 
 def restamp_message(data: bytes, msgtype: str, stamp_ns: int) -> bytes:
-    """Replace every header.stamp in a serialised message; without headers it is unchanged.
+    """Replace every header.stamp and timestamp in a serialised message, if it has any.
 
     The poses of a Path keep their stamps, the times of these positions.
     """
@@ -127,13 +129,16 @@ class _Headers(Enum):
 
 @lru_cache(maxsize=64)
 def _headers(msgtype: str) -> _Headers:
-    """Return where a type has headers: none, as its first field only, or nested.
+    """Return where a type has headers: none, as its first field only, or nested; or timestamps.
 
     Types without a definition in this package count as without headers.
     """
     if msgtype not in TYPESTORE.fielddefs:
         return _Headers.NONE
-    fields = [nested_type(description) for _, description in TYPESTORE.fielddefs[msgtype][1]]
+    described = TYPESTORE.fielddefs[msgtype][1]
+    if any(name == _TIMESTAMP for name, _ in described):
+        return _Headers.WITHIN
+    fields = [nested_type(description) for _, description in described]
     inner = [name for name in fields if name and name not in (HEADER, POSE)]
     if any(_headers(name) is not _Headers.NONE for name in inner):
         return _Headers.WITHIN
@@ -154,6 +159,8 @@ def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any 
         return
     for name in message.__dataclass_fields__:
         value = getattr(message, name)
+        if name == _TIMESTAMP:
+            value.sec, value.nanosec = divmod(stamp_ns, 1_000_000_000)
         for each in value if isinstance(value, list) else [value]:
             if hasattr(each, '__dataclass_fields__'):
                 _restamp_within(each, stamp_ns)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _ENCAPSULATION = b'\x00\x01\x00\x00'
 _PADDING = tuple(bytes(count) for count in range(8))
 _UINT32 = struct.Struct('<I')
+_FLOAT32 = struct.Struct('<f')
 _STAMP = struct.Struct('<iI')
 _INT32 = tuple(struct.Struct(f'<{count}i') for count in range(9))
 _DOUBLES = tuple(struct.Struct(f'<{count}d') for count in range(64))
@@ -65,13 +66,22 @@ class CdrWriter:
         self._align(8)
         self._data += _DOUBLES[len(packed)].pack(*packed)
 
+    def float32(self, value: float) -> None:
+        """Write a float32."""
+        self._align(4)
+        self._data += _FLOAT32.pack(value)
+
     def boolean(self, *, value: bool) -> None:
         """Write a bool."""
         self._data.append(value)
 
     def byte(self, value: int) -> None:
-        """Write a byte, the type in DiagnosticStatus."""
+        """Write a uint8, or a byte, the type in DiagnosticStatus."""
         self._data.append(value)
+
+    def octets(self, data: bytes) -> None:
+        """Write an array of uint8."""
+        self._data += data
 
     def text(self, value: str) -> None:
         """Write a string."""
@@ -86,8 +96,12 @@ class CdrWriter:
             self._align(8)
             self._data += data
 
-    def header(self, stamp_ns: int, frame_id: str) -> None:
-        """Write a std_msgs/Header."""
+    def time(self, stamp_ns: int) -> None:
+        """Write a builtin_interfaces/Time."""
         self._align(4)
         self._data += _STAMP.pack(*divmod(stamp_ns, 1_000_000_000))
+
+    def header(self, stamp_ns: int, frame_id: str) -> None:
+        """Write a std_msgs/Header."""
+        self.time(stamp_ns)
         self.text(frame_id)

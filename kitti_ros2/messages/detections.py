@@ -96,12 +96,11 @@ def _add_result(
 
 
 def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a Detection3DArray holds predictions: scores that are all 0 or 1 are ground truth."""
-    return any(
-        _score(result) not in _TRUTH_SCORES
-        for detection in getattr(message, 'detections', ())
-        for result in detection.results
-    )
+    """Whether boxes are predictions: those with scores that are all 0 or 1 are ground truth."""
+    scores = [each.existence_probability for each in getattr(message, 'objects', ())]
+    for detection in getattr(message, 'detections', ()):
+        scores += map(_score, detection.results)
+    return any(score not in _TRUTH_SCORES for score in scores)
 
 
 def cuboids_of_detections(

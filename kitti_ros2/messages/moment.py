@@ -37,6 +37,7 @@ class Rig:
         base_t_imu: imu_link in base_link.
         map_T_world: The fixed frame of the reader's poses in map.
         options: Of the messages.
+        tracked: Whether labels have tracks.
     """
 
     frames: FrameNames
@@ -44,6 +45,7 @@ class Rig:
     base_t_imu: Transform
     map_T_world: Transform
     options: MessageOptions
+    tracked: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ class Moment:
         camera: KITTI camera index of an image.
         pixels: Decodes an image.
         labels: Returns the labels of the sample's frame; None if it is not labelled.
+        predictions: Returns the predictions of the sample's frame; None without any.
     """
 
     rig: Rig
@@ -70,6 +73,7 @@ class Moment:
     camera: int = 0
     pixels: Callable[[Image], Pixels] = decode_png
     labels: Callable[[], FrameLabels | None] = lambda: None
+    predictions: Callable[[], FrameLabels | None] = lambda: None
 
     @property
     def at_imu(self) -> tuple[int, str]:
@@ -101,4 +105,5 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
         base_t_imu=mount,
         map_T_world=map_from_world(recording.start, mount, options.map),
         options=options,
+        tracked=recording.layout.traits.common_labels,
     )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..drawing.objects import distance_of, name_of
+from ..drawing.objects import distance_of, is_missed, name_of
 from ..drawing.palette import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS
 from ..model.matching import Verdict
 from .marker_drawing import OBJECT_PARTS, MarkerDrawing
@@ -48,7 +48,7 @@ def encode_prediction_markers(
         frame_id: Name of velo_link.
         options: Sizes of markers.
     """
-    missed = [each for each in labels if _verdict(each) is Verdict.FALSE_NEGATIVE]
+    missed = [each for each in labels if is_missed(each)]
     shown = [each for each in (*predictions, *missed) if each.cuboid is not None]
     drawing = MarkerDrawing(1 + len(OBJECT_PARTS) * len(shown), options, stamp_ns)
     drawing.clear(frame_id)
@@ -61,10 +61,6 @@ def encode_prediction_markers(
         if each.cuboid is not None:
             drawing.object(each.cuboid, frame_id, names, (red, green, blue), text)
     return drawing.parts()
-
-
-def _verdict(each: LabelledObject) -> Verdict | None:
-    return None if each.match is None else each.match.verdict
 
 
 def _look(each: LabelledObject) -> tuple[str, tuple[int, int, int]]:

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.objects import compared, objects_of
+from ..drawing.objects import compared, is_missed, objects_of
 from ..drawing.pixels import colour_pixels
 from ..model.errors import MissingDataError
 from ..model.labels import cuboids_of, identified
+from .annotations import encode_annotations
+from .autoware_objects import ObjectFrame, encode_detected_objects, encode_tracked_objects
 from .camera_info import encode_camera_info, image_frame_camera
 from .cdr import restamp, serialize
 from .detections import encode_boxes_2d, encode_detections
@@ -121,6 +123,33 @@ def make_annotated(image: Image, moment: Moment) -> object:
     return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
 
 
+def make_annotations(image: Image, moment: Moment) -> object:
+    """Make the ImageAnnotations of an image: the 2D boxes of its frame's labels."""
+    from ..drawing.image_boxes import image_boxes  # noqa: PLC0415 - as above
+
+    labels, calibration = moment.labels(), moment.calibration()
+    objects = [] if labels is None else objects_of(labels, calibration)
+    size = image.width, image.height
+    boxes = image_boxes(objects, (), calibration, moment.camera, size)
+    return encode_annotations(boxes, moment.stamp_ns)
+
+
+def make_prediction_annotations(image: Image, moment: Moment) -> object:
+    """Make the ImageAnnotations of predictions, compared with the labels if there are any."""
+    from ..drawing.image_boxes import image_boxes  # noqa: PLC0415 - as above
+
+    predictions, labels, calibration = moment.predictions(), moment.labels(), moment.calibration()
+    found = [] if predictions is None else objects_of(predictions, calibration)
+    missed: list[LabelledObject] = []
+    if labels is not None and predictions is not None:
+        truth = objects_of(labels, calibration)
+        truth, found = compared(truth, found, moment.rig.options.overlaps)
+        missed = [each for each in truth if is_missed(each)]
+    size = image.width, image.height
+    boxes = image_boxes(missed, found, calibration, moment.camera, size)
+    return encode_annotations(boxes, moment.stamp_ns)
+
+
 def make_camera_info(image: Image, moment: Moment) -> object:
     """Make the CameraInfo of an image."""
     calibration = moment.calibration()
@@ -151,6 +180,28 @@ def _camera_info_template(
 def make_detections(labels: FrameLabels, moment: Moment) -> object:
     """Make the Detection3DArray of a frame's labels or predictions."""
     return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
+
+
+def make_detected_objects(labels: FrameLabels, moment: Moment) -> object:
+    """Make the DetectedObjects of a frame's labels or predictions."""
+    cuboids = _cuboids(labels, moment)
+    return encode_detected_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+
+
+def make_tracked_objects(labels: FrameLabels, moment: Moment) -> object | None:
+    """Make the TrackedObjects of a frame's labels or predictions; None without tracks."""
+    cuboids = _cuboids(labels, moment)
+    tracked = any(each.track_id is not None for each in cuboids)
+    if not (tracked or (moment.rig.tracked and not cuboids)):
+        return None
+    return encode_tracked_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+
+
+def _object_frame(moment: Moment) -> ObjectFrame:
+    """Return base_link: Autoware's detectors and trackers work in the frame of the vehicle."""
+    rig = moment.rig
+    base_t_velo = rig.base_t_imu @ moment.calibration().velo_T_imu.inverse()
+    return ObjectFrame(rig.frames.base, base_t_velo, dict(rig.options.autoware_labels))
 
 
 def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:

@@ -14,8 +14,9 @@ decode. What comes back:
 
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
 calibration's files), path, /tf (the odometry), imu, fix, vel (the packets' texts), sweep (the time
-stamps among the files), detections, boxes_2d, markers, annotated (the labels' texts, or tracklets
-among the files). Predictions are not restored: they are no files of the recording.
+stamps among the files), detections, objects, boxes_2d, markers, annotated, annotations (the labels'
+texts, or tracklets among the files). Predictions are not restored: they are no files of the
+recording.
 
 Names by preset are in naming.py.
 """
@@ -31,9 +32,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..model.channels import Channel
 from ..model.errors import BadFileError, UsageError
 from ..model.msgtypes import (
+    ANNOTATIONS,
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    DETECTED_OBJECTS,
     DETECTIONS_2D,
     DETECTIONS_3D,
     FIX,
@@ -44,12 +47,13 @@ from ..model.msgtypes import (
     PATH,
     STRING,
     TF,
+    TRACKED_OBJECTS,
     TWIST,
 )
 from ..model.samples import Description
 from ..model.spelling import did_you_mean
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
-from ..options.messages import Images, MessageOptions, Preset
+from ..options.messages import Images, MessageOptions, Objects, Preset
 from . import row_encoders as encoders
 from .cdr import Parts, serialize
 from .image import decode_compressed, decode_image
@@ -92,6 +96,7 @@ class Topic(Channel):
         change_key: Returns a key of a sample; a message with the key of the previous one is
             not sent again.
         restores: Whether the file of a sample can be restored from its messages.
+        needs: A stream without which the row has no messages, besides its own.
     """
 
     stream: Stream
@@ -99,6 +104,7 @@ class Topic(Channel):
     decode: Decode | None = None
     change_key: Callable[[Any], Hashable] | None = None
     restores: bool = False
+    needs: Stream | None = None
 
     @property
     def is_frame_text(self) -> bool:
@@ -160,6 +166,10 @@ _ROWS = (
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
     Topic('/kitti/labels/detections', DETECTIONS_3D, Stream.LABELS,
           encoders.make_detections),
+    Topic('/kitti/labels/detected_objects', DETECTED_OBJECTS, Stream.LABELS,
+          encoders.make_detected_objects),
+    Topic('/kitti/labels/tracked_objects', TRACKED_OBJECTS, Stream.LABELS,
+          encoders.make_tracked_objects),
     Topic('/kitti/labels/boxes_2d', DETECTIONS_2D, Stream.LABELS,
           encoders.make_boxes_2d),
     Topic('/kitti/labels/markers', MARKERS, Stream.LABELS,
@@ -167,12 +177,22 @@ _ROWS = (
     Topic(LABEL_LINES, STRING, Stream.LABELS, *_source, restores=True),
     Topic('/kitti/predictions/detections', DETECTIONS_3D, Stream.PREDICTIONS,
           encoders.make_detections),
+    Topic('/kitti/predictions/detected_objects', DETECTED_OBJECTS, Stream.PREDICTIONS,
+          encoders.make_detected_objects),
+    Topic('/kitti/predictions/tracked_objects', TRACKED_OBJECTS, Stream.PREDICTIONS,
+          encoders.make_tracked_objects),
     Topic('/kitti/predictions/boxes_2d', DETECTIONS_2D, Stream.PREDICTIONS,
           encoders.make_boxes_2d),
     Topic('/kitti/predictions/markers', MARKERS, Stream.PREDICTIONS,
           encoders.make_prediction_markers),
 )  # fmt: skip
 """The rows of all recordings."""
+_LEFT_OUT = {
+    Objects.VISION: {DETECTED_OBJECTS, TRACKED_OBJECTS},
+    Objects.AUTOWARE: {DETECTIONS_3D},
+    Objects.BOTH: set(),
+}
+"""By option the types of messages that are not made."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
 
 
@@ -186,7 +206,8 @@ def make_table(
         image_topic: One of naming.IMAGE_TOPICS.
         options: Of the messages.
     """
-    rows = [*_ROWS, *([_TF_ROW] if options.publish_tf else [])]
+    rows = [row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects]]
+    rows += [_TF_ROW] if options.publish_tf else []
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
     return [replace(row, topic=rename_topic(row.topic, options.preset)) for row in rows]
@@ -211,6 +232,13 @@ def _camera_rows(
         rows.append(Topic(image, IMAGE, stream, *pair, restores=True))
     if options.annotated:
         rows.append(Topic(f'{camera}/annotated', IMAGE, stream, encoders.make_annotated))
+    if options.annotations:
+        rows += [
+            Topic(f'{camera}/annotations', ANNOTATIONS, stream, encoders.make_annotations,
+                  needs=Stream.LABELS),
+            Topic(f'{camera}/prediction_annotations', ANNOTATIONS, stream,
+                  encoders.make_prediction_annotations, needs=Stream.PREDICTIONS),
+        ]  # fmt: skip
     return rows
 
 
@@ -220,7 +248,9 @@ def own_topics() -> Mapping[str, Topic]:
     numbered = {index: str(index) for index in range(CAMERA_COUNT)}
     found: dict[str, Topic] = {}
     for preset in Preset:
-        options = MessageOptions(images=Images.BOTH, preset=preset)
+        options = MessageOptions(
+            images=Images.BOTH, preset=preset, objects=Objects.BOTH, annotations=True
+        )
         for cameras in (CAMERA_NAMES, numbered):
             for image_topic in IMAGE_TOPICS:
                 for row in make_table(cameras, image_topic, options):

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
-from ..model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, MARKERS, ODOMETRY, PATH, POSE
+from ..model.msgtypes import (
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    MARKERS,
+    ODOMETRY,
+    PATH,
+    POSE,
+    TRACKED_OBJECTS,
+)
 from ..model.spelling import not_one_of
 from .declare import check_bounds, option
 from .parsers import parse_flag, parse_integer, parse_path, parse_seconds_ns, parse_text
@@ -25,6 +34,8 @@ _POSES = ('odometry',)
 TASKS = {
     DETECTIONS_3D: _BOXES,
     DETECTIONS_2D: _BOXES,
+    DETECTED_OBJECTS: _BOXES,
+    TRACKED_OBJECTS: _BOXES[::-1],
     MARKERS: _BOXES,
     ODOMETRY: _POSES,
     POSE: _POSES,

@@ -9,10 +9,17 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar
 
+from ..model.autoware_labels import check_labels
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from .declare import check_bounds, choice, option
-from .parsers import parse_flag, parse_number, parse_place, parse_seconds_ns
+from .parsers import (
+    parse_class_map,
+    parse_flag,
+    parse_number,
+    parse_place,
+    parse_seconds_ns,
+)
 
 
 class Preset(str, Enum):
@@ -27,6 +34,14 @@ class MapFrame(str, Enum):
 
     ENU = 'enu'
     DEVKIT = 'devkit'
+
+
+class Objects(str, Enum):
+    """Types of messages with 3D boxes: vision_msgs, autoware_perception_msgs, or both."""
+
+    VISION = 'vision'
+    AUTOWARE = 'autoware'
+    BOTH = 'both'
 
 
 class Images(str, Enum):
@@ -131,9 +146,13 @@ class MessageOptions:
         markers: Options of the markers of labels.
         overlaps: The IoU above which a prediction is a true positive.
         annotated: Whether images with the labels drawn on them are published, too.
+        objects: Message types of 3D boxes: vision_msgs, autoware_perception_msgs, or both.
+        autoware_labels: Pairs of a class and the name of its label in Autoware, where it differs
+            from model/autoware_labels.py.
+        annotations: Whether 2D boxes are published as foxglove_msgs/ImageAnnotations, too.
 
     Raises:
-        UsageError: base_to_imu is not three finite numbers.
+        UsageError: base_to_imu is not three finite numbers, or Autoware has no such label.
     """
 
     group: ClassVar = 'Messages'
@@ -164,8 +183,24 @@ class MessageOptions:
     overlaps: LeastOverlaps = KITTI_OVERLAPS
     markers: MarkerOptions = field(default_factory=MarkerOptions)
     annotated: bool = option(False, 'Also images with the labels drawn on them', parse_flag)
+    objects: Objects = choice(
+        Objects.VISION,
+        '3D boxes as vision_msgs, as autoware_perception_msgs (autoware), or both',
+        Objects,
+    )
+    autoware_labels: tuple[tuple[str, str], ...] = option(
+        (),
+        "Autoware's label of a class, where another one is wanted: Van=TRUCK Tram=BUS",
+        parse_class_map,
+        unset='the table in the documentation',
+        metavar='CLASS=LABEL...',
+    )
+    annotations: bool = option(
+        False, '2D boxes also as foxglove_msgs/ImageAnnotations, for the Image panel', parse_flag
+    )
 
     def __post_init__(self) -> None:
         place = self.base_to_imu or BASE_T_IMU
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
+        check_labels(dict(self.autoware_labels))

@@ -20,7 +20,7 @@ from ..kitti.layout_files import LAYOUTS
 from ..messages.header import peek_header
 from ..messages.moment import Origin
 from ..messages.topics import decoders, own_topics
-from ..model.msgtypes import MARKERS, STRING, TF_TYPES
+from ..model.msgtypes import ANNOTATIONS, MARKERS, STRING, TF_TYPES
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import ScanStamp
 from .recorded_layout import find_blueprint
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """The remark on a bag that was not written by to-bag."""
 
-_HEADLESS = frozenset({STRING, MARKERS, *TF_TYPES})
+_HEADLESS = frozenset({ANNOTATIONS, STRING, MARKERS, *TF_TYPES})
 
 
 class NumberedTopic(NamedTuple):

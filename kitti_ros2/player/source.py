@@ -12,7 +12,7 @@ from ..bags.reader import OpenBag
 from ..files.workers import worker_count
 from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
-from ..model.msgtypes import DIAGNOSTICS
+from ..model.msgtypes import ANNOTATIONS, DIAGNOSTICS
 from ..model.streams import Stream
 from ..options.playback import Stamps
 from ..options.table import PlaySettings
@@ -56,6 +56,12 @@ def open_program(
                 raise UsageError(
                     f'{path}: predictions are for KITTI folders, and this is a bag; to-bag takes'
                     f' them when it makes the bag'
+                )
+            made = any(msgtype == ANNOTATIONS for _, msgtype in bag.index.stamps)
+            if settings.messages.annotations and not made:
+                raise UsageError(
+                    f'{path}: annotations are made of KITTI folders, and this is a bag; to-bag'
+                    f' --annotations makes a bag with them'
                 )
             playing = isinstance(settings, PlaySettings)
             images = BagImages(bag, settings.messages) if playing else None
