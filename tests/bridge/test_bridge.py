@@ -19,7 +19,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.messages.diagnostics import WARN
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.messages import Images, MessageOptions, Objects
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program
 
@@ -137,6 +137,25 @@ def test_live_bytes_are_the_bags(serve, recording_path, tmp_path):
                 assert decoded.header.frame_id == ours.header.frame_id
         stamps = [message.log_time for message in viewer.of(OXTS)]
         assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT, Layout.TRACKING])
+def test_objects_and_annotations_are_the_bags(serve, recordings, tmp_path, layout):
+    options = MessageOptions(images=Images.BOTH, objects=Objects.BOTH, annotations=True)
+    bag = tmp_path / 'o.mcap'
+    convert_recording(recordings[layout], bag, options)
+    values = {'objects': 'both', 'annotations': True}
+    with play_through(serve(recordings[layout], **values)) as viewer:
+        assert heard_bytes(viewer) == bag_bytes(bag)
+        heard = viewer.of('/kitti/camera_color_left/annotations')
+        assert len(heard) == FRAMES
+        name = viewer.channels[heard[0].topic]['schemaName']
+        assert name == 'foxglove_msgs/msg/ImageAnnotations'
+        images = viewer.of('/kitti/camera_color_left/image_rect/compressed')
+        for message, image in zip(heard, images, strict=True):
+            stamp = decode(viewer, image).header.stamp
+            loop = decode(viewer, message).points[0]
+            assert (loop.timestamp.sec, loop.timestamp.nanosec) == (stamp.sec, stamp.nanosec)
 
 
 @pytest.mark.parametrize(

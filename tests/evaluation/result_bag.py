@@ -4,11 +4,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.messages.autoware_objects import (
+    ObjectFrame,
+    encode_detected_objects,
+    encode_tracked_objects,
+)
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -16,9 +22,15 @@ from kitti_ros2.model.boxes import DONT_CARE, Box, Cuboid
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.labels import cuboids_of
-from kitti_ros2.model.msgtypes import DETECTIONS_2D, DETECTIONS_3D
+from kitti_ros2.model.msgtypes import (
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    TRACKED_OBJECTS,
+)
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.messages import BASE_T_IMU
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -97,6 +109,21 @@ def answers(recording: KittiRecording, *rest: object, late_ns: int = 20_000_000)
         Published(TOPIC, stamp + late_ns, detected(recording, number, *rest))
         for number, stamp in stamps_of(recording).items()
     ]
+
+
+def answers_of_autoware(recording: KittiRecording, *, tracked: bool) -> list[Published]:
+    """DetectedObjects or TrackedObjects for each frame, on TOPIC, in base_link."""
+    encode = encode_tracked_objects if tracked else encode_detected_objects
+    found = []
+    for number, stamp in stamps_of(recording).items():
+        calibration = recording.calibration(number)
+        labels = cuboids_of(recording.read(Stream.LABELS, number), calibration)
+        base_t_imu = Transform.from_translation(BASE_T_IMU)
+        frame = ObjectFrame('base_link', base_t_imu @ calibration.velo_T_imu.inverse(), {})
+        message = encode([replace(each, score=0.5) for each in labels], stamp, frame)
+        msgtype = TRACKED_OBJECTS if tracked else DETECTED_OBJECTS
+        found.append(Published(TOPIC, stamp, message, msgtype))
+    return found
 
 
 def answers_2d(recording: KittiRecording, frame: str = '') -> list[Published]:

@@ -16,6 +16,7 @@ from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.transforms import encode_static
+from kitti_ros2.model.autoware_labels import class_of, label_of
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.errors import BadBagError, UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
@@ -33,6 +34,7 @@ from result_bag import (  # isort: skip
     Published,
     answers,
     answers_2d,
+    answers_of_autoware,
     detected,
     labels_of,
     stamps_of,
@@ -86,6 +88,23 @@ def test_boxes_are_the_labels_they_were_made_of(truth, tmp_path):
     assert_same_objects(results, truth)
     assert not results.unanswered
     assert not results.losses
+
+
+@pytest.mark.parametrize('tracked', [False, True])
+def test_objects_of_autoware_are_the_labels_they_were_made_of(tracked, tracking, tmp_path):
+    """In base_link, with the classes that Autoware has."""
+    path = write_bag(tmp_path / 'bag.mcap', answers_of_autoware(tracking, tracked=tracked))
+    results = read(path, tracking)
+    assert not results.losses
+    compared = 0
+    for number, boxes in results.boxes.items():
+        labels = {tuple(np.round(each.location, 2)): each for each in labels_of(tracking, number)}
+        for box in boxes:
+            label = labels[tuple(np.round(box.location, 2))]
+            assert box.class_name == class_of(label_of(label.class_name, {}))
+            assert (box.score, not tracked or box.track_id == label.track_id) == (0.5, True)
+            compared += 1
+    assert compared > 10
 
 
 def test_2d_boxes_are_the_labels_in_the_image(truth, tmp_path):

@@ -125,6 +125,19 @@ def test_options_of_scans_are_the_converter_s(
     assert heard == expected
 
 
+@pytest.mark.parametrize('played', ['folder', 'bag'])
+def test_objects_and_annotations_are_the_converter_s(player, listen, recordings, tmp_path, played):
+    """Their types are installed nowhere: they are built at run time."""
+    source, bag = recordings[Layout.TRACKING], tmp_path / 'o.mcap'
+    streams = ('--streams', 'labels,image,calibration')
+    made = ('--objects', 'autoware', '--annotations', '--images', 'both', *streams)
+    assert main(['to-bag', str(source), str(bag), '-q', *made]) == 0
+    src, options = (source, made) if played == 'folder' else (bag, ())
+    expected, heard = hear_all(player, listen, src, bag, *options)
+    assert {'/kitti/labels/tracked_objects', '/kitti/camera_color_left/annotations'} <= set(heard)
+    assert heard == expected
+
+
 @pytest.mark.parametrize(
     ('storage', 'name'), [('mcap', 'o.mcap'), ('sqlite3', 'o'), ('ros1', 'o.bag')]
 )
