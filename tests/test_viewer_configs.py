@@ -15,7 +15,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import DIAGNOSTICS
+from kitti_ros2.model.msgtypes import ANNOTATIONS, DIAGNOSTICS
 from kitti_ros2.model.streams import CAMERA_NAMES
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.table import make_play_settings
@@ -38,7 +38,8 @@ RVIZ_SHOWS = {'PointCloud2': CLOUD, 'MarkerArray': MARKERS, 'Path': PATH, 'Image
 @pytest.fixture(scope='module')
 def types():
     """By topic its type, with all cameras and kinds of images."""
-    rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
+    options = MessageOptions(images=Images.BOTH, annotations=True)
+    rows = make_table(CAMERA_NAMES, 'image_rect', options)
     return {row.topic: row.msgtype for row in rows} | {STATE: DIAGNOSTICS}
 
 
@@ -111,6 +112,9 @@ def test_both_cameras_have_overlays_in_their_own_frames(layout, types):
         visible = {types[topic] for topic, each in camera['topics'].items() if each['visible']}
         assert visible == {MARKERS}
         assert all(topic in types for topic in camera['topics'])
+        for topic, each in camera['imageMode']['annotations'].items():
+            assert topic.startswith(info.removesuffix('camera_info'))
+            assert (types[topic], each['visible']) == (ANNOTATIONS, True)
 
 
 def test_map_plots_and_state(layout, types):
@@ -194,5 +198,6 @@ def test_what_rviz_shows_is_published(rviz, published):
 def test_what_foxglove_shows_is_published(published):
     text = (CONFIG / 'foxglove.json').read_text('utf-8')
     shown = set(re.findall(r'"(/kitti[\w/]*)', text))
-    assert len(shown) >= 8
-    assert sorted(shown - set(published)) == []
+    on_request = {topic for topic in shown if topic.endswith('annotations')}
+    assert len(shown - on_request) >= 8
+    assert sorted(shown - set(published) - on_request) == []

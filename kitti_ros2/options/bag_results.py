@@ -30,7 +30,7 @@ class BagResultsOptions:
 
     topic: str | None = option(
         None,
-        'Topic of a Detection3DArray, Detection2DArray or MarkerArray',
+        'Topic of a Detection3DArray, Detection2DArray, MarkerArray, or of objects of Autoware',
         parse_text,
         unset='the only one',
         metavar='TOPIC',

@@ -18,6 +18,7 @@ from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import own_topics
+from kitti_ros2.model.autoware_labels import LABEL_OF_CLASS
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
@@ -126,6 +127,15 @@ def test_frames_and_their_parents():
     assert rows['`camera_color_right_optical_frame`'][:2] == [
         '`camera_gray_left_optical_frame`', '`camera_color_right`'
     ]  # fmt: skip
+
+
+def test_labels_of_autoware_are_those_of_the_table():
+    text = TEXTS['docs/reference/topics.md'].partition('Each class of KITTI has a label')[2]
+    found = dict(re.findall(r'^\| `([\w]+)` \| `([A-Z]+)` \|', text, re.MULTILINE))
+    spellings = {'Person', 'Person (sitting)'}
+    assert found == {
+        name: label.name for name, label in LABEL_OF_CLASS.items() if name not in spellings
+    }
 
 
 def test_topics_are_those_of_the_table():
