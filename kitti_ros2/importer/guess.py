@@ -168,14 +168,18 @@ class _Guesser:
         return next((name for name in _BODIES if name in known), _BODIES[0])
 
     def labels(self, cameras: dict[int, CameraPlan]) -> LabelPlan | None:
-        """Choose labels: detections, then objects of Autoware, those with tracks first; markers."""
+        """Choose labels: detections, objects of Autoware, then markers.
+
+        In a bag written by to-bag, markers have the classes of KITTI, and objects have not.
+        """
         own = self._survey.topics.get(LABEL_LINES)
         if own is not None and own.count and self._survey.calibrations:
             return LabelPlan(own.name, _main(cameras)) if cameras else None
-        kinds = (types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS)
-        topics = next(filter(None, map(self._of_labels, kinds)), None) or [
-            each for each in self._of_labels(types.MARKERS) if _has_cubes(each)
-        ]
+        detections = self._of_labels(types.DETECTIONS_3D)
+        objects = self._of_labels(types.TRACKED_OBJECTS) or self._of_labels(types.DETECTED_OBJECTS)
+        markers = [each for each in self._of_labels(types.MARKERS) if _has_cubes(each)]
+        topics = detections or (markers if self._survey.calibrations else objects)
+        topics = topics or objects or markers
         if not topics or not cameras:
             self.notes.append(
                 'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'

@@ -312,3 +312,18 @@ def test_a_bag_is_not_annotated(recordings, tmp_path):
     convert_recording(recordings[Layout.TRACKING], made, AUTOWARE)
     with closing(open_program(made, make_play_settings({'annotations': True}))) as program:
         assert ANNOTATIONS in {each.topic for each in program.channels}
+
+
+def test_another_layout_keeps_the_classes_of_own_bags(recordings, tmp_path):
+    """Tracklets have no label lines in a bag; Autoware calls a van a car, markers do not."""
+    found = {}
+    for name, options in (('vision', MessageOptions()), ('autoware', AUTOWARE)):
+        bag, back = tmp_path / f'{name}.mcap', tmp_path / name
+        convert_recording(recordings[Layout.RAW], bag, options)
+        to_kitti(bag, back, layout='object')
+        files = sorted((back / 'training' / 'label_2').iterdir())
+        found[name] = [
+            sorted(line.split()[0] for line in each.read_text().splitlines()) for each in files
+        ]
+    assert found['autoware'] == found['vision']
+    assert any('Van' in classes for classes in found['autoware'])
