@@ -23,6 +23,7 @@ from kitti_ros2.messages.autoware_objects import cuboids_of_objects
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.autoware_labels import class_of, label_of
+from kitti_ros2.model.boxes import count_points
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
@@ -327,3 +328,24 @@ def test_another_layout_keeps_the_classes_of_own_bags(recordings, tmp_path):
         ]
     assert found['autoware'] == found['vision']
     assert any('Van' in classes for classes in found['autoware'])
+
+
+def test_real_objects_contain_their_points(real_kitti, tmp_path):
+    """As many as the labels themselves, by the transforms of the bag alone."""
+    bag = tmp_path / 'bag.mcap'
+    convert_recording(real_kitti / 'object' / 'training', bag, AUTOWARE)
+    found = foreign_read(bag)
+    counts, static = [], None
+    for stamp, message in sorted(found[DETECTED].items()):
+        static = found['/tf_static'].get(stamp, static)
+        to_velo = {'base_link': base_t_velo(static).inverse()}
+        cuboids, _ = cuboids_of_objects(message, to_velo)
+        cloud = found['/kitti/velo/points'][stamp]
+        points = np.frombuffer(cloud.data, '<f4').reshape(-1, 4)
+        counted = zip(cuboids, count_points(cuboids, points), strict=True)
+        counts.append({each.class_name: count for each, count in counted})
+    assert counts == [
+        {'Pedestrian': 376},
+        {'Truck': 70, 'Car': 9, 'Cyclist': 18},
+        {'Misc': 1351, 'Car': 67},
+    ]
