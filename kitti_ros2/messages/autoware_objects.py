@@ -3,7 +3,7 @@
 """Labels -> autoware_perception_msgs/DetectedObjects and TrackedObjects; any of these -> boxes.
 
 As Autoware's own detectors fill them (autoware_universe, perception/autoware_lidar_centerpoint,
-lib/ros_utils.cpp, lines 34 to 75 of commit 02ee90f): the pose is the middle of the box, dimensions
+lib/ros_utils.cpp, lines 26 to 80 of commit 02ee90f): the pose is the middle of the box, dimensions
 are length, width and height along its x, y and z, the score is existence_probability, and the one
 classification has probability 1. KITTI's headings are known with their sign. Its labels have no
 covariance, velocity or acceleration: these are zero, and marked as unknown where there is a field
@@ -153,7 +153,9 @@ def cuboids_of_objects(
 def _bounds(shape: Any) -> tuple[Transform, tuple[float, float, float]]:  # noqa: ANN401 - as above
     """Return the place of the box around a shape in the object's frame, and its size.
 
-    As in autoware_utils, the diameter of a cylinder is its x, and the height of a polygon its z.
+    The x of a cylinder is its diameter, and the footprint of a polygon is in the object's frame
+    (autoware_universe, common/autoware_universe_utils/src/geometry/boost_polygon_utils.cpp,
+    toPolygon2d, commit abee5b5).
     """
     size = shape.dimensions
     points = [(point.x, point.y) for point in shape.footprint.points]
