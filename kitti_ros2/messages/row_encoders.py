@@ -125,28 +125,28 @@ def make_annotated(image: Image, moment: Moment) -> object:
 
 def make_annotations(image: Image, moment: Moment) -> object:
     """Make the ImageAnnotations of an image: the 2D boxes of its frame's labels."""
-    from ..drawing.image_boxes import image_boxes  # noqa: PLC0415 - as above
-
-    labels, calibration = moment.labels(), moment.calibration()
-    objects = [] if labels is None else objects_of(labels, calibration)
-    size = image.width, image.height
-    boxes = image_boxes(objects, (), calibration, moment.camera, size)
-    return encode_annotations(boxes, moment.stamp_ns)
+    labels = moment.labels()
+    objects = [] if labels is None else objects_of(labels, moment.calibration())
+    return _annotations(image, moment, objects, [])
 
 
 def make_prediction_annotations(image: Image, moment: Moment) -> object:
     """Make the ImageAnnotations of predictions, compared with the labels if there are any."""
+    predictions = moment.predictions()
+    boxes = ([], []) if predictions is None else _compared_with_labels(predictions, moment)
+    return _annotations(image, moment, *boxes)
+
+
+def _annotations(
+    image: Image,
+    moment: Moment,
+    objects: list[LabelledObject],
+    predictions: list[LabelledObject],
+) -> object:
     from ..drawing.image_boxes import image_boxes  # noqa: PLC0415 - as above
 
-    predictions, labels, calibration = moment.predictions(), moment.labels(), moment.calibration()
-    found = [] if predictions is None else objects_of(predictions, calibration)
-    missed: list[LabelledObject] = []
-    if labels is not None and predictions is not None:
-        truth = objects_of(labels, calibration)
-        truth, found = compared(truth, found, moment.rig.options.overlaps)
-        missed = [each for each in truth if is_missed(each)]
     size = image.width, image.height
-    boxes = image_boxes(missed, found, calibration, moment.camera, size)
+    boxes = image_boxes(objects, predictions, moment.calibration(), moment.camera, size)
     return encode_annotations(boxes, moment.stamp_ns)
 
 
@@ -226,14 +226,22 @@ def make_markers(labels: FrameLabels, moment: Moment) -> object:
 
 def make_prediction_markers(predictions: FrameLabels, moment: Moment) -> object:
     """Make the MarkerArray of a frame's predictions, compared with its labels if it has any."""
-    calibration, labels = moment.calibration(), moment.labels()
     _cuboids(predictions, moment)  # raises for a calibration without the scanner
+    missed, found = _compared_with_labels(predictions, moment)
+    frame, options = moment.rig.frames.velo, moment.rig.options.markers
+    return encode_prediction_markers(missed, found, moment.stamp_ns, frame, options)
+
+
+def _compared_with_labels(
+    predictions: FrameLabels, moment: Moment
+) -> tuple[list[LabelledObject], list[LabelledObject]]:
+    """Return the labels that no prediction finds, and the predictions, both with their matches."""
+    calibration, labels = moment.calibration(), moment.labels()
     found = objects_of(predictions, calibration)
-    truth: list[LabelledObject] = []
-    if labels is not None:
-        truth, found = compared(objects_of(labels, calibration), found, moment.rig.options.overlaps)
-    options = moment.rig.options.markers
-    return encode_prediction_markers(truth, found, moment.stamp_ns, moment.rig.frames.velo, options)
+    if labels is None:
+        return [], found
+    truth, found = compared(objects_of(labels, calibration), found, moment.rig.options.overlaps)
+    return [each for each in truth if is_missed(each)], found
 
 
 def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
