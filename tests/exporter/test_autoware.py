@@ -9,7 +9,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from folder_and_bag import BAGS, make_holes
+from folder_and_bag import BAGS, make_holes, rerecord
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from prediction_set import write_prediction_set
@@ -349,3 +349,12 @@ def test_real_objects_contain_their_points(real_kitti, tmp_path):
         {'Truck': 70, 'Car': 9, 'Cyclist': 18},
         {'Misc': 1351, 'Car': 67},
     ]
+
+
+def test_a_recorded_bag_becomes_the_same_files(recordings, tmp_path):
+    """Annotations have no header that would number them."""
+    bag, back = tmp_path / 'bag.mcap', tmp_path / 'back'
+    convert_recording(recordings[Layout.TRACKING], bag, BOTH)
+    recorded = rerecord(bag, tmp_path / 'recorded.mcap', 10**9)
+    to_kitti(recorded, back)
+    assert files_in(back) == files_in(recordings[Layout.TRACKING])
