@@ -14,6 +14,7 @@ from ..bags.open_source import open_bag_source
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
+from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
 from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
@@ -68,6 +69,7 @@ def to_bag(
     bag = settings.bag(guess_storage(target, settings.storage))
     recording = open_folder(source, settings.read)
     add_predictions(recording, settings.predictions.path)
+    add_extract(recording, settings.imu)
     refuse_inside(source, target)
     report = convert(
         recording,

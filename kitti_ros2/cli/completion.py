@@ -118,7 +118,8 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     recording = open_recording(path, _reading(given))
     preset = Preset(given.get('preset') or Preset.DEFAULT)
     image = image_topic(recording.layout, recording.image_topic, preset)
-    table = make_table(recording.cameras, image, MessageOptions(images=Images.BOTH, preset=preset))
+    options = MessageOptions(images=Images.BOTH, preset=preset, covariances=True)
+    table = make_table(recording.cameras, image, options)
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
     predicted = {Stream.PREDICTIONS} if given.get('predictions') else set()
     present = {*recording.streams, *once, *predicted}

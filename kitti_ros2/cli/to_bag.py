@@ -13,6 +13,7 @@ from ..bags.open_folder import open_folder
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
 from ..files.staging import refuse_inside
+from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.streams import Clock
 from ..options.messages import Images
@@ -63,6 +64,7 @@ def run_to_bag(
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)
+    add_extract(recording, settings.imu)
     refuse_inside(src, out)
     if settings.read.layout is None and not quiet and not json:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')

@@ -60,7 +60,7 @@ class Encoder:
         selection: SelectionOptions,
     ) -> None:
         images = image_topic(recording.layout, recording.image_topic, options.preset)
-        table = make_table(recording.cameras, images, options)
+        table = make_table(recording.cameras, images, options, _packets_of(recording))
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule
@@ -236,8 +236,14 @@ def _selected_streams(
     lost = {Stream(loss.stream).camera for loss in recording.losses}
     cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
     images = image_topic(recording.layout, recording.image_topic, options.preset)
-    table = make_table({**cameras, **recording.cameras}, images, options)
+    table = make_table({**cameras, **recording.cameras}, images, options, _packets_of(recording))
     return {row.stream for row in select_topics(table, selection)}
+
+
+def _packets_of(recording: ReadableRecording) -> Stream:
+    """Return the stream whose packets become Imu, fix and velocity: the faster one."""
+    fast = Stream.OXTS_EXTRACT
+    return fast if fast in recording.streams else Stream.OXTS
 
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:

@@ -13,15 +13,18 @@ import numpy as np
 
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
-from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, STREAM_ALIASES, Stream
+from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, STREAM_ALIASES, UNNUMBERED, Stream
 from ..model.text import either
-from .window import UNLIMITED, nothing_selected, select_window
+from ..model.time_span import around, time_span
+from .window import UNLIMITED, nothing_selected, numbered, select_window
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    import numpy.typing as npt
+
     from ..model.losses import Loss
-    from ..model.recording import ReadableRecording
+    from ..model.recording import ReadableRecording, StreamIndex
     from ..model.samples import Int64Array, Turn
     from ..options.selection import SelectionOptions
     from .window import Window
@@ -34,6 +37,8 @@ _CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
 ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
 """Streams that may apply to a whole recording, and are then due once."""
 
+_PACKETS = {Stream.OXTS, Stream.OXTS_EXTRACT}
+_UNNUMBERED = [_STREAMS.index(stream) for stream in UNNUMBERED]
 UNKNOWN = -1
 """Placeholder for an unknown file number."""
 
@@ -107,7 +112,8 @@ class Schedule:
             return np.zeros(len(self), dtype=np.int64)
         if self.common_numbers:
             # Streams of the whole recording are due with the first sample.
-            return frame_runs(np.where(np.isin(self.numbers, frames), self.numbers, UNKNOWN))
+            known = np.isin(self.numbers, frames) & ~np.isin(self.streams, _UNNUMBERED)
+            return frame_runs(np.where(known, self.numbers, UNKNOWN))
         reference = next(stream for stream in FRAME_STREAMS if stream in streams)
         chosen = self.streams == _STREAMS.index(reference)
         numbers, reference_ns = self.numbers[chosen], self.stamps_ns[chosen]
@@ -183,15 +189,14 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     """
     wanted = _wanted_streams(selection.streams)
     common = recording.common_numbers
-    window = select_window(recording.streams, selection, common=common)
-    rows: list[_Row] = []
-    for stream in [stream for stream in recording.streams if stream in wanted]:
-        index = recording.streams[stream]
-        taken = window.takes(index)
-        rows.append((stream, index.numbers[taken], index.stamps_ns[taken]))
+    own = numbered(recording)
+    window = select_window(own, selection, common=common)
+    taken = {stream: window.takes(index) for stream, index in own.items()}
+    rows = [_row(stream, own[stream], taken[stream]) for stream in own if stream in wanted]
+    rows += _rows_around(recording, taken, wanted)
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
     if not len(stamps) and wanted <= set(ONCE):
-        stamps = np.concatenate([index.stamps_ns for index in recording.streams.values()])
+        stamps = np.concatenate([index.stamps_ns for index in own.values()])
     if not len(stamps):
         raise nothing_selected(recording, selection)
     first = int(stamps.min())
@@ -209,15 +214,35 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     return _in_order(rows, known, recording)
 
 
+def _row(stream: Stream, index: StreamIndex, taken: npt.NDArray[np.bool_]) -> _Row:
+    return stream, index.numbers[taken], index.stamps_ns[taken]
+
+
+def _rows_around(
+    recording: ReadableRecording,
+    taken: Mapping[Stream, npt.NDArray[np.bool_]],
+    wanted: set[Stream],
+) -> list[_Row]:
+    """Return the rows of UNNUMBERED streams, as long as the taken samples of the others."""
+    present = recording.streams.keys() & wanted & UNNUMBERED
+    span = time_span(recording.streams, recording.turns, taken) if present else None
+    if span is None:
+        return []
+    indexed = [(stream, recording.streams[stream]) for stream in present]
+    return [_row(stream, index, around(index.stamps_ns, span)) for stream, index in indexed]
+
+
 def _span(
     rows: Sequence[_Row], stream: Stream, recording: ReadableRecording, window: Window
 ) -> tuple[int, int] | None:
     """Return the first and last selected file number of a stream, None if unknown."""
-    if window.stamps_ns == UNLIMITED:
+    if window.stamps_ns == UNLIMITED and stream not in UNNUMBERED:
         return window.numbers
-    taken = [row[1] for row in rows if len(row[1]) and row[0] in recording.streams]
+    indexed = recording.streams.keys() - UNNUMBERED
+    taken = [row[1] for row in rows if len(row[1]) and row[0] in indexed]
     own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
-    basis = own or (taken if recording.common_numbers else [])
+    shared = recording.common_numbers and stream not in UNNUMBERED
+    basis = own or (taken if shared else [])
     if not basis:
         return None
     return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)
@@ -262,7 +287,7 @@ def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
         if name == 'image':
             wanted |= set(IMAGE_STREAMS)
         elif name in {stream.value for stream in Stream}:
-            wanted.add(Stream(name))
+            wanted |= _PACKETS if name == Stream.OXTS.value else {Stream(name)}
         else:
             raise _no_stream(name)
     return wanted

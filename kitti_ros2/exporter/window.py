@@ -11,7 +11,7 @@ import numpy as np
 from ..model.errors import UsageError
 from ..model.losses import describe_frames
 from ..model.stamps import format_stamp
-from ..model.streams import Stream
+from ..model.streams import UNNUMBERED, Stream
 from ..model.text import either, format_duration
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def select_window(
     """Return the window of a selection.
 
     Args:
-        streams: The samples of a recording.
+        streams: The samples of a recording, but those of UNNUMBERED streams.
         selection: Its start and end.
         common: Whether a number is the same moment in all streams.
     """
@@ -65,16 +65,21 @@ def select_window(
     return Window((numbers[0], numbers[1]), (stamps[0], stamps[1]))
 
 
+def numbered(recording: ReadableRecording) -> dict[Stream, StreamIndex]:
+    """Return the streams of a recording whose file numbers are its own."""
+    return {each: at for each, at in recording.streams.items() if each not in UNNUMBERED}
+
+
 def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) -> UsageError:
     """Return the error for a selection without samples: empty, or its end is before its start."""
     start, end = selection.start, selection.end
     if start is not None and end is not None:
-        streams = recording.streams
+        streams = numbered(recording)
         first, last = _bound_ns(streams, start, 0), _bound_ns(streams, end, 1)
         # Start and end are of different kinds, both inside the recording.
         if UNLIMITED[0] < last < first < UNLIMITED[1]:
             return selection.reversed_error()
-    present = {stream.value: index for stream, index in recording.streams.items()}
+    present = {stream.value: index for stream, index in numbered(recording).items()}
     wanted = [name for name in selection.streams if name in {*present, 'image'}]
     if selection.streams and not wanted:
         return UsageError(
@@ -83,7 +88,7 @@ def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) 
         )
     found = list(present.values())
     if not recording.common_numbers:  # frames are those of the reference stream
-        found = [recording.streams[_reference(recording.streams)]]
+        found = [recording.streams[_reference(numbered(recording))]]
     numbers = np.unique(np.concatenate([index.numbers for index in found]))
     stamps_ns = np.sort(np.concatenate([index.stamps_ns for index in present.values()]))
     extent = describe_extent(numbers, stamps_ns, selection)

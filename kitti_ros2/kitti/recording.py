@@ -99,7 +99,7 @@ class KittiRecording(RecordingIndex):
             }
             for stream, listing in self._listings.items()
         }
-        values = {
+        values: dict[str, object] = {
             'layout': self.layout.value,
             'name': self.name,
             'epoch_ns': self.options.epoch_ns,
@@ -109,6 +109,8 @@ class KittiRecording(RecordingIndex):
         }
         if self.deskew is not None:
             values['deskew'] = self.deskew.value
+        if self.extract is not None:
+            values['imu_from'] = self.extract.describe()
         files: list[TextFile] = []
         missing: dict[str, str] = {}
         for path in self.text_paths():
@@ -172,6 +174,8 @@ class KittiRecording(RecordingIndex):
             return self.adjust_scan(number, self._scan(number))
         if stream is Stream.PREDICTIONS and self.results is not None:
             return self.results.read(number)
+        if stream is Stream.OXTS_EXTRACT and self.extract is not None:
+            return self.extract.packet(number)
         readers: dict[Stream, Callable[[int], Sample]] = {
             Stream.OXTS: self._packet_cached,
             Stream.POSE: self._pose,

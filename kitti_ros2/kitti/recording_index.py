@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Int64Array, Scan, Turn
     from ..options.read import ReadOptions
+    from .extract_oxts import ExtractOxts
     from .result_files import ResultFiles
     from .store import Listing
     from .text_file import Lines
@@ -42,6 +43,7 @@ class RecordingIndex:
         self.deskew: Deskew | None = None
         self.adjust_scan: Callable[[int, Scan], Scan] = lambda _, scan: scan
         self.results: ResultFiles | None = None
+        self.extract: ExtractOxts | None = None
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
 
@@ -59,6 +61,8 @@ class RecordingIndex:
         """Return the file that a sample is read from."""
         if stream is Stream.PREDICTIONS and self.results is not None:
             return self.results.path(number)
+        if stream is Stream.OXTS_EXTRACT and self.extract is not None:
+            return self.extract.path(stream, number)
         listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
         return self.root if listing is None else listing.path(number)
 
@@ -95,13 +99,17 @@ class RecordingIndex:
                 self._lose(stream, [line], str(error))
         good = [n for n in numbers if n < lines and stamps.values[n] is not None]
         values = np.array([stamps.values[number] for number in good], dtype=np.int64)
-        backward = np.flatnonzero(np.diff(values) < 0)
+        self._note_backward(np.array(good, dtype=np.int64), values, stamps_path)
+        self._add(stream, np.array(good, dtype=np.int64), values, listing)
+
+    def _note_backward(self, numbers: Int64Array, stamps_ns: Int64Array, path: Path) -> None:
+        """Note stamps that are earlier than the one before; the numbers count the file's lines."""
+        backward = np.flatnonzero(np.diff(stamps_ns) < 0)
         if len(backward):
             self.notes.append(
-                f'{stamps_path}:{good[backward[0] + 1] + 1}: {len(backward)} stamps earlier than'
+                f'{path}:{numbers[backward[0] + 1] + 1}: {len(backward)} stamps earlier than'
                 f' the line before; written in order of time, each with its own stamp'
             )
-        self._add(stream, np.array(good, dtype=np.int64), values, listing)
 
     def _add_at(
         self, stream: Stream, numbers: Sequence[int], stamps: Sequence[int | None]

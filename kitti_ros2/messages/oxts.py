@@ -48,6 +48,12 @@ from ..model.geometry import (
 )
 from ..model.samples import OxtsPacket
 from .header import make_header, make_quaternion, make_vector3, vector_of
+from .oxts_covariance import (
+    ACCELERATION_SIGMA,
+    ANGULAR_VELOCITY_SIGMA,
+    ORIENTATION_SIGMA,
+    diagonal,
+)
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
@@ -81,21 +87,25 @@ _IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
 
 
-def encode_imu(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> Imu:
+def encode_imu(
+    packet: OxtsPacket, stamp_ns: int, frame_id: str, *, covariances: bool = False
+) -> Imu:
     """Make an Imu: orientation of the body in east-north-up, rates and accelerations in body axes.
 
     Accelerations contain gravity (REP-145: an imu at rest, level, reads +g upwards); wx wy wz and
-    ax ay az are taken, never the levelled columns.
+    ax ay az are taken, never the levelled columns. Without covariances these are unknown (zeros).
     """
+    sigmas = (ORIENTATION_SIGMA, ANGULAR_VELOCITY_SIGMA, ACCELERATION_SIGMA)
+    known = [diagonal(sigma) if covariances else _UNKNOWN for sigma in sigmas]
     rotation = rotation_from_rpy(packet.roll, packet.pitch, packet.yaw)
     return Imu(
         header=make_header(stamp_ns, frame_id),
         orientation=make_quaternion(rotation_to_quaternion(rotation)),
-        orientation_covariance=_UNKNOWN,
+        orientation_covariance=known[0],
         angular_velocity=make_vector3((packet.wx, packet.wy, packet.wz)),
-        angular_velocity_covariance=_UNKNOWN,
+        angular_velocity_covariance=known[1],
         linear_acceleration=make_vector3((packet.ax, packet.ay, packet.az)),
-        linear_acceleration_covariance=_UNKNOWN,
+        linear_acceleration_covariance=known[2],
     )
 
 

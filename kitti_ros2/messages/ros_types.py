@@ -47,6 +47,7 @@ __all__ = [
     'Twist',
     'TwistStamped',
     'TwistWithCovariance',
+    'TwistWithCovarianceStamped',
     'Typestore',
     'Vector3',
 ]
@@ -72,6 +73,9 @@ _DEFINITIONS = {
     'geometry_msgs/msg/Twist': 'geometry_msgs/Vector3 linear|geometry_msgs/Vector3 angular',
     'geometry_msgs/msg/TwistStamped': 'std_msgs/Header header|geometry_msgs/Twist twist',
     'geometry_msgs/msg/TwistWithCovariance': 'geometry_msgs/Twist twist|float64[36] covariance',
+    'geometry_msgs/msg/TwistWithCovarianceStamped': (
+        'std_msgs/Header header|geometry_msgs/TwistWithCovariance twist'
+    ),
     'geometry_msgs/msg/Transform': (
         'geometry_msgs/Vector3 translation|geometry_msgs/Quaternion rotation'
     ),
@@ -187,6 +191,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.stores.ros2_jazzy import (
         geometry_msgs__msg__TwistWithCovariance as TwistWithCovariance,
     )
+    from rosbags.typesys.stores.ros2_jazzy import (
+        geometry_msgs__msg__TwistWithCovarianceStamped as TwistWithCovarianceStamped,
+    )
     from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Vector3 as Vector3
     from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as Odometry
     from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Path as Path
@@ -219,6 +226,7 @@ else:
     Twist = TYPESTORE.types['geometry_msgs/msg/Twist']
     TwistStamped = TYPESTORE.types['geometry_msgs/msg/TwistStamped']
     TwistWithCovariance = TYPESTORE.types['geometry_msgs/msg/TwistWithCovariance']
+    TwistWithCovarianceStamped = TYPESTORE.types['geometry_msgs/msg/TwistWithCovarianceStamped']
     Vector3 = TYPESTORE.types['geometry_msgs/msg/Vector3']
     Odometry = TYPESTORE.types['nav_msgs/msg/Odometry']
     Path = TYPESTORE.types['nav_msgs/msg/Path']

@@ -27,6 +27,7 @@ from .map_frame import place_pose, place_trajectory
 from .markers import encode_markers
 from .moment import LABELLED_CAMERA
 from .mounts import with_nominal_mounts
+from .oxts import encode_imu
 from .pose import encode_odometry, encode_path, encode_tf
 from .prediction_markers import encode_prediction_markers
 from .scan import encode_scan
@@ -87,6 +88,11 @@ def make_tf(pose: Pose, moment: Moment) -> object:
     frames = (moment.rig.frames.map, moment.rig.frames.base)
     placed = place_pose(pose, moment.rig.map_T_world)
     return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def make_imu(packet: OxtsPacket, moment: Moment) -> object:
+    """Make the Imu of a packet, with covariances if the options request them."""
+    return encode_imu(packet, *moment.at_imu, covariances=bool(moment.rig.options.covariances))
 
 
 def make_scan(scan: Scan, moment: Moment) -> object:

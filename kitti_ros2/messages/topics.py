@@ -15,8 +15,8 @@ decode. What comes back:
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
 calibration's files), path, /tf (the odometry), imu, fix, vel (the packets' texts), sweep (the time
 stamps among the files), detections, objects, boxes_2d, markers, annotated, annotations (the labels'
-texts, or tracklets among the files). Predictions are not restored: they are no files of the
-recording.
+texts, or tracklets among the files). Predictions and the packets of an unsynchronised drive are not
+restored: they are no files of the recording.
 
 Names by preset are in naming.py.
 """
@@ -49,6 +49,7 @@ from ..model.msgtypes import (
     TF,
     TRACKED_OBJECTS,
     TWIST,
+    TWIST_COVARIANCE,
 )
 from ..model.samples import Description
 from ..model.spelling import did_you_mean
@@ -58,7 +59,8 @@ from . import row_encoders as encoders
 from .cdr import Parts, serialize
 from .image import decode_compressed, decode_image
 from .naming import IMAGE_TOPICS, rename_topic
-from .oxts import encode_fix, encode_imu, encode_velocity
+from .oxts import encode_fix, encode_velocity
+from .oxts_covariance import encode_velocity_with_covariance
 from .pose import decode_odometry
 from .scan import decode_scan
 from .source import (
@@ -154,8 +156,7 @@ _ROWS = (
     Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,
           encoders.make_odometry,
           lambda message, origin: decode_odometry(message, origin.base_t_imu)),
-    Topic('/kitti/oxts/imu', IMU, Stream.OXTS,
-          lambda packet, moment: encode_imu(packet, *moment.at_imu)),
+    Topic('/kitti/oxts/imu', IMU, Stream.OXTS, encoders.make_imu),
     Topic('/kitti/oxts/fix', FIX, Stream.OXTS,
           lambda packet, moment: encode_fix(packet, *moment.at_imu)),
     Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
@@ -194,10 +195,19 @@ _LEFT_OUT = {
 }
 """By option the types of messages that are not made."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
+_COVARIANCE_ROW = Topic(
+    '/kitti/oxts/vel_with_covariance',
+    TWIST_COVARIANCE,
+    Stream.OXTS,
+    lambda packet, moment: encode_velocity_with_covariance(packet, *moment.at_imu),
+)
 
 
 def make_table(
-    cameras: Mapping[int, str], image_topic: str, options: MessageOptions
+    cameras: Mapping[int, str],
+    image_topic: str,
+    options: MessageOptions,
+    packets: Stream = Stream.OXTS,
 ) -> list[Topic]:
     """Make all rows for a recording.
 
@@ -205,9 +215,16 @@ def make_table(
         cameras: Camera index to name.
         image_topic: One of naming.IMAGE_TOPICS.
         options: Of the messages.
+        packets: The stream of the messages of packets; their texts, which restore the files, are
+            always those of OXTS.
     """
     rows = [row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects]]
     rows += [_TF_ROW] if options.publish_tf else []
+    rows += [_COVARIANCE_ROW] if options.covariances else []
+    rows = [
+        replace(row, stream=packets) if row.stream is Stream.OXTS and not row.restores else row
+        for row in rows
+    ]
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
     return [replace(row, topic=rename_topic(row.topic, options.preset)) for row in rows]
@@ -249,7 +266,11 @@ def own_topics() -> Mapping[str, Topic]:
     found: dict[str, Topic] = {}
     for preset in Preset:
         options = MessageOptions(
-            images=Images.BOTH, preset=preset, objects=Objects.BOTH, annotations=True
+            images=Images.BOTH,
+            preset=preset,
+            objects=Objects.BOTH,
+            annotations=True,
+            covariances=True,
         )
         for cameras in (CAMERA_NAMES, numbered):
             for image_topic in IMAGE_TOPICS:

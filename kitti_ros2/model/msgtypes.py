@@ -25,3 +25,4 @@ TF_TYPES = frozenset({TF, 'tf/msg/tfMessage'})
 """Types of dynamic and static transforms, also of ROS 1's first tf."""
 TRACKED_OBJECTS = 'autoware_perception_msgs/msg/TrackedObjects'
 TWIST = 'geometry_msgs/msg/TwistStamped'
+TWIST_COVARIANCE = 'geometry_msgs/msg/TwistWithCovarianceStamped'

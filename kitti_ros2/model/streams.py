@@ -4,6 +4,8 @@
 
 A *stream* is one sensor's series. A *sample* is what one file (or one line) of it holds. A sample's
 *number* is its KITTI file number: streams are paired by number, never by position in a listing.
+OXTS_EXTRACT, the packets of the unsynchronised drive beside a synchronised one, has numbers of its
+own, and is paired by time.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ class Stream(str, Enum):
     PATH = 'path'
     POSE = 'pose'
     OXTS = 'oxts'
+    OXTS_EXTRACT = 'oxts_extract'
     SCAN = 'scan'
     IMAGE_0 = 'image_0'
     IMAGE_1 = 'image_1'
@@ -56,6 +59,9 @@ If a file number is the same moment in all streams, every number of any of them 
 Otherwise (a raw extract) the samples of the first stream that has any are the frames.
 """
 
+
+UNNUMBERED = frozenset({Stream.OXTS_EXTRACT})
+"""Streams whose file numbers are those of another drive: they are selected by time alone."""
 
 STREAM_ALIASES = {
     'velodyne': Stream.SCAN,

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 NODE_NAME = 'kitti_player'
 _STATE_EVERY_NS = 200_000_000
 _LIVE = ('rate', 'loop', 'step')
-_OF_SOURCE = ('source', 'layout', 'sequence', 'predictions', 'iou')
+_OF_SOURCE = ('source', 'layout', 'sequence', 'predictions', 'iou', 'imu_from', 'imu_stamps')
 
 
 class _AnnouncedLogger:

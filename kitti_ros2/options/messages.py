@@ -150,6 +150,8 @@ class MessageOptions:
         autoware_labels: Pairs of a class and the name of its label in Autoware, where it differs
             from model/autoware_labels.py.
         annotations: Whether 2D boxes are published as foxglove_msgs/ImageAnnotations, too.
+        covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
+            published, too; None is not.
 
     Raises:
         UsageError: base_to_imu is not three finite numbers, or Autoware has no such label.
@@ -197,6 +199,13 @@ class MessageOptions:
     )
     annotations: bool = option(
         False, '2D boxes also as foxglove_msgs/ImageAnnotations, for the Image panel', parse_flag
+    )
+    covariances: bool | None = option(
+        None,
+        'Covariances in Imu, and a TwistWithCovarianceStamped',
+        parse_flag,
+        unset='on with imu from, else off',
+        any_type=True,
     )
 
     def __post_init__(self) -> None:

@@ -15,6 +15,7 @@ from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
 from .importing import ImportOptions
+from .imu import ImuOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, ColorBy, PictureOptions
@@ -36,7 +37,7 @@ class Settings:
     """Settings of to-bag.
 
     Attributes:
-        read, messages, selection, predictions: The options objects of each part.
+        read, messages, selection, predictions, imu: The options objects of each part.
         bag: Returns the options of the bag for a storage.
         storage: As requested; None is chosen by the output's name.
         strict: Whether to stop at the first loss.
@@ -48,6 +49,7 @@ class Settings:
     messages: MessageOptions
     selection: SelectionOptions
     predictions: PredictionOptions
+    imu: ImuOptions
     bag: Callable[[str], BagOptions]
     storage: str | None = option(
         None,
@@ -64,7 +66,7 @@ class PlaySettings:
     """Settings of the player.
 
     Attributes:
-        read, messages, selection, playback, predictions: The options objects of each part.
+        read, messages, selection, playback, predictions, imu: The options objects of each part.
         stamps: Stamps of the messages.
         read_ahead: Frames to fetch ahead.
         qos_overrides_path: A rosbag2 QoS override file, or None.
@@ -80,6 +82,7 @@ class PlaySettings:
     selection: SelectionOptions
     playback: PlaybackOptions
     predictions: PredictionOptions
+    imu: ImuOptions
     stamps: Stamps = choice(
         Stamps.ORIGINAL, 'Stamps of the recording, or the current time without /clock', Stamps
     )
@@ -155,6 +158,7 @@ class ViewSettings:
 
 
 _PREDICTIONS = options_of(PredictionOptions)
+_IMU = options_of(ImuOptions)
 _MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
@@ -169,6 +173,7 @@ TO_BAG = (
     *options_of(SelectionOptions),
     *(each for each in _MESSAGES if each.name != 'annotated'),
     *_PREDICTIONS,
+    *_IMU,
     *options_of(Settings),
     *options_of(BagOptions),
 )
@@ -181,6 +186,7 @@ PLAY = tuple(
         *options_of(PlaySettings),
         *_MESSAGES,
         *_PREDICTIONS,
+        *_IMU,
     )
 )
 _SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
@@ -267,6 +273,8 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     """Return the options objects that to-bag and the player share."""
     if parsed.get('ring_time') and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
+    if parsed.get('imu_from'):
+        parsed.setdefault('covariances', True)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     predictions = PredictionOptions(**values_for(PredictionOptions, parsed))
     messages = MessageOptions(
@@ -281,6 +289,7 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
         'messages': messages,
         'selection': selection,
         'predictions': predictions,
+        'imu': ImuOptions(**values_for(ImuOptions, parsed)),
     }
 
 

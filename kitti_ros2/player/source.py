@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
 from ..files.workers import worker_count
+from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
 from ..model.msgtypes import ANNOTATIONS, DIAGNOSTICS
@@ -63,12 +64,18 @@ def open_program(
                     f'{path}: annotations are made of KITTI folders, and this is a bag; to-bag'
                     f' --annotations makes a bag with them'
                 )
+            if settings.imu.path is not None:
+                raise UsageError(
+                    f'{path}: --imu-from is for raw drives, and this is a bag; to-bag takes it when'
+                    f' it makes the bag'
+                )
             playing = isinstance(settings, PlaySettings)
             images = BagImages(bag, settings.messages) if playing else None
             return BagProgram(bag, settings.selection, reserved, images)
     if settings.messages.annotated and Stream.LABELS not in opened.streams:
         raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
     add_predictions(opened, settings.predictions.path)
+    add_extract(opened, settings.imu)
     workers = worker_count(_MOST_WORKERS)
     return RecordingProgram(opened, settings.messages, settings.selection, workers)
 
