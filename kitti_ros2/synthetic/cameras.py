@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array, Transform
+    from .path import Course
     from .scene import Look, PlacedSolid
     from .textures import Picture
 
@@ -36,9 +37,11 @@ class Cameras:
         size: (width, height) of the images.
         focal: Focal length, pixels.
         seed: Of the textures' grain and the sensors' noise.
+        course: The ego lane.
     """
 
-    def __init__(self, size: tuple[int, int], focal: float, seed: int) -> None:
+    def __init__(self, size: tuple[int, int], focal: float, seed: int, course: Course) -> None:
+        self._course = course
         self._size = size
         self._focal = focal
         self._seed = seed
@@ -74,7 +77,9 @@ class Cameras:
         """
         grey = camera in GREY_CAMERAS
         if grey not in self._backdrops:
-            self._backdrops[grey] = Backdrop(self._size, self._focal, self._seed, grey=grey)
+            self._backdrops[grey] = Backdrop(
+                self._size, self._focal, self._seed, self._course, grey=grey
+            )
         image = self._backdrops[grey].draw(projection, street_T_velo)
         texture = self._grey_texture if grey else self._texture
         draw_solids(placed, projection, self._size, image, texture)

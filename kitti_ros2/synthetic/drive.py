@@ -4,10 +4,12 @@
 
 A frame is one instant: the scan is a snapshot, and the four images show it. The stamps of its
 samples differ by constant offsets, as KITTI's do: the images' come 10 ms after the sweep's middle.
+Options make scans that take the time of a turn, and packets of their own time (SyntheticOptions).
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,6 +24,8 @@ from .options import SyntheticOptions
 from .path import Motion, motion_at, packet_of
 from .rig import CAR_T_VELO, make_calibration
 from .scene import PlacedSolid, build_street, place_solids
+from .sweep import measure
+from .unit import Arrivals, list_arrivals
 
 if TYPE_CHECKING:
     from ..model.boxes import Box
@@ -73,13 +77,15 @@ class SyntheticDrive:
         self.calibration: Calibration = make_calibration(self.options.image_size)
         self._rect_T_velo = rect_from_velo(self.calibration)
         self._car_T_imu = CAR_T_VELO @ self.calibration.velo_T_imu
-        self._solids = build_street(self.options.seed, self.options.frames * PERIOD_NS / NS_PER_S)
+        self._course = self.options.course
+        duration = self.options.frames * PERIOD_NS / NS_PER_S
+        self._solids = build_street(self.options.seed, duration, self._course.speed)
         rng = np.random.default_rng([self.options.seed, 7])
         self._jitter_ns = rng.integers(-_JITTER_NS, _JITTER_NS, self.options.frames)
         self._jitter_ns[0] = 0
         focal = float(self.calibration.cameras[0].p_rect[0, 0])
         self._last_placed: tuple[int, list[PlacedSolid]] = (-1, [])
-        self._cameras = Cameras(self.options.image_size, focal, self.options.seed)
+        self._cameras = Cameras(self.options.image_size, focal, self.options.seed, self._course)
 
     def __len__(self) -> int:
         return self.options.frames
@@ -95,13 +101,37 @@ class SyntheticDrive:
             oxts=middle + _OXTS_OFFSET_NS,
         )
 
+    def packet_stamp(self, frame: int) -> int:
+        """Return the stamp of the packet of a frame."""
+        stamp = self.stamps(frame).oxts
+        return int(self.arrivals.stamps_ns[self._arrival(stamp)]) if self.options.extract else stamp
+
     def motion(self, frame: int) -> Motion:
         """Return the ground truth: pose and motion of the GPS/IMU unit."""
-        return motion_at((self.stamps(frame).scan - START_NS) / NS_PER_S, self._car_T_imu)
+        return self._motion_at(self.stamps(frame).scan)
+
+    def _motion_at(self, time_ns: int) -> Motion:
+        return motion_at((time_ns - START_NS) / NS_PER_S, self._car_T_imu, self._course)
 
     def packet(self, frame: int) -> OxtsPacket:
         """Return the packet of the GPS/IMU unit."""
+        if self.options.extract:
+            return self.arrived(self._arrival(self.stamps(frame).oxts))
         return packet_of(self.motion(frame))
+
+    @cached_property
+    def arrivals(self) -> Arrivals:
+        """The 100 Hz packets of the unsynchronised drive, numbered from 0."""
+        last = self.stamps(len(self) - 1).scan
+        return list_arrivals(self.options.seed, self.stamps(0).scan, last)
+
+    def arrived(self, number: int) -> OxtsPacket:
+        """Return a packet of the unsynchronised drive."""
+        return packet_of(self._motion_at(int(self.arrivals.times_ns[number])))
+
+    def _arrival(self, stamp_ns: int) -> int:
+        """Return the number of the packet nearest to a stamp."""
+        return int(np.argmin(np.abs(self.arrivals.stamps_ns - stamp_ns)))
 
     def pose(self, frame: int) -> Transform:
         """Return first_T_cam0: the rectified camera 0 in its own first frame."""
@@ -114,7 +144,7 @@ class SyntheticDrive:
         known, placed = self._last_placed
         if known != frame:
             time = (self.stamps(frame).scan - START_NS) / NS_PER_S
-            placed = place_solids(self._solids, time, self.motion(frame).street_T_car)
+            placed = place_solids(self._solids, time, self.motion(frame).street_T_car, self._course)
             self._last_placed = (frame, placed)
         return placed
 
@@ -126,13 +156,16 @@ class SyntheticDrive:
         street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
         albedos = np.array([*(one.solid.look.reflectance for one in placed), 0.0])
         reflectance = np.where(
-            hits < 0, ground_reflectance(ranges, street_t_velo), albedos[hits]
+            hits < 0, ground_reflectance(ranges, street_t_velo, self._course), albedos[hits]
         ) + rng.normal(0.0, _REFLECTANCE_SPREAD, ranges.shape)
         noise = None
         if self.options.range_noise_m > 0:
             noise = rng.normal(0.0, self.options.range_noise_m, ranges.shape)
         stamps = self.stamps(frame)
         points = scan_points(ranges, reflectance, noise)
+        if self.options.swept:
+            forward_s = (stamps.scan - START_NS) / NS_PER_S
+            points = measure(points, self._course, forward_s, _HALF_SWEEP_NS / NS_PER_S)
         return Scan(points, start_ns=stamps.scan_start, end_ns=stamps.scan_end)
 
     def picture(self, frame: int, camera: int) -> Picture:

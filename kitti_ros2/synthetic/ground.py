@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 
 from ..model.geometry import rotation_to_rpy
-from .path import lane_y_array
 from .rig import SCANNER_HEIGHT
 from .scene import ROAD_CENTRE, ROAD_LEFT, ROAD_RIGHT
 from .textures import HAZE, as_picture, grained, without_colour
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
+    from .path import Course
     from .textures import Colour, Picture
 
 _PER_METRE = 32
@@ -37,10 +37,14 @@ class Backdrop:
         size: (width, height) of the images.
         focal: Focal length, pixels.
         seed: Of the grain and the clouds.
+        course: The ego lane.
         grey: Whether the images have no colour.
     """
 
-    def __init__(self, size: tuple[int, int], focal: float, seed: int, *, grey: bool) -> None:
+    def __init__(
+        self, size: tuple[int, int], focal: float, seed: int, course: Course, *, grey: bool
+    ) -> None:
+        self._course = course
         self._size = size
         self._focal = focal
         self._grey = grey
@@ -109,7 +113,7 @@ class Backdrop:
         x = (a[0] * u + (a[1] * v + a[2])) * reach
         y = (b[0] * u + (b[1] * v + b[2])) * reach
         start_x, start_y, _ = street_T_velo.translation.astype(np.float32)
-        y += start_y - lane_y_array(x + start_x)
+        y += start_y - self._course.y_array(x + start_x)
         x += start_x % np.float32(_ROAD_PERIOD)
         y += np.float32(_ROAD_HALF_WIDTH)
         along, across = self._levels(depth)

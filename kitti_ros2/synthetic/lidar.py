@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .path import lane_y_array
 from .rig import SCANNER_HEIGHT
 from .scene import ROAD_CENTRE, ROAD_LEFT, ROAD_RIGHT
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Float32Array
+    from .path import Course
     from .scene import PlacedSolid
 
 ELEVATIONS = np.radians(
@@ -98,7 +98,9 @@ def scan_points(
     return np.stack([values[kept] for values in stacked], axis=1).astype(np.float32)
 
 
-def ground_reflectance(ranges: Float64Array, street_T_velo: Transform) -> Float64Array:
+def ground_reflectance(
+    ranges: Float64Array, street_T_velo: Transform, course: Course
+) -> Float64Array:
     """Return the (rows, columns) reflectance of the ground: asphalt, paint, pavement."""
     azimuths = column_azimuths(ranges.shape[1])
     reached = np.where(np.isfinite(ranges), ranges, 0.0)
@@ -106,7 +108,7 @@ def ground_reflectance(ranges: Float64Array, street_T_velo: Transform) -> Float6
     cosines, sines = np.cos(azimuths), np.sin(azimuths)
     x = origin[0] + reached * (rotation[0, 0] * cosines + rotation[0, 1] * sines)
     y = origin[1] + reached * (rotation[1, 0] * cosines + rotation[1, 1] * sines)
-    across = y - lane_y_array(x)
+    across = y - course.y_array(x)
     on_road = (across > ROAD_RIGHT) & (across < ROAD_LEFT)
     dashed = (np.abs(across - ROAD_CENTRE) < 0.08) & (x % 12 < 6)
     reflectance: Float64Array = np.where(dashed, 0.7, np.where(on_road, 0.2, 0.35))

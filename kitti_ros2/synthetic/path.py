@@ -3,15 +3,16 @@
 """The path of the synthetic car: a winding lane in closed form, with exact derivatives.
 
 The *street* frame lies on the ground (z = 0, z up): the ego lane is y = A sin(k x), other lanes
-are the same curve shifted in y. The street lies on a slope: map_R_street turns it into map axes
-(x east, y north, z up), so that roll, pitch and height change along the way although the car is
-level on its road and every box upright beside it.
+are the same curve shifted in y. In the middle of a bend the car turns at A k^2 times its speed.
+The street lies on a slope: map_R_street turns it into map axes (x east, y north, z up), so that
+roll, pitch and height change along the way although the car is level on its road and every box
+upright beside it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan, atan2, cos, degrees, exp, log, pi, radians, sin, tan
+from math import atan, atan2, cos, degrees, exp, log, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 _Float = TypeVar('_Float', np.float32, np.float64)
 
-SPEED = 8.0
 GRAVITY = 9.81
 EARTH_RADIUS = 6378137.0
 ORIGIN = (49.0093, 8.4381, 114.7)
@@ -44,30 +44,47 @@ _ACCURACY_AND_MODES = {
     'orimode': 6,
 }
 _AMPLITUDE = 5.0
-_WAVE_NUMBER = 2 * pi / 150.0
 _SPEED_WAVE = 0.9
 _SPEED_RATE = 0.55
 
 
-def lane_y(x: float) -> float:
-    """Return the ego lane's y at x, street frame."""
-    return _AMPLITUDE * sin(_WAVE_NUMBER * x)
+@dataclass(frozen=True)
+class Course:
+    """The ego lane, and the car on it.
+
+    Attributes:
+        speed: Mean speed along the street, m/s.
+        wave_number: k of the lane, radians a metre.
+    """
+
+    speed: float = 8.0
+    wave_number: float = 2 * pi / 150.0
+
+    @classmethod
+    def turning(cls, speed: float, turn_rate: float) -> Course:
+        """Return a course of a speed in m/s, with bends of a turn rate in rad/s."""
+        return cls(speed, sqrt(turn_rate / (_AMPLITUDE * speed)))
+
+    def y(self, x: float) -> float:
+        """Return the ego lane's y at x, street frame."""
+        return _AMPLITUDE * sin(self.wave_number * x)
+
+    def y_array(self, x: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
+        """Return y of an array, in its own precision."""
+        number, amplitude = x.dtype.type(self.wave_number), x.dtype.type(_AMPLITUDE)
+        y: npt.NDArray[_Float] = np.sin(x * number) * amplitude
+        return y
+
+    def yaw(self, x: float) -> float:
+        """Return the ego lane's heading at x, street frame."""
+        return atan(_AMPLITUDE * self.wave_number * cos(self.wave_number * x))
+
+    def ego_x(self, time: float) -> float:
+        """Return the car's position along the street at a time in seconds."""
+        return self.speed * time + _SPEED_WAVE * sin(_SPEED_RATE * time)
 
 
-def lane_y_array(x: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
-    """Return lane_y of an array, in its own precision."""
-    y: npt.NDArray[_Float] = np.sin(x * x.dtype.type(_WAVE_NUMBER)) * x.dtype.type(_AMPLITUDE)
-    return y
-
-
-def lane_yaw(x: float) -> float:
-    """Return the ego lane's heading at x, street frame."""
-    return atan(_AMPLITUDE * _WAVE_NUMBER * cos(_WAVE_NUMBER * x))
-
-
-def ego_x(time: float) -> float:
-    """Return the car's position along the street at a time in seconds."""
-    return SPEED * time + _SPEED_WAVE * sin(_SPEED_RATE * time)
+COURSE = Course()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +106,11 @@ class Motion:
     angular_velocity: Float64Array
 
 
-def motion_at(time: float, car_T_imu: Transform) -> Motion:
+def motion_at(time: float, car_T_imu: Transform, course: Course = COURSE) -> Motion:
     """Return the motion of the unit, mounted at car_T_imu, at a time in seconds."""
-    street_t_car, velocity, acceleration, yaw_rate, yaw_acceleration = _car_motion(time)
+    street_t_car, velocity, acceleration, yaw_rate, yaw_acceleration = _car_motion(time, course)
     street_t_imu = street_t_car @ car_T_imu
-    first_t_car = _car_motion(0.0)[0]
+    first_t_car = _car_motion(0.0, course)[0]
     arm = street_t_imu.translation - street_t_car.translation
     across = np.array([-arm[1], arm[0], 0.0])
     inward = np.array([-arm[0], -arm[1], 0.0])
@@ -108,18 +125,20 @@ def motion_at(time: float, car_T_imu: Transform) -> Motion:
     )
 
 
-def _car_motion(time: float) -> tuple[Transform, Float64Array, Float64Array, float, float]:
+def _car_motion(
+    time: float, course: Course
+) -> tuple[Transform, Float64Array, Float64Array, float, float]:
     """Return street_T_car, velocity, acceleration, yaw rate and acceleration, street frame."""
-    x = ego_x(time)
-    dx = SPEED + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * time)
+    x, wave_number = course.ego_x(time), course.wave_number
+    dx = course.speed + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * time)
     ddx = -_SPEED_WAVE * _SPEED_RATE**2 * sin(_SPEED_RATE * time)
-    y1 = _AMPLITUDE * _WAVE_NUMBER * cos(_WAVE_NUMBER * x)
-    y2 = -(_WAVE_NUMBER**2) * lane_y(x)
-    y3 = -(_WAVE_NUMBER**2) * y1
+    y1 = _AMPLITUDE * wave_number * cos(wave_number * x)
+    y2 = -(wave_number**2) * course.y(x)
+    y3 = -(wave_number**2) * y1
     steep = 1 + y1 * y1
     yaw_rate = y2 * dx / steep
     yaw_acceleration = (y3 * dx * dx + y2 * ddx) / steep - 2 * y1 * (y2 * dx / steep) ** 2
-    pose = Transform(rotation_from_rpy(0.0, 0.0, atan(y1)), np.array([x, lane_y(x), 0.0]))
+    pose = Transform(rotation_from_rpy(0.0, 0.0, atan(y1)), np.array([x, course.y(x), 0.0]))
     velocity = np.array([dx, y1 * dx, 0.0])
     acceleration = np.array([ddx, y1 * ddx + y2 * dx * dx, 0.0])
     return pose, velocity, acceleration, yaw_rate, yaw_acceleration

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.geometry import Transform, rotation_from_rpy
-from .path import SPEED, ego_x, lane_y, lane_yaw
+from .path import COURSE, Course
 from .rig import CAR_T_VELO
 
 if TYPE_CHECKING:
@@ -67,17 +67,17 @@ class Solid:
     class_name: str | None = None
     track_id: int = -1
 
-    def along(self, time: float) -> float:
+    def along(self, time: float, course: Course) -> float:
         """Return its position along the street at a time, street frame x, metres."""
         if self.leads:
-            return ego_x(time) + self.x + 1.5 * sin(0.4 * time)
+            return course.ego_x(time) + self.x + 1.5 * sin(0.4 * time)
         return self.x + self.speed * time
 
-    def pose(self, time: float) -> Transform:
+    def pose(self, time: float, course: Course) -> Transform:
         """Return street_T_solid: its bottom face's centre, x along its length."""
-        x = self.along(time)
-        rotation = rotation_from_rpy(0.0, 0.0, lane_yaw(x) + self.turn)
-        return Transform(rotation, np.array([x, lane_y(x) + self.lane, self.height]))
+        x = self.along(time, course)
+        rotation = rotation_from_rpy(0.0, 0.0, course.yaw(x) + self.turn)
+        return Transform(rotation, np.array([x, course.y(x) + self.lane, self.height]))
 
 
 @dataclass(frozen=True)
@@ -114,26 +114,26 @@ class PlacedSolid:
 
 
 def place_solids(
-    solids: tuple[Solid, ...], time: float, street_T_car: Transform
+    solids: tuple[Solid, ...], time: float, street_T_car: Transform, course: Course = COURSE
 ) -> list[PlacedSolid]:
     """Return the solids within range of the scanner at a time, nearest first."""
     velo_t_street = (street_T_car @ CAR_T_VELO).inverse()
     ego = street_T_car.translation[0]
     placed = []
     for solid in solids:
-        if abs(solid.along(time) - ego) > REACH:
+        if abs(solid.along(time, course) - ego) > REACH:
             continue
-        pose = velo_t_street @ solid.pose(time)
+        pose = velo_t_street @ solid.pose(time, course)
         x, y, z = (float(value) for value in pose.translation)
         yaw = float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))
         placed.append(PlacedSolid(solid, (x, y, z), yaw))
     return sorted(placed, key=lambda one: one.distance)
 
 
-def build_street(seed: int, duration: float) -> tuple[Solid, ...]:
+def build_street(seed: int, duration: float, speed: float = COURSE.speed) -> tuple[Solid, ...]:
     """Return all objects of a drive of a duration in seconds; track ids count from 0."""
     rng = np.random.default_rng([seed, 1])
-    end = SPEED * duration + _AHEAD
+    end = speed * duration + _AHEAD
     solids = [*_traffic(rng, end, duration), *_parked(rng, end), *_people(rng, end, duration)]
     labelled = [replace(solid, track_id=track_id) for track_id, solid in enumerate(solids)]
     return (*labelled, *_buildings(rng, end), *_furniture(rng, end))

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from ..kitti.layout_files import make_writer
-from ..model.errors import OutputExistsError
+from ..model.errors import OutputExistsError, UsageError
 from ..model.streams import Stream
 from .drive import SyntheticDrive
 
@@ -48,8 +48,11 @@ def write_synthetic(
 
     Raises:
         OutputExistsError: root exists and is not empty.
+        UsageError: The options request an unsynchronised drive, which the layout does not have.
         OSError: A file cannot be written.
     """
+    if options is not None and options.extract and not layout.traits.extracts:
+        raise UsageError(f'layout {layout.value} has no unsynchronised drives; expected raw')
     root = root.resolve()
     if root.exists() and not (root.is_dir() and not any(root.iterdir())):
         raise OutputExistsError(root, 'choose a folder that is not there yet, or is empty')
@@ -71,6 +74,11 @@ def _name(layout: Layout) -> str:
     return layout.traits.default_name.format(date=DATE, kind='sync')
 
 
+def extract_of(drive: Path) -> Path:
+    """Return the folder of the unsynchronised drive beside a synchronised one."""
+    return drive.with_name(drive.name.removesuffix('sync') + 'extract')
+
+
 def _write(
     root: Path, layout: Layout, drive: SyntheticDrive, progress: Callable[[int], None] | None
 ) -> None:
@@ -87,6 +95,16 @@ def _write(
                 writer.write_image(camera, frame, stamps[camera], image.result().png)
             if progress is not None:
                 progress(frame + 1)
+    if drive.options.extract:
+        _write_extract(root, layout, drive)
+
+
+def _write_extract(root: Path, layout: Layout, drive: SyntheticDrive) -> None:
+    """Write the packets of the unsynchronised drive."""
+    name = layout.traits.default_name.format(date=DATE, kind='extract')
+    with make_writer(layout, root, name) as writer:
+        for number, stamp_ns in enumerate(drive.arrivals.stamps_ns.tolist()):
+            writer.write_oxts(number, stamp_ns, drive.arrived(number))
 
 
 def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> None:
@@ -96,7 +114,7 @@ def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> Non
         writer.write_calibration(frame, drive.calibration)
     writer.write_scan(frame, stamps.scan, drive.scan(frame))
     if Stream.OXTS in writer.accepts:
-        writer.write_oxts(frame, stamps.oxts, drive.packet(frame))
+        writer.write_oxts(frame, drive.packet_stamp(frame), drive.packet(frame))
     if Stream.POSE in writer.accepts:
         writer.write_pose(frame, stamps.scan, drive.pose(frame).matrix()[:3])
     if Stream.LABELS in writer.accepts:
