@@ -106,7 +106,11 @@ def exit_codes() -> str:
 def topics() -> str:
     """Return the table of topics, with streams, QoS and the names of the preset kitti2bag."""
     options = MessageOptions(
-        images=Images.BOTH, annotated=True, objects=Objects.BOTH, annotations=True
+        images=Images.BOTH,
+        annotated=True,
+        objects=Objects.BOTH,
+        annotations=True,
+        covariances=True,
     )
     rows = [
         (
@@ -124,7 +128,7 @@ def renamed_topics() -> str:
     """Return the topics that the preset kitti2bag renames."""
     rows = [
         (_code(row.topic), _code(rename_topic(row.topic, Preset.KITTI2BAG)))
-        for row in make_table({}, 'image_rect', MessageOptions())
+        for row in make_table({}, 'image_rect', MessageOptions(covariances=True))
         if rename_topic(row.topic, Preset.KITTI2BAG) != row.topic
     ]
     return table(('default', 'kitti2bag'), rows)

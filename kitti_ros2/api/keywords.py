@@ -61,6 +61,9 @@ class ToBagKeywords(ReadKeywords, total=False):
     annotations: bool
     predictions: str | os.PathLike[str] | None
     iou: float | str | Sequence[str] | None
+    imu_from: str | os.PathLike[str] | None
+    imu_stamps: str
+    covariances: bool | None
     storage: str | None
     strict: bool
     compression: str

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import BadFileError, UsageError
+from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.losses import Loss, format_numbers
 from ..model.recording import StreamIndex
@@ -23,7 +23,7 @@ from ..model.text import format_count
 from ..model.time_span import around, time_span
 from ..options.imu import ImuStamps
 from . import names
-from .oxts_file import parse_packet
+from .packet_files import PacketFiles
 from .packet_stamps import fit_line, gaps_over, order_packets
 from .recording_index import RecordingIndex
 from .stamps_file import parse_timestamps
@@ -32,7 +32,7 @@ from .store import STORE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..model.samples import Int64Array, OxtsPacket
+    from ..model.samples import Int64Array
     from ..options.imu import ImuOptions
     from ..options.read import ReadOptions
     from .packet_stamps import PacketLine, PacketOrder
@@ -43,17 +43,16 @@ _IRREGULAR = 0.1  # of a period
 _NS_PER_MS = 1_000_000
 
 
-class ExtractOxts(RecordingIndex):
-    """The packets of an unsynchronised drive.
+class _ExtractIndex(RecordingIndex):
+    """The packets of an unsynchronised drive, and what is missing of them.
 
     Raises:
         UsageError: The drive has no packets.
         BadFileError, OSError: The stamps cannot be read.
     """
 
-    def __init__(self, drive: Path, stamps: ImuStamps, options: ReadOptions) -> None:
+    def __init__(self, drive: Path, options: ReadOptions) -> None:
         super().__init__(drive, options)
-        self._stamps = stamps
         self.folder = drive / names.RAW_OXTS
         if not self.folder.is_dir():
             raise UsageError(f'{drive}: has no folder {names.RAW_OXTS}; {_EXPECTED}')
@@ -65,22 +64,6 @@ class ExtractOxts(RecordingIndex):
         self._add_stamped(Stream.OXTS_EXTRACT, listing, found, path)
         if Stream.OXTS_EXTRACT not in self.streams:
             raise UsageError(f'{self.folder}: has no packet with a stamp; {_EXPECTED}')
-
-    def packet(self, number: int) -> OxtsPacket:
-        """Read a packet; it has no source, since it is no file of the synchronised drive."""
-        path = self.path(Stream.OXTS_EXTRACT, number)
-        return parse_packet(STORE.read_text(path), path)
-
-    def text(self, number: int) -> str | None:
-        """Read the text of a packet, None if it cannot be read."""
-        try:
-            return STORE.read_text(self.path(Stream.OXTS_EXTRACT, number))
-        except (BadFileError, OSError):
-            return None
-
-    def describe(self) -> dict[str, str]:
-        """Return the drive and the kind of its stamps, for the description of the recording."""
-        return {'drive': self.root.name, 'stamps': self._stamps.value}
 
     def _note_backward(self, numbers: Int64Array, stamps_ns: Int64Array, path: Path) -> None:
         """Note nothing: add_extract does when it has recognised the repeats."""
@@ -104,9 +87,10 @@ def add_extract(recording: KittiRecording, options: ImuOptions) -> None:
         return
     _check_source(recording)
     _check_drive(recording, drive)
-    extract = ExtractOxts(drive, options.stamps, recording.options)
+    extract = _ExtractIndex(drive, recording.options)
+    files = PacketFiles(drive.resolve().name, extract.listings[Stream.OXTS_EXTRACT], options.stamps)
     index = _clip(recording, extract)
-    order = order_packets(index.stamps_ns, lambda at: extract.text(int(index.numbers[at])))
+    order = order_packets(index.stamps_ns, lambda at: files.text(int(index.numbers[at])))
     numbers, stamps_ns = index.numbers[order.kept], index.stamps_ns[order.kept]
     line = fit_line(stamps_ns)
     if line.period_ns > _LONGEST_PERIOD_NS:
@@ -116,7 +100,7 @@ def add_extract(recording: KittiRecording, options: ImuOptions) -> None:
         )
     regular = options.stamps is ImuStamps.REGULAR
     stamps_ns = line.stamps_ns if regular else stamps_ns
-    recording.extract = extract
+    recording.extract = files
     recording.streams[Stream.OXTS_EXTRACT] = StreamIndex(numbers, stamps_ns)
     recording.losses += _losses(extract, index.numbers, order)
     recording.notes += [*extract.notes, *_order_notes(extract, order)]
@@ -133,9 +117,10 @@ def _check_source(recording: KittiRecording) -> None:
     """
     name, layout = recording.name, recording.layout
     if layout is not Layout.RAW:
+        drive = names.ODOMETRY_DRIVES.get(name) if layout is Layout.ODOMETRY else None
         raise UsageError(
-            f'{name}: --imu-from is for raw drives, whose stamps are those of the unit; this is'
-            f' layout {layout.value}'
+            f'{name}: --imu-from is for raw drives, which have the stamps of the unit; this is'
+            f' layout {layout.value}' + (f', a part of {drive}: give {drive}_sync' if drive else '')
         )
     if layout.traits.is_extract(name):
         raise UsageError(
@@ -156,15 +141,16 @@ def _check_drive(recording: KittiRecording, drive: Path) -> None:
         raise UsageError(f'{drive}: no such folder; {_EXPECTED}')
     known = names.RAW_DRIVE.fullmatch(recording.name)
     given = names.RAW_DRIVE.fullmatch(drive.resolve().name)
+    expected = known and recording.name.removesuffix(known[2]) + 'extract'
     if given is not None and given[2] != 'extract':
         raise UsageError(f'{drive}: is the synchronised drive, with 10 Hz packets; {_EXPECTED}')
-    if known is not None and given is not None:
-        expected = recording.name.removesuffix(known[2]) + given[2]
-        if given[0] != expected:
-            raise UsageError(f'{drive}: is not the drive of {recording.name}; expected {expected}')
+    if known is not None and given is not None and given[0] != expected:
+        raise UsageError(f'{drive}: is not the drive of {recording.name}; expected {expected}')
+    if given is None and expected and (drive / expected).is_dir():
+        raise UsageError(f'{drive}: contains drives; did you mean {drive / expected}?')
 
 
-def _clip(recording: KittiRecording, extract: ExtractOxts) -> StreamIndex:
+def _clip(recording: KittiRecording, extract: _ExtractIndex) -> StreamIndex:
     """Return the packets during a recording, and within the margin before and after it.
 
     Raises:
@@ -185,7 +171,7 @@ def _clip(recording: KittiRecording, extract: ExtractOxts) -> StreamIndex:
     return StreamIndex(index.numbers[within], index.stamps_ns[within])
 
 
-def _losses(extract: ExtractOxts, numbers: Int64Array, order: PacketOrder) -> list[Loss]:
+def _losses(extract: _ExtractIndex, numbers: Int64Array, order: PacketOrder) -> list[Loss]:
     """Return the losses of packets among those of a time, which have these numbers."""
     first, last = int(numbers.min()), int(numbers.max())
     found = [part for loss in extract.losses if (part := loss.within(first, last))]
@@ -196,7 +182,7 @@ def _losses(extract: ExtractOxts, numbers: Int64Array, order: PacketOrder) -> li
     return found
 
 
-def _order_notes(extract: ExtractOxts, order: PacketOrder) -> list[str]:
+def _order_notes(extract: _ExtractIndex, order: PacketOrder) -> list[str]:
     notes = []
     if order.repeats:
         notes.append(
@@ -211,7 +197,7 @@ def _order_notes(extract: ExtractOxts, order: PacketOrder) -> list[str]:
     return notes
 
 
-def _gap_notes(recording: KittiRecording, extract: ExtractOxts, line: PacketLine) -> list[str]:
+def _gap_notes(recording: KittiRecording, extract: _ExtractIndex, line: PacketLine) -> list[str]:
     """Return notes on missing packets, and on the frames whose turns they leave uncovered."""
     notes, missing = [], int(line.missing.sum())
     stamps_ns = line.stamps_ns + line.residuals_ns
@@ -236,7 +222,7 @@ def _scans(numbers: list[int]) -> str:
     return f'{format_count(len(numbers), "scan")} ({format_numbers(numbers)})'
 
 
-def _line_note(extract: ExtractOxts, line: PacketLine, *, regular: bool) -> list[str]:
+def _line_note(extract: _ExtractIndex, line: PacketLine, *, regular: bool) -> list[str]:
     """Return a note on irregular stamps, or on how the regular ones were made."""
     off = np.abs(line.residuals_ns)
     rms, most = (value / _NS_PER_MS for value in (np.sqrt(np.mean(np.square(off))), off.max()))

@@ -48,6 +48,20 @@ SEQUENCES = 'sequences'
 POSES = 'poses'
 TIMES = 'times.txt'
 ODOMETRY_CALIB = 'calib.txt'
+ODOMETRY_DRIVES = {
+    '00': '2011_10_03_drive_0027',
+    '01': '2011_10_03_drive_0042',
+    '02': '2011_10_03_drive_0034',
+    '03': '2011_09_26_drive_0067',
+    '04': '2011_09_30_drive_0016',
+    '05': '2011_09_30_drive_0018',
+    '06': '2011_09_30_drive_0020',
+    '07': '2011_09_30_drive_0027',
+    '08': '2011_09_30_drive_0028',
+    '09': '2011_09_30_drive_0033',
+    '10': '2011_09_30_drive_0034',
+}
+"""The raw drive that each training sequence is a part of (odometry devkit)."""
 POINT_LABELS = 'labels'
 
 PNG = '.png'

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Int64Array, Scan, Turn
     from ..options.read import ReadOptions
-    from .extract_oxts import ExtractOxts
+    from .packet_files import PacketFiles
     from .result_files import ResultFiles
     from .store import Listing
     from .text_file import Lines
@@ -43,7 +43,7 @@ class RecordingIndex:
         self.deskew: Deskew | None = None
         self.adjust_scan: Callable[[int, Scan], Scan] = lambda _, scan: scan
         self.results: ResultFiles | None = None
-        self.extract: ExtractOxts | None = None
+        self.extract: PacketFiles | None = None
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
 
@@ -62,7 +62,7 @@ class RecordingIndex:
         if stream is Stream.PREDICTIONS and self.results is not None:
             return self.results.path(number)
         if stream is Stream.OXTS_EXTRACT and self.extract is not None:
-            return self.extract.path(stream, number)
+            return self.extract.path(number)
         listing = self._listings.get(Stream.OXTS if stream is Stream.POSE else stream)
         return self.root if listing is None else listing.path(number)
 

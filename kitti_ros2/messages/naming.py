@@ -48,6 +48,7 @@ RENAMED_TOPICS = {
     Preset.KITTI2BAG: {
         '/kitti/velo/points': '/kitti/velo/pointcloud',
         '/kitti/oxts/fix': '/kitti/oxts/gps/fix',
+        '/kitti/oxts/vel_with_covariance': '/kitti/oxts/gps/vel_with_covariance',
         '/kitti/oxts/vel': '/kitti/oxts/gps/vel',
     },
 }
