@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from .recording import KittiRecording
 
 _LONGEST_PERIOD_NS = 50_000_000
-_IRREGULAR = 0.1  # of a period
 _NS_PER_MS = 1_000_000
+_IRREGULAR_NS = 1 * _NS_PER_MS
 
 
 class _ExtractIndex(RecordingIndex):
@@ -227,11 +227,10 @@ def _line_note(extract: _ExtractIndex, line: PacketLine, *, regular: bool) -> li
     off = np.abs(line.residuals_ns)
     rms, most = (value / _NS_PER_MS for value in (np.sqrt(np.mean(np.square(off))), off.max()))
     period = f'{line.period_ns / _NS_PER_MS:.4f} ms'
-    irregular = int((off > _IRREGULAR * line.period_ns).sum())
+    irregular = int((off > _IRREGULAR_NS).sum())
     note = (
-        f'{extract.folder}: {irregular} of {format_count(len(off), "stamp")} more than a tenth of'
-        f' the period of {period} off even intervals, at most {most:.2f} ms; --imu-stamps regular'
-        f' evens them out'
+        f'{extract.folder}: {irregular} of {format_count(len(off), "stamp")} more than 1 ms off'
+        f' even intervals of {period}, at most {most:.2f} ms; --imu-stamps regular evens them out'
     )
     if regular:
         note = (

@@ -108,9 +108,10 @@ class SyntheticDrive:
 
     def motion(self, frame: int) -> Motion:
         """Return the ground truth: pose and motion of the GPS/IMU unit."""
-        return self._motion_at(self.stamps(frame).scan)
+        return self.motion_at(self.stamps(frame).scan)
 
-    def _motion_at(self, time_ns: int) -> Motion:
+    def motion_at(self, time_ns: int) -> Motion:
+        """Return the same at any moment, in the time of the stamps."""
         return motion_at((time_ns - START_NS) / NS_PER_S, self._car_T_imu, self._course)
 
     def packet(self, frame: int) -> OxtsPacket:
@@ -127,7 +128,7 @@ class SyntheticDrive:
 
     def arrived(self, number: int) -> OxtsPacket:
         """Return a packet of the unsynchronised drive."""
-        return packet_of(self._motion_at(int(self.arrivals.times_ns[number])))
+        return packet_of(self.motion_at(int(self.arrivals.times_ns[number])))
 
     def _arrival(self, stamp_ns: int) -> int:
         """Return the number of the packet nearest to a stamp."""

@@ -26,7 +26,7 @@ _JITTER_NS = 20_000
 _LATE_SHARE = 0.005
 _LATE_NS = (1_000_000, 4_000_000)
 _SECONDS_PER_GAP = 8.0
-_MISSING = (3, 31)  # packets, excluding the upper end
+_MISSING = (2, 13)  # packets, excluding the upper end
 _SECONDS_PER_REPEAT = 1.5
 _REPEATED = 6  # packets, as in KITTI
 
