@@ -18,6 +18,7 @@ SHARE = FindPackageShare('kitti_ros2')
 ARGUMENTS = (
     ('source', 'KITTI folder or bag', str),
     ('sequence', 'drive, split or sequence of the source', str),
+    ('imu_from', 'unsynchronised drive with 100 Hz packets', str),
     ('rate', 'speed; 1.0 is the recorded one', float),
     ('loop', 'number of rounds; 0 is endless', int),
     ('start_paused', 'wait for a resume', bool),

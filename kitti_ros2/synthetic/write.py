@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..kitti.layout_files import make_writer
 from ..model.errors import OutputExistsError, UsageError
+from ..model.layouts import Layout
 from ..model.streams import Stream
 from .drive import SyntheticDrive
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.writer import LayoutWriter
-    from ..model.layouts import Layout
     from .options import SyntheticOptions
 
 DATE = '2011_09_26'
@@ -96,13 +96,13 @@ def _write(
             if progress is not None:
                 progress(frame + 1)
     if drive.options.extract:
-        _write_extract(root, layout, drive)
+        write_extract(root, drive)
 
 
-def _write_extract(root: Path, layout: Layout, drive: SyntheticDrive) -> None:
-    """Write the packets of the unsynchronised drive."""
-    name = layout.traits.default_name.format(date=DATE, kind='extract')
-    with make_writer(layout, root, name) as writer:
+def write_extract(root: Path, drive: SyntheticDrive) -> None:
+    """Write the packets of the unsynchronised drive below the folder of its date."""
+    name = Layout.RAW.traits.default_name.format(date=DATE, kind='extract')
+    with make_writer(Layout.RAW, root, name) as writer:
         for number, stamp_ns in enumerate(drive.arrivals.stamps_ns.tolist()):
             writer.write_oxts(number, stamp_ns, drive.arrived(number))
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +16,8 @@ import foreign
 from mapped_set import write_mapping
 
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
+from kitti_ros2.synthetic.write import extract_of, write_extract
 
 from builders import convert_recording  # isort: skip
 
@@ -32,6 +34,9 @@ def write_sets(folder: Path) -> Path:
     (folder / 'raw' / '2011_09_26').rename(folder / '2011_09_26')
     (folder / 'raw').rmdir()
     (folder / '2011_09_26' / '2011_09_26_drive_0001_sync').rename(folder / DRIVE)
+    unsynced = folder / 'unsynced' / 'raw'
+    write_extract(unsynced, SyntheticDrive(replace(OPTIONS, extract=True)))
+    extract_of(unsynced / DRIVE.replace('0005', '0001')).rename(extract_of(unsynced / DRIVE))
     for layout in (Layout.OBJECT, Layout.ODOMETRY, Layout.TRACKING):
         write_synthetic(folder / layout.value, layout, OPTIONS)
     write_point_labels(folder / 'odometry' / 'sequences' / '00')

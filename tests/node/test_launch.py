@@ -26,6 +26,7 @@ SHARE = str(ROOT)
 ARGUMENTS = {
     'source': ('/of/the/argument', '/of/the/argument'),
     'sequence': ('0007', '0007'),
+    'imu_from': ('/of/the/extract', '/of/the/extract'),
     'rate': ('3.5', 3.5),
     'loop': ('4', 4),
     'start_paused': ('false', False),
@@ -35,6 +36,7 @@ ARGUMENTS = {
 IN_FILE = {
     'source': '/of/the/file',
     'sequence': '0001',
+    'imu_from': '/of/the/other',
     'rate': 2.0,
     'loop': 3,
     'start_paused': True,
