@@ -5,9 +5,10 @@
 =====================  =============  ==============================================================
 part                   sigma          from
 =====================  =============  ==============================================================
-position               pos_accuracy   the packet
-velocity               vel_accuracy   the packet; 0.1 m/s where that is 0, unknown: above the
-                                      greatest of drives 0001 (0.013) and 0005 (0.078)
+position               pos_accuracy   the packet; 0 is declared unknown, as NavSatFix can
+velocity               vel_accuracy   the packet; 0.1 m/s for 0, unknown, which a twist cannot
+                                      declare: above the greatest of drives 0001 (0.013) and 0005
+                                      (0.078)
 orientation            0.1 degrees    A. Geiger et al., "Vision meets Robotics: The KITTI Dataset",
                                       IJRR 2013, section 2: OXTS RT3003, 0.02 m / 0.1 degrees; as
                                       OXTS's RT user manual 190731, page 16, for the heading of two

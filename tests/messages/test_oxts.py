@@ -21,6 +21,7 @@ from kitti_ros2.messages.oxts import (
     has_orientation,
     make_packet,
 )
+from kitti_ros2.messages.oxts_covariance import encode_velocity_with_covariance
 from kitti_ros2.messages.ros_types import NavSatFix, Quaternion, Vector3
 from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
 
@@ -256,3 +257,24 @@ def test_a_fix_without_altitude_has_altitude_0():
     _, fix, _ = messages(PACKET)
     made = make_packet(None, replace(fix, altitude=np.nan), None)
     assert (made.lat, made.alt) == (PACKET.lat, 0)
+
+
+@given(PACKETS, st.floats(0, 5))
+def test_the_velocity_with_covariance_is_the_velocity(made, accuracy):
+    accurate = replace(made, vel_accuracy=accuracy)
+    twist = encode_velocity_with_covariance(accurate, STAMP, 'imu_link')
+    plain = encode_velocity(accurate, STAMP, 'imu_link')
+    assert (twist.header, twist.twist.twist) == (plain.header, plain.twist)
+    covariance = twist.twist.covariance.reshape(6, 6)
+    assert covariance[0, 0] == pytest.approx((accuracy or 0.1) ** 2)
+    assert (covariance == np.diag(np.diag(covariance))).all()
+
+
+@given(PACKETS)
+def test_covariances_of_an_imu_are_on_request(made):
+    plain, sure = (encode_imu(made, STAMP, 'imu', covariances=on) for on in (False, True))
+    for name in ('orientation', 'angular_velocity', 'linear_acceleration'):
+        assert getattr(plain, name) == getattr(sure, name)
+        assert not getattr(plain, f'{name}_covariance').any()
+        assert (np.diag(getattr(sure, f'{name}_covariance').reshape(3, 3)) > 1e-9).all()
+    assert make_packet(sure, None, None) == make_packet(plain, None, None)
