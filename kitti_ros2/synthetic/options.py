@@ -27,6 +27,8 @@ class SyntheticOptions:
         speed: Mean speed of the car, m/s.
         turn_rate: Of the car in the middle of bends, degrees a second; None is a gentle one that
             grows with the speed, 4 at 8 m/s.
+        rest: Seconds for which the car stands before it drives off; it reaches its speed 6 s later.
+            None: it drives from the beginning.
         swept: Whether points are measured while the scanner turns, as by KITTI's; else a scan is a
             snapshot.
         extract: Whether the raw layout also has the 100 Hz packets of the unsynchronised drive; the
@@ -40,6 +42,7 @@ class SyntheticOptions:
     range_noise_m: float = 0.0
     speed: float = COURSE.speed
     turn_rate: float | None = None
+    rest: float | None = None
     swept: bool = False
     extract: bool = False
 
@@ -59,10 +62,12 @@ class SyntheticOptions:
             raise UsageError(f'speed is {self.speed}; expected 1 to 50 m/s')
         if self.turn_rate is not None and not 0.0 < self.turn_rate <= 60.0:
             raise UsageError(f'turn_rate is {self.turn_rate}; expected above 0, to 60 degrees/s')
+        if self.rest is not None and not 0.0 <= self.rest <= 1000.0:
+            raise UsageError(f'rest is {self.rest}; expected 0 to 1000 s')
 
     @property
     def course(self) -> Course:
         """The lane and the car on it."""
         if self.turn_rate is None:
-            return Course(self.speed)
-        return Course.turning(self.speed, radians(self.turn_rate))
+            return Course(self.speed, rest=self.rest)
+        return Course.turning(self.speed, radians(self.turn_rate), self.rest)

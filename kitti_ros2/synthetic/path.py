@@ -46,6 +46,7 @@ _ACCURACY_AND_MODES = {
 _AMPLITUDE = 5.0
 _SPEED_WAVE = 0.9
 _SPEED_RATE = 0.55
+_START_S = 6.0
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,18 @@ class Course:
     Attributes:
         speed: Mean speed along the street, m/s.
         wave_number: k of the lane, radians a metre.
+        rest: Time at which the car drives off, seconds; it reaches its speed 6 s later. None: it
+            drives from the beginning.
     """
 
     speed: float = 8.0
     wave_number: float = 2 * pi / 150.0
+    rest: float | None = None
 
     @classmethod
-    def turning(cls, speed: float, turn_rate: float) -> Course:
+    def turning(cls, speed: float, turn_rate: float, rest: float | None = None) -> Course:
         """Return a course of a speed in m/s, with bends of a turn rate in rad/s."""
-        return cls(speed, sqrt(turn_rate / (_AMPLITUDE * speed)))
+        return cls(speed, sqrt(turn_rate / (_AMPLITUDE * speed)), rest)
 
     def y(self, x: float) -> float:
         """Return the ego lane's y at x, street frame."""
@@ -81,7 +85,20 @@ class Course:
 
     def ego_x(self, time: float) -> float:
         """Return the car's position along the street at a time in seconds."""
-        return self.speed * time + _SPEED_WAVE * sin(_SPEED_RATE * time)
+        driven, _, _ = self.driven(time)
+        return self.speed * driven + _SPEED_WAVE * sin(_SPEED_RATE * driven)
+
+    def driven(self, time: float) -> tuple[float, float, float]:
+        """Return the time for which the car has driven at full speed, and its derivatives."""
+        if self.rest is None:
+            return time, 1.0, 0.0
+        part = min(max((time - self.rest) / _START_S, 0.0), 1.0)
+        full = max(time - self.rest - _START_S, 0.0)
+        return (
+            full + _START_S * (part**3 - part**4 / 2),
+            part * part * (3 - 2 * part),
+            6 * part * (1 - part) / _START_S,
+        )
 
 
 COURSE = Course()
@@ -130,8 +147,10 @@ def _car_motion(
 ) -> tuple[Transform, Float64Array, Float64Array, float, float]:
     """Return street_T_car, velocity, acceleration, yaw rate and acceleration, street frame."""
     x, wave_number = course.ego_x(time), course.wave_number
-    dx = course.speed + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * time)
-    ddx = -_SPEED_WAVE * _SPEED_RATE**2 * sin(_SPEED_RATE * time)
+    driven, rate, change = course.driven(time)
+    speed = course.speed + _SPEED_WAVE * _SPEED_RATE * cos(_SPEED_RATE * driven)
+    dx = speed * rate
+    ddx = -_SPEED_WAVE * _SPEED_RATE**2 * sin(_SPEED_RATE * driven) * rate**2 + speed * change
     y1 = _AMPLITUDE * wave_number * cos(wave_number * x)
     y2 = -(wave_number**2) * course.y(x)
     y3 = -(wave_number**2) * y1

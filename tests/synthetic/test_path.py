@@ -10,7 +10,7 @@ import pytest
 
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.stamps import NS_PER_S
-from kitti_ros2.synthetic.path import GRAVITY, motion_at
+from kitti_ros2.synthetic.path import COURSE, GRAVITY, Course, motion_at
 from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
 
 if TYPE_CHECKING:
@@ -36,10 +36,12 @@ def mercator(packet: OxtsPacket, scale: float) -> Float64Array:
     )
 
 
-def differences(time: float, step: float = 1e-4) -> tuple[Float64Array, Float64Array, Float64Array]:
+def differences(
+    time: float, step: float = 1e-4, course: Course = COURSE
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Velocity, acceleration and angular velocity by differences of poses, map axes."""
     before, now, after = (
-        motion_at(time + shift, CAR_T_IMU).map_T_imu for shift in (-step, 0.0, step)
+        motion_at(time + shift, CAR_T_IMU, course).map_T_imu for shift in (-step, 0.0, step)
     )
     velocity = (after.translation - before.translation) / (2 * step)
     bend = after.translation - 2 * now.translation + before.translation
@@ -54,6 +56,17 @@ def test_motion_is_the_derivative_of_the_pose(time: float) -> None:
     np.testing.assert_allclose(motion.velocity, velocity, atol=1e-6)
     np.testing.assert_allclose(motion.acceleration, acceleration, atol=1e-4)
     np.testing.assert_allclose(motion.angular_velocity, angular_velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize('time', [-0.3, 0.0, 0.9, 1.5, 4.2, 6.9, 7.5, 20.0])
+def test_motion_is_the_derivative_from_a_standing_start(time: float) -> None:
+    course = Course.turning(15.0, radians(30.0), rest=1.0)
+    motion = motion_at(time, CAR_T_IMU, course)
+    velocity, acceleration, angular_velocity = differences(time, course=course)
+    np.testing.assert_allclose(motion.velocity, velocity, atol=1e-5)
+    np.testing.assert_allclose(motion.acceleration, acceleration, atol=1e-3)
+    np.testing.assert_allclose(motion.angular_velocity, angular_velocity, atol=1e-5)
+    assert bool(np.linalg.norm(motion.velocity) < 1e-9) == (time <= 1.0)
 
 
 def test_drive_is_smooth_and_about_eight_metres_a_second() -> None:

@@ -148,7 +148,9 @@ def test_only_raw_drives_have_an_extract(tmp_path):
     assert not (tmp_path / 'x').exists()
 
 
-@pytest.mark.parametrize('wrong', [{'speed': 0.0}, {'turn_rate': 0.0}, {'turn_rate': 90.0}])
+@pytest.mark.parametrize(
+    'wrong', [{'speed': 0.0}, {'turn_rate': 0.0}, {'turn_rate': 90.0}, {'rest': -1.0}]
+)
 def test_impossible_courses_are_refused(wrong):
     with pytest.raises(UsageError, match=next(iter(wrong))):
         SyntheticOptions(**wrong)
