@@ -17,7 +17,8 @@ from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.clouds import read_field
-from kitti_ros2.messages.scan import decode_scan, packed_colors
+from kitti_ros2.messages.point_values import packed_colors
+from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream

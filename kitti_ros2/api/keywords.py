@@ -47,6 +47,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     map: str
     tf: bool
     ring_time: bool
+    points: str | None
     base_to_imu: str | Sequence[float] | None
     marker_colors: str
     marker_alpha: float
@@ -156,6 +157,7 @@ class LiveKeywords(TypedDict, total=False):
     map: str
     tf: bool
     ring_time: bool
+    points: str | None
 
 
 class StatisticsKeywords(TypedDict, total=False):

@@ -73,7 +73,7 @@ def first_of_each_voxel(places: Float64Array, size_m: float) -> Mask:
 
 def _every_nth_laser(points: Float32Array, lasers: int) -> Mask:
     """Return whether a point is of the lowest laser or of every n-th above it."""
-    from ..messages.scan import rings  # noqa: PLC0415 - the messages of ROS
+    from ..messages.point_values import rings  # noqa: PLC0415 - the messages of ROS
 
     if not len(points):
         return np.ones(0, bool)

@@ -15,11 +15,12 @@ from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
-from ..messages.source import promise
+from ..messages.source import POINTS, promise
 from ..messages.topics import make_table, select_topics, unmatched
+from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
-from ..model.losses import Loss
+from ..model.losses import Loss, format_numbers
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from .turn_notes import turn_notes
@@ -81,6 +82,7 @@ class Encoder:
         self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
         self._nominal: set[str] = set()
+        self._remarks: dict[str, set[int]] = {}
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
@@ -114,6 +116,7 @@ class Encoder:
             _once(decode_png),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
+            lambda text: self._remarks.setdefault(text, set()).add(entry.number),
         )
         messages, losses = self._serialize(rows, sample, moment)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -150,8 +153,21 @@ class Encoder:
             )
         if self._rows[Stream.SCAN]:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
-            notes += turn_notes(scans, self._recording.turns, timed=options.ring_and_time)
+            notes += turn_notes(scans, self._recording.turns, FORMATS[options.cloud])
+            notes += self._missing_source()
+        notes += [
+            f'{text}: scans {format_numbers(sorted(numbers))}'
+            for text, numbers in sorted(self._remarks.items())
+        ]
         return (*notes, *self._unmatched)
+
+    def _missing_source(self) -> list[str]:
+        """Return a note if clouds cannot restore their files, and these are not selected."""
+        topics = {row.topic for row in self.table if row.stream is Stream.SCAN and row.restores}
+        loss = FORMATS[self._rig.options.cloud].loss
+        if not loss or not topics or POINTS in topics:
+            return []
+        return [f"without {POINTS} to-kitti cannot restore KITTI's scans: {loss}"]
 
     def _labels_of(self, number: int) -> FrameLabels | None:
         """Read the labels of a frame; None if it is not labelled."""

@@ -12,22 +12,29 @@ from ..model.stamps import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ..model.cloud_formats import CloudFormat
     from ..model.samples import Turn
 
+_WITHOUT_TIME = 'points have ring but no time'
 
-def turn_notes(scans: Mapping[int, int], turns: Mapping[int, Turn], *, timed: bool) -> list[str]:
+
+def turn_notes(
+    scans: Mapping[int, int], turns: Mapping[int, Turn], cloud_format: CloudFormat
+) -> list[str]:
     """Return notes on the scans whose points have no time, or a nominal time or stamp.
 
     Args:
         scans: Stamps of the scans to be encoded, nanoseconds, by file number.
         turns: The turn of each scan, by file number; none for scans compensated for motion.
-        timed: Whether points are to have ring and time.
+        cloud_format: Of the clouds.
     """
     notes = []
+    timed = cloud_format.is_timed
     if timed and not scans.keys() <= turns.keys():
+        points = 'points have the time 0' if cloud_format.is_unsigned else _WITHOUT_TIME
         notes.append(
-            'points have ring but no time: the scans are compensated for motion, so all points of a'
-            ' scan are of one moment'
+            f'{points}: the scans are compensated for motion, so all points of a scan are of one'
+            f' moment'
         )
     found = {
         number: turns[number]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import guess_intensity_scale
-from ..messages.source import LABEL_LINES
+from ..messages.source import LABEL_LINES, POINTS
 from ..messages.topics import prediction_topics
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
@@ -95,7 +95,7 @@ class _Guesser:
         self.notes: list[str] = []
 
     def scan(self) -> ScanPlan | None:
-        """Choose the lidar: by name, with intensity, with most points."""
+        """Choose the lidar: KITTI's own points, by name, with intensity, with most points."""
         clouds = [each for each in self._survey.of_type(types.CLOUD) if _with_points(each)]
         if not clouds:
             self.notes.append('missing: scans (no PointCloud2 with x, y and z)')
@@ -253,11 +253,11 @@ def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's type
     return None
 
 
-def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, int, int]:
+def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, bool, int, int]:
     first = _with_points(topic)
     named = bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame))
     bright = any(field.name == 'intensity' for field in first.fields)
-    return named, bright, first.width * first.height, topic.count
+    return topic.name == POINTS, named, bright, first.width * first.height, topic.count
 
 
 def _main(cameras: dict[int, CameraPlan]) -> int:

@@ -63,6 +63,7 @@ class Moment:
         pixels: Decodes an image.
         labels: Returns the labels of the sample's frame; None if it is not labelled.
         predictions: Returns the predictions of the sample's frame; None without any.
+        remark: Called with a remark on values of the messages that are estimated.
     """
 
     rig: Rig
@@ -74,6 +75,7 @@ class Moment:
     pixels: Callable[[Image], Pixels] = decode_png
     labels: Callable[[], FrameLabels | None] = lambda: None
     predictions: Callable[[], FrameLabels | None] = lambda: None
+    remark: Callable[[str], None] = lambda _: None
 
     @property
     def at_imu(self) -> tuple[int, str]:

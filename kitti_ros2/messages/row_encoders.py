@@ -96,15 +96,16 @@ def make_imu(packet: OxtsPacket, moment: Moment) -> object:
 
 
 def make_scan(scan: Scan, moment: Moment) -> object:
-    """Make the PointCloud2 of a scan, with the fields that the options request."""
+    """Make the PointCloud2 of a scan, in the format that the options request."""
     options = moment.rig.options
-    return encode_scan(
-        scan,
-        moment.stamp_ns,
-        moment.rig.frames.velo,
-        ring_and_time=options.ring_and_time,
-        labels=scan.labels if options.semantic else None,
-    )
+    labels = scan.labels if options.semantic else None
+    frame = moment.rig.frames.velo
+    return encode_scan(scan, moment.stamp_ns, frame, options.cloud, labels, moment.remark)
+
+
+def make_source_scan(scan: Scan, moment: Moment) -> object:
+    """Make the PointCloud2 of a scan with the points of its file, unchanged."""
+    return encode_scan(scan, moment.stamp_ns, moment.rig.frames.velo)
 
 
 def make_compressed(image: Image, moment: Moment) -> object:

@@ -1,118 +1,135 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scan <-> sensor_msgs/PointCloud2."""
+"""Scan <-> sensor_msgs/PointCloud2, in the formats of model/cloud_formats.py."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.semantic import OTHER_COLOR, SEMANTIC_COLORS
-from ..model.motion import turned
+from ..model.cloud_formats import FORMATS, Order, Points
 from ..model.samples import Scan
-from ..model.stamps import NS_PER_S
 from .clouds import FILE_INDEX, file_order, read_field, read_points
 from .header import make_header
+from .point_grid import organise
+from .point_values import PointValues
 from .ros_types import PointCloud2, PointField
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
-    from ..model.samples import Float32Array, Turn
+    from ..model.cloud_formats import CloudField, CloudFormat
+    from ..model.samples import Float32Array
 
-_KINDS = dict.fromkeys(('x', 'y', 'z', 'intensity', 'time', 'rgb'), '<f4')
-_KINDS |= {'ring': '<u2', 'label': '<u2', 'instance': '<u2', FILE_INDEX: '<u4'}
-_DATATYPES = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16, '<u4': PointField.UINT32}
-_XYZI = ('x', 'y', 'z', 'intensity')
+_DATATYPES = {
+    '|u1': PointField.UINT8,
+    '<u2': PointField.UINT16,
+    '<u4': PointField.UINT32,
+    '<f4': PointField.FLOAT32,
+}
+_XYZI = tuple(field.name for field in FORMATS[Points.XYZI].fields)
+_KINDS = {
+    field.name: field.kind
+    for field in FORMATS[Points.XYZIRT].fields_of(timed=True, labelled=True)
+}  # fmt: skip
+_OF_LASERS = frozenset({'laser', 'row'})
 
-_COLOR_TABLE = np.full(1 << 16, OTHER_COLOR, dtype=np.uint32)
-_COLOR_TABLE[list(SEMANTIC_COLORS)] = list(SEMANTIC_COLORS.values())
+ESTIMATED_LASERS = (
+    "points are not in the order of the scanner's lasers, which are estimated from the elevation"
+)
 
 
 def encode_scan(
     scan: Scan,
     stamp_ns: int,
     frame_id: str,
-    *,
-    ring_and_time: bool = False,
+    points: Points = Points.XYZI,
     labels: npt.NDArray[np.uint32] | None = None,
+    remark: Callable[[str], None] = lambda _: None,
 ) -> PointCloud2:
-    """Make an unorganised cloud of x y z intensity, float32, the file's bytes unchanged (step 16).
+    """Make the cloud of a scan; of x y z intensity its data are the file's bytes unchanged.
 
     Args:
         scan: N points.
         stamp_ns: Nanoseconds.
         frame_id: velo_link.
-        ring_and_time: Adds ring (uint16, 0 the lowest laser, as velodyne drivers count) and, where
-            the scan has a turn, time (float32, seconds from stamp_ns) and file_index (uint32, the
-            point's index in the file). Points with time are sorted by time: several SLAM packages
-            use the last point's as the end of the scan.
+        points: The format of the cloud. Several SLAM packages use the last point's time as the end
+            of the scan, so points with times are sorted.
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
+        remark: Called with a remark on values that are estimated.
     """
-    points = np.ascontiguousarray(scan.points, dtype='<f4')
-    more = {} if labels is None else _label_fields(labels)
-    order: npt.NDArray[np.intp] | None = None
-    if ring_and_time:
-        more = _ring_and_time(points, scan.turn, stamp_ns) | more
-        order = more['time'].argsort(kind='stable') if 'time' in more else None
-    point = _point((*_XYZI, *more))
-    data = points.reshape(-1).view(np.uint8)
-    if more:
-        rich = np.empty(len(points), dtype=point)
-        for name, values in (*zip(_XYZI, points.T, strict=True), *more.items()):
-            rich[name] = values
-        # Whole points are moved, which is faster than field by field.
-        rich = rich if order is None else rich.view(f'V{point.itemsize}')[order].view(point)
-        data = rich.view(np.uint8)
+    cloud_format = FORMATS[points]
+    fields = cloud_format.fields_of(timed=scan.turn is not None, labelled=labels is not None)
+    file = np.ascontiguousarray(scan.points, dtype='<f4')
+    values = PointValues(file, scan.turn, stamp_ns, labels)
+    is_dense = bool(np.isfinite(file).all())
+    if len(fields) == len(_XYZI):
+        cloud = file.view(cloud_format.point(fields)).reshape(1, -1)
+    else:
+        cloud = _arranged(_filled(fields, cloud_format, values), cloud_format, values)
+        is_dense = is_dense and cloud.size == len(file)
+    if any(field.value in _OF_LASERS for field in fields) and not values.is_ordered:
+        remark(ESTIMATED_LASERS)
+    height, width = cloud.shape
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
-        height=1,
-        width=len(points),
-        fields=_fields(point),
+        height=height,
+        width=width,
+        fields=_message_fields(cloud.dtype),
         is_bigendian=False,
-        point_step=point.itemsize,
-        row_step=point.itemsize * len(points),
-        data=data,
-        is_dense=bool(np.isfinite(points).all()),
+        point_step=cloud.itemsize,
+        row_step=cloud.itemsize * width,
+        data=cloud.reshape(-1).view(np.uint8),
+        is_dense=is_dense,
     )
 
 
-def _ring_and_time(
-    points: Float32Array, turn: Turn | None, stamp_ns: int
-) -> dict[str, npt.NDArray[Any]]:
-    found: dict[str, npt.NDArray[Any]] = {'ring': rings(points)}
-    if turn is not None:
-        found['time'] = times(points, turn, stamp_ns)
-        found[FILE_INDEX] = np.arange(len(points))
-    return found
+def _filled(
+    fields: Sequence[CloudField], cloud_format: CloudFormat, values: PointValues
+) -> npt.NDArray[np.void]:
+    """Return (N,) points in the order of the file."""
+    cloud = np.zeros(len(values.x), dtype=cloud_format.point(tuple(fields)))
+    for field in fields:
+        cloud[field.name] = getattr(values, field.value)
+    return cloud
 
 
-def _label_fields(labels: npt.NDArray[np.uint32]) -> dict[str, npt.NDArray[Any]]:
-    classes = (labels & 0xFFFF).astype(np.uint16)
-    instances = (labels >> 16).astype(np.uint16)
-    return {'label': classes, 'instance': instances, 'rgb': packed_colors(classes)}
+def _arranged(
+    cloud: npt.NDArray[np.void], cloud_format: CloudFormat, values: PointValues
+) -> npt.NDArray[np.void]:
+    """Return (rows, columns) points in the order of the format."""
+    if cloud_format.order is Order.GRID:
+        return organise(cloud, values)
+    if cloud_format.order is Order.TIME and values.is_timed:
+        times = values.nanoseconds if cloud_format.is_unsigned else values.seconds
+        # Whole points are moved, which is faster than field by field.
+        whole = cloud.view(f'V{cloud.itemsize}')
+        cloud = whole[times.argsort(kind='stable')].view(cloud.dtype)
+    return cloud.reshape(1, -1)
 
 
 def decode_scan(message: PointCloud2) -> Scan:
-    """Decode a cloud made by encode_scan, in the file's order: points and SemanticKITTI labels.
+    """Decode a cloud made by encode_scan: points and SemanticKITTI labels, in the file's order.
 
-    The points are a view of the message if its step is 16. ring and time follow from the points,
-    start and end of the sweep are not in the message.
+    The points are a view of the message if its step is 16. Lasers and times follow from the points,
+    start and end of the sweep are not in the message. A cloud of a format that cannot restore the
+    file becomes the nearest scan; missing then names the difference.
 
     Raises:
         ValueError: The cloud has other fields or data of another length, or file_index does not
             contain each index once.
     """
-    names = tuple(field.name for field in message.fields)
     found = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    for points, cloud_format in FORMATS.items():
+        if cloud_format.loss and not message.is_bigendian and found == _described(cloud_format):
+            return _decode_nearest(message, points)
+    names = tuple(field.name for field in message.fields)
     known = names[:4] == _XYZI and _KINDS.keys() >= set(names)
-    made = _fields(_point(names)) if known else []
-    if message.is_bigendian or found != [
-        (field.name, field.offset, field.datatype, field.count) for field in made
-    ]:
+    made = _message_fields(np.dtype([(name, _KINDS[name]) for name in names])) if known else []
+    if message.is_bigendian or found != _tuples(made):
         raise ValueError(f'a cloud of fields {names}, or with other types or offsets')
     count = message.width * message.height
     if len(message.data) != count * message.point_step:
@@ -128,47 +145,28 @@ def decode_scan(message: PointCloud2) -> Scan:
     return Scan(read_points(message, order), labels=labels)
 
 
-def _point(names: Sequence[str]) -> np.dtype[np.void]:
-    return np.dtype([(name, _KINDS[name]) for name in names])
+def _decode_nearest(message: PointCloud2, points: Points) -> Scan:
+    """Decode a cloud of a format with a loss: finite points of a grid, else all points."""
+    found: Float32Array = np.array(read_points(message, None))
+    if any(field.value == 'brightness' for field in FORMATS[points].fields[:4]):
+        hundredths = np.rint(read_field(message, 'intensity') * (100 / 255))
+        found[:, 3] = (hundredths / 100).astype(np.float32)
+    if FORMATS[points].order is Order.GRID:
+        found = found[~np.isnan(found[:, :3]).any(axis=1)]
+    return Scan(found, missing={'points': f'from {points.value} clouds: {FORMATS[points].loss}'})
 
 
-def _fields(point: np.dtype[np.void]) -> list[PointField]:
+def _described(cloud_format: CloudFormat) -> list[tuple[str, int, int, int]]:
+    return _tuples(_message_fields(cloud_format.point(cloud_format.fields)))
+
+
+def _tuples(fields: Sequence[PointField]) -> list[tuple[str, int, int, int]]:
+    return [(field.name, field.offset, field.datatype, field.count) for field in fields]
+
+
+def _message_fields(point: np.dtype[np.void]) -> list[PointField]:
     fields = []
     for name in point.names or ():
         kind, offset = point.fields[name][:2] if point.fields else (point, 0)
         fields.append(PointField(name, offset, _DATATYPES[kind.str], 1))
     return fields
-
-
-def rings(points: Float32Array) -> npt.NDArray[np.uint16]:
-    """Return the laser of each point, (N,) uint16, 0 the lowest.
-
-    KITTI's files contain the lasers one after the other, top to bottom, the points of each sorted
-    by rising azimuth from straight ahead (against the direction in which the scanner turns): a
-    laser begins where the azimuth wraps from below 2 pi to 0. The count is correct if every laser
-    has returns near the front.
-    """
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    wraps = (azimuth[:-1] < 0) & (azimuth[1:] >= 0) & (azimuth[:-1] - azimuth[1:] > -np.pi)
-    row = np.concatenate([[0], np.cumsum(wraps)]) if len(points) else np.empty(0, np.int64)
-    lowest = row[-1] if len(row) else 0
-    return (lowest - row).astype(np.uint16)
-
-
-def times(points: Float32Array, turn: Turn, stamp_ns: int) -> Float32Array:
-    """Return seconds of each point from a stamp, (N,) float32: stamp plus time is the measurement.
-
-    See model/motion.py for the direction in which the scanner turns.
-
-    Args:
-        points: (N, 4), measured in velo_link at different moments (not compensated for motion).
-        turn: Start and end of the scanner's turn.
-        stamp_ns: The cloud's stamp; with the start of the turn, times are 0 to its length.
-    """
-    since_ns = turned(points) * turn.length_ns + (turn.start_ns - stamp_ns)
-    return (since_ns / NS_PER_S).astype(np.float32)
-
-
-def packed_colors(classes: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
-    """Return (N,) float32 with the bits 0x00RRGGBB, the format of the field rgb in PCL and RViz."""
-    return _COLOR_TABLE[classes].view(np.float32)

@@ -24,6 +24,7 @@ RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 SWEEP = '/kitti/source/sweep'
+POINTS = '/kitti/source/points'
 LABEL_LINES = '/kitti/source/labels'
 OXTS_LINES = '/kitti/source/oxts'
 

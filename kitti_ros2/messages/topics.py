@@ -10,6 +10,8 @@ decode. What comes back:
 - /kitti/source/recording: the values of the description
 - odometry: pose in map, motion and sigmas, up to rounding; a motion of zeros is unknown
 - points: points and labels, bit for bit; not the turn, nor start and end of the sweep
+- points in a format with a loss (model/cloud_formats.py): the nearest scan; /kitti/source/points is
+  beside them, with the points of the file bit for bit
 - images: the bytes of the PNG file; of pixels, another PNG file of the same pixels
 
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
@@ -30,6 +32,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..model.channels import Channel
+from ..model.cloud_formats import FORMATS, Points
 from ..model.errors import BadFileError, UsageError
 from ..model.msgtypes import (
     ANNOTATIONS,
@@ -68,6 +71,7 @@ from .source import (
     FILES,
     LABEL_LINES,
     OXTS_LINES,
+    POINTS,
     RECORDING,
     SWEEP,
     decode_description,
@@ -194,6 +198,10 @@ _LEFT_OUT = {
     Objects.BOTH: set(),
 }
 """By option the types of messages that are not made."""
+_SOURCE_ROW = Topic(POINTS, CLOUD, Stream.SCAN, encoders.make_source_scan,
+                    lambda message, _: decode_scan(message), restores=True)  # fmt: skip
+"""The row of scans whose clouds are in a format with a loss. It precedes them: readers of bags take
+the first topic of a stream that has a decoder."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
 _COVARIANCE_ROW = Topic(
     '/kitti/oxts/vel_with_covariance',
@@ -218,7 +226,8 @@ def make_table(
         packets: The stream of the messages of packets; their texts, which restore the files, are
             always those of OXTS.
     """
-    rows = [row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects]]
+    source = [_SOURCE_ROW] if FORMATS[options.cloud].loss else []
+    rows = [*source, *(row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects])]
     rows += [_TF_ROW] if options.publish_tf else []
     rows += [_COVARIANCE_ROW] if options.covariances else []
     rows = [
@@ -271,6 +280,7 @@ def own_topics() -> Mapping[str, Topic]:
             objects=Objects.BOTH,
             annotations=True,
             covariances=True,
+            points=Points.OUSTER,
         )
         for cameras in (CAMERA_NAMES, numbered):
             for image_topic in IMAGE_TOPICS:

@@ -191,11 +191,16 @@ def turned(points: Float32Array) -> Float64Array:
     Args:
         points: (N, 4), measured in velo_link at different moments (not compensated for motion).
     """
-    azimuth = np.arctan2(points[:, 1], points[:, 0]).astype(np.float64)
-    azimuth[np.isnan(azimuth)] = 0.0
-    azimuth /= 2 * np.pi
-    parts: Float64Array = np.clip(0.5 - azimuth, 0.0, 1.0)
-    return parts
+    return turned_to(np.arctan2(points[:, 1], points[:, 0]))
+
+
+def turned_to(azimuth: Float32Array) -> Float64Array:
+    """Return the part of its turn at which the scanner faces each azimuth, as turned."""
+    parts = azimuth.astype(np.float64)
+    parts[np.isnan(parts)] = 0.0
+    parts /= 2 * np.pi
+    clipped: Float64Array = np.clip(0.5 - parts, 0.0, 1.0)
+    return clipped
 
 
 def compensate(points: Float32Array, turn: Turn, motion: ScannerMotion, to_ns: int) -> Float32Array:

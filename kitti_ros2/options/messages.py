@@ -10,6 +10,7 @@ from enum import Enum
 from typing import ClassVar
 
 from ..model.autoware_labels import check_labels
+from ..model.cloud_formats import FORMATS, Points
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from .declare import check_bounds, choice, option
@@ -140,7 +141,7 @@ class MessageOptions:
         preset: Set of topic and frame names.
         map: Axes and origin of the map frame; see messages/map_frame.py.
         publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack publishes it.
-        ring_and_time: Whether points also have ring and time.
+        ring_and_time: Short for points xyzirt.
         base_to_imu: x, y, z of imu_link in base_link, metres; None takes the preset's.
         semantic: Whether points also have SemanticKITTI's label, instance and rgb.
         markers: Options of the markers of labels.
@@ -152,9 +153,11 @@ class MessageOptions:
         annotations: Whether 2D boxes are published as foxglove_msgs/ImageAnnotations, too.
         covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
             published, too; None is not.
+        points: Format of clouds; None follows ring_and_time.
 
     Raises:
-        UsageError: base_to_imu is not three finite numbers, or Autoware has no such label.
+        UsageError: base_to_imu is not three finite numbers, Autoware has no such label, or options
+            exclude each other.
     """
 
     group: ClassVar = 'Messages'
@@ -172,7 +175,10 @@ class MessageOptions:
         True, 'map -> base_link on /tf; off where a SLAM stack publishes it', parse_flag, name='tf'
     )
     ring_and_time: bool = option(
-        False, 'Points also have ring and time, in order of time', parse_flag, name='ring_time'
+        False,
+        'Short for points xyzirt: ring and time, in order of time',
+        parse_flag,
+        name='ring_time',
     )
     base_to_imu: tuple[float, ...] | None = option(
         None,
@@ -207,8 +213,30 @@ class MessageOptions:
         unset='on with imu from, else off',
         any_type=True,
     )
+    points: Points | None = choice(
+        None,
+        'Format of clouds: fields, types and order of points',
+        Points,
+        unset='xyzi, with ring time xyzirt',
+    )
+
+    @property
+    def cloud(self) -> Points:
+        """The format of clouds."""
+        return self.points or (Points.XYZIRT if self.ring_and_time else Points.XYZI)
 
     def __post_init__(self) -> None:
+        if self.ring_and_time and self.cloud is not Points.XYZIRT:
+            raise UsageError(
+                f'ring_time is short for points xyzirt and does not go with points'
+                f' {self.cloud.value}; give one of them'
+            )
+        if self.semantic and not FORMATS[self.cloud].extensible:
+            extensible = ' or '.join(each.value for each in Points if FORMATS[each].extensible)
+            raise UsageError(
+                f'semantic adds fields, but points {self.cloud.value} has a fixed set of them;'
+                f' take points {extensible}'
+            )
         place = self.base_to_imu or BASE_T_IMU
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')

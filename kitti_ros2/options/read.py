@@ -96,7 +96,7 @@ class ReadOptions:
         ScanStamp.FORWARD,
         'Stamp of a scan: the start of its turn, or when it faces forward',
         ScanStamp,
-        unset='start with ring time, else forward',
+        unset='start if points have times, else forward',
     )
     real_time: bool = option(
         False, 'Object frames have the stamps of their raw drives, by the devkit', parse_flag

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ..model.cloud_formats import FORMATS
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
@@ -271,18 +272,24 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
 
 def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     """Return the options objects that to-bag and the player share."""
-    if parsed.get('ring_time') and not parsed.get('deskew'):
-        parsed.setdefault('scan_stamp', ScanStamp.START)
     if parsed.get('imu_from'):
         parsed.setdefault('covariances', True)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
     predictions = PredictionOptions(**values_for(PredictionOptions, parsed))
     messages = MessageOptions(
         **values_for(MessageOptions, parsed),
-        semantic=read.semantic,
+        semantic=parsed.get('semantic', False),
         overlaps=predictions.overlaps,
         markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
     )
+    cloud_format = FORMATS[messages.cloud]
+    if cloud_format.is_timed and not parsed.get('deskew'):
+        parsed.setdefault('scan_stamp', ScanStamp.START)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    if cloud_format.is_unsigned and read.scan_stamp is ScanStamp.FORWARD and not read.deskew:
+        raise UsageError(
+            f'points {messages.cloud.value} has unsigned times since the stamp, so the stamp is the'
+            f' start of the turn; scan_stamp forward does not go with it'
+        )
     selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return {
         'read': read,

@@ -22,17 +22,15 @@ from ..exporter.schedule import frames_of
 from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
 from ..importer.report import ImportReport, LossTally, damage, merged
-from ..kitti import names
 from ..kitti.replacing import keep_all_but_data_sets
-from ..kitti.scan_file import format_scan, format_scan_text
-from ..kitti.semantic_file import format_point_labels
 from ..messages.header import stamp_ns_of
 from ..messages.moment import Origin
+from ..messages.source import POINTS
 from ..messages.topics import decoders, own_topics
 from ..model.errors import KittiRos2Error, UsageError
 from ..model.losses import Loss, format_numbers
-from ..model.samples import Image, Scan
 from ..model.streams import Stream
+from .file_contents import format_sample
 from .folders import owner_of, shown
 from .numbering import has_common_numbers, number_bag
 from .source_texts import write_new, write_texts
@@ -56,24 +54,28 @@ class _File:
     stream: Stream
     number: int
     path: PurePosixPath
-    content: Callable[[], bytes | memoryview]
+    content: Callable[[], tuple[bytes | memoryview, str]]
     topic: str
     stamp_ns: int
 
 
 @dataclass(frozen=True)
 class _Written:
-    """A written file, or the reason why it was not written."""
+    """A written file, or the reason why it was not written; its difference from KITTI's file."""
 
     file: _File
     size_bytes: int
     error: str = ''
+    difference: str = ''
 
 
 def _topics(present: Collection[str]) -> set[str]:
-    """Return the topics to read; a camera's pixels only where its PNG files are missing."""
+    """Return the topics to read; pixels and other clouds only without the file's own."""
     rows = (row for row in own_topics().values() if row.restores and not row.latched)
     wanted = {row.topic for row in rows}.intersection(present)
+    if POINTS in present:
+        scans = {topic for topic in wanted if own_topics()[topic].stream is Stream.SCAN}
+        wanted -= scans - {POINTS}
     return {topic for topic in wanted if f'{topic}/compressed' not in present}
 
 
@@ -146,6 +148,7 @@ class _Writer:
         self._unplaced: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
+        self._differences: dict[tuple[Stream, str], set[int]] = {}
         self.size_bytes = 0
 
     def files(self) -> Iterator[_File]:
@@ -197,7 +200,7 @@ class _Writer:
             self._lose(message, f'names {path}, which has another stamp')
             return None
         data = text.text.encode()
-        return _File(stream, owner[1], path, lambda: data, message.topic, message.stamp_ns)
+        return _File(stream, owner[1], path, lambda: (data, ''), message.topic, message.stamp_ns)
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = own_topics()[message.topic].stream
@@ -208,7 +211,7 @@ class _Writer:
         number = found.pop(0)
         path = self._blueprint.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, Origin(path))
-        content = partial(self._content, sample, number, path)
+        content = partial(format_sample, sample, number, self._root / path)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
@@ -218,34 +221,14 @@ class _Writer:
             return f'its file number is unknown, for the bag does not hold {path}'
         return f'no file of {self._blueprint.name} has this stamp'
 
-    def _content(
-        self, sample: Callable[[], Scan | Image], number: int, path: PurePosixPath
-    ) -> bytes | memoryview:
-        """Format a sample's file; write the labels of a scan's points to a file of their own.
-
-        Raises:
-            ValueError: The message cannot be decoded, or the file of labels cannot be written.
-            BadFileError: The PNG in the message is damaged.
-        """
-        made = sample()
-        if isinstance(made, Image):
-            return made.png
-        if made.labels is not None:
-            name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
-            labels = self._root / path.parents[1] / names.POINT_LABELS / name
-            error = write_new(labels, format_point_labels(made.labels))
-            if error:
-                raise ValueError(error)
-        is_text = path.suffix == names.TXT
-        return format_scan_text(made.points) if is_text else format_scan(made.points)
-
     def write(self, file: _File) -> _Written:
         """Write a file; thread-safe for different paths."""
         try:
-            content = file.content()
+            content, difference = file.content()
         except (ValueError, KittiRos2Error) as error:
             return _Written(file, 0, str(error))
-        return _Written(file, len(content), write_new(self._root / file.path, content))
+        refusal = write_new(self._root / file.path, content)
+        return _Written(file, len(content), refusal, difference)
 
     def take(self, written: _Written) -> None:
         """Count a file."""
@@ -255,6 +238,10 @@ class _Writer:
             self._losses.lose(written.file.topic, written.file.stamp_ns, written.error)
             return
         self._counts[stream.value] += 1
+        if written.difference:
+            self._differences.setdefault((stream, written.difference), set()).add(
+                written.file.number
+            )
         self._written.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
@@ -279,6 +266,9 @@ class _Writer:
         if scans and deskew is not None:
             text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
             missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
+        for (stream, difference), changed in self._differences.items():
+            text = f"{stream.value} files {{}} are written {difference}, not as in KITTI's files"
+            missing.append(Loss(stream.value, len(changed), text, tuple(sorted(changed))))
         return ImportReport(
             layout=self._blueprint.layout,
             name=self._blueprint.name,

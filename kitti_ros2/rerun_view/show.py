@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 
 from ..messages.last_keys import LastKeys
+from ..messages.source import POINTS
 from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
@@ -114,7 +115,7 @@ class _StreamLogger:
         self._converters = {
             index: TABLE[outlet.msgtype](outlet.topic, context)
             for index, outlet in enumerate(program.channels)
-            if outlet.msgtype in TABLE
+            if outlet.msgtype in TABLE and outlet.topic != POINTS  # a second cloud of each scan
         }
         self.unsupported = [
             f'{outlet.topic}: {outlet.msgtype} is not shown'

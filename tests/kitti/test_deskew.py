@@ -14,7 +14,7 @@ from moving_scanner import TURN_NS, Bend, stamp_of, write_bend
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.motion import scan_at
 from kitti_ros2.kitti.oxts_file import format_packet
-from kitti_ros2.messages.scan import rings
+from kitti_ros2.messages.point_values import rings
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.motion import (

@@ -17,6 +17,7 @@ from kitti_ros2.messages.clouds import decode_cloud, guess_intensity_scale
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import PointCloud2, PointField
 from kitti_ros2.messages.scan import encode_scan
+from kitti_ros2.model.cloud_formats import Points
 from kitti_ros2.model.samples import Scan
 
 KINDS = ['i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8']
@@ -129,7 +130,7 @@ def test_a_scan_that_was_encoded_is_a_view_of_the_same_bytes(points):
 
 def test_a_scan_with_rings_and_times_is_read_by_its_names():
     points = np.random.default_rng(1).uniform(0, 1, (20, 4)).astype(np.float32)
-    decoded, _ = decode_cloud(encode_scan(Scan(points), 1, 'velo_link', ring_and_time=True))
+    decoded, _ = decode_cloud(encode_scan(Scan(points), 1, 'velo_link', points=Points.XYZIRT))
     np.testing.assert_array_equal(decoded, points)
 
 

@@ -14,7 +14,9 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.clouds import decode_cloud
-from kitti_ros2.messages.scan import decode_scan, encode_scan, rings, times
+from kitti_ros2.messages.point_values import PointValues, rings
+from kitti_ros2.messages.scan import decode_scan, encode_scan
+from kitti_ros2.model.cloud_formats import Points
 from kitti_ros2.model.samples import Scan, Turn
 
 if TYPE_CHECKING:
@@ -58,7 +60,7 @@ def test_two_lasers_in_order_of_time():
     points[:, 0], points[:, 1], points[:, 3] = np.cos(azimuths), np.sin(azimuths), np.arange(12)
     assert rings(points).tolist() == [1] * 6 + [0] * 6
     scan = Scan(points, turn=Turn(STAMP, 100_000_000))
-    message = through_cdr(encode_scan(scan, STAMP, 'velo_link', ring_and_time=True))
+    message = through_cdr(encode_scan(scan, STAMP, 'velo_link', points=Points.XYZIRT))
     cloud = fields_of(message)
     assert list(cloud) == TIMED
     assert message.point_step == 26
@@ -72,7 +74,7 @@ def test_two_lasers_in_order_of_time():
 
 def test_a_scan_without_a_turn_has_ring_and_no_time():
     points = np.random.default_rng(0).random((50, 4), np.float32)
-    message = encode_scan(Scan(points), STAMP, 'velo_link', ring_and_time=True)
+    message = encode_scan(Scan(points), STAMP, 'velo_link', points=Points.XYZIRT)
     cloud = fields_of(message)
     assert list(cloud) == TIMED[:5]
     assert np.column_stack([cloud[name] for name in TIMED[:4]]).tobytes() == points.tobytes()
@@ -91,7 +93,7 @@ def test_any_points_are_in_order_of_time_and_come_back(points, data, length, off
         values = st.integers(0, 2**32 - 1)
         labels = data.draw(arrays.arrays(np.uint32, len(points), elements=values))
     scan = Scan(points, turn=Turn(STAMP + offset, length))
-    encoded = encode_scan(scan, STAMP, 'velo_link', ring_and_time=True, labels=labels)
+    encoded = encode_scan(scan, STAMP, 'velo_link', points=Points.XYZIRT, labels=labels)
     message = through_cdr(encoded)
     cloud = fields_of(message)
     time, places = cloud['time'], cloud['file_index']
@@ -112,13 +114,13 @@ def test_any_points_are_in_order_of_time_and_come_back(points, data, length, off
 def test_importers_of_any_cloud_see_the_file_s_order(points):
     points = np.clip(np.nan_to_num(points), -100, 100)
     points[:, 3] = np.abs(points[:, 3]) / 100
-    message = encode_scan(Scan(points, turn=TURN), STAMP, 'velo_link', ring_and_time=True)
+    message = encode_scan(Scan(points, turn=TURN), STAMP, 'velo_link', points=Points.XYZIRT)
     assert decode_cloud(message)[0].tobytes() == points.tobytes()
 
 
 def test_an_order_that_is_none_is_refused():
     points = np.random.default_rng(1).random((5, 4), np.float32)
-    message = encode_scan(Scan(points, turn=TURN), STAMP, 'velo_link', ring_and_time=True)
+    message = encode_scan(Scan(points, turn=TURN), STAMP, 'velo_link', points=Points.XYZIRT)
     data = message.data.reshape(5, 26)
     for wrong in (7, 2**32 - 1, int(data[0, 22:].view('<u4')[0])):
         data[4, 22:].view('<u4')[:] = wrong
@@ -157,10 +159,10 @@ def test_times_undo_the_motion_of_a_car_under_a_clockwise_scanner(speed):
             seen_at.append(first[1])
     assert len(seen) > 0.9 * len(fixed)
     points = np.column_stack([seen, np.zeros(len(seen))]).astype(np.float32)
-    found = times(points, TURN, STAMP)
+    found = PointValues(points, TURN, STAMP).seconds
     np.testing.assert_allclose(found, seen_at, atol=1e-5)
     # The same absolute time by the other stamp.
-    later = times(points, TURN, STAMP + FORWARD_NS)
+    later = PointValues(points, TURN, STAMP + FORWARD_NS).seconds
     np.testing.assert_allclose(found - FORWARD_NS / 1e9, later, atol=1e-7)
 
 
@@ -221,7 +223,7 @@ def test_odometry_scans_are_compensated_for_a_clockwise_turn(real_kitti, frame):
     measured[:, 0] += driven * azimuth / (2 * np.pi)
     length = stamps[frame + 1] - stamps[frame]
     turn = Turn(STAMP, round(length * 1e9))
-    since = times(measured.astype(np.float32), turn, STAMP).astype(np.float64)
+    since = PointValues(measured.astype(np.float32), turn, STAMP).seconds.astype(np.float64)
     again = measured[:, 0] + driven / length * (since - length / 2)
     assert np.abs(again - compensated[:, 0]).mean() < 0.005
     backwards = measured[:, 0] - driven / length * (since - length / 2)

@@ -21,6 +21,7 @@ from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
 from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
 from kitti_ros2.messages.topics import make_table, own_topics
+from kitti_ros2.model.cloud_formats import Points
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.msgtypes import STRING
@@ -93,7 +94,7 @@ RIG = Rig(
     cameras=frozenset({2}),
     base_t_imu=Transform(rotation_from_rpy(0.1, -0.2, 0.3), np.array([-0.05, 0.32, 0.93])),
     map_T_world=Transform.identity(),
-    options=MessageOptions(images=Images.BOTH, ring_and_time=True, semantic=True),
+    options=MessageOptions(images=Images.BOTH, points=Points.XYZIRT, semantic=True),
 )
 ROWS = make_table({2: 'color_left'}, 'image_rect', RIG.options)
 

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The contents of files with one sample, as KITTI has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..kitti import names
+from ..kitti.scan_file import format_scan, format_scan_text
+from ..kitti.semantic_file import format_point_labels
+from ..model.samples import Image
+from .source_texts import write_new
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from ..model.samples import Scan
+
+
+def format_sample(
+    decode: Callable[[], Scan | Image], number: int, path: Path
+) -> tuple[bytes | memoryview, str]:
+    """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
+
+    The labels of a scan's points are written to a file of their own.
+
+    Args:
+        decode: Returns the sample.
+        number: Of the file.
+        path: Of the file.
+
+    Raises:
+        ValueError: The message cannot be decoded, or the file of labels cannot be written.
+        BadFileError: The PNG in the message is damaged.
+    """
+    sample = decode()
+    if isinstance(sample, Image):
+        return sample.png, ''
+    if sample.labels is not None:
+        name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+        labels = path.parents[1] / names.POINT_LABELS / name
+        error = write_new(labels, format_point_labels(sample.labels))
+        if error:
+            raise ValueError(error)
+    is_text = path.suffix == names.TXT
+    data = format_scan_text(sample.points) if is_text else format_scan(sample.points)
+    return data, '; '.join(sample.missing.values())
