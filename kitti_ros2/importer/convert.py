@@ -242,7 +242,8 @@ class _Builder:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         if self._points_dropped:
-            notes.append(f'{self._points_dropped} points without finite x, y and z were dropped')
+            missing = f'{self._points_dropped} points without a return (x y z not finite, or 0 0 0)'
+            notes.append(f'{missing} were dropped')
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(

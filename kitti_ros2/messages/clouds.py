@@ -77,9 +77,10 @@ def read_points(
 
 
 def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
-    """Decode the points of any cloud; also return how many were dropped as not finite.
+    """Decode the points of any cloud; also return how many were dropped as missing returns.
 
-    As read_points, in the order of the file if to-bag sorted the cloud by time. Reflectance is
+    As read_points, in the order of the file if to-bag sorted the cloud by time. Missing returns are
+    not finite, or 0 0 0 in an organised cloud (as earlier Ouster drivers have them). Reflectance is
     clipped to 0..1; it is 0 where it is NaN.
 
     Raises:
@@ -87,9 +88,12 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
     """
     points = read_points(message, file_order(message), intensity_scale)
     x, y, z, reflectance = points.T
-    if np.isfinite(points).all() and ((reflectance >= 0) & (reflectance <= 1)).all():
+    is_return = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    if message.height > 1:
+        is_return &= (x != 0) | (y != 0) | (z != 0)
+    if is_return.all() and ((reflectance >= 0) & (reflectance <= 1)).all():
         return points, 0
-    kept = points[np.isfinite(x) & np.isfinite(y) & np.isfinite(z)]
+    kept = points[is_return]
     reflectance = kept[:, 3]
     np.clip(reflectance, 0, 1, out=reflectance)
     reflectance[np.isnan(reflectance)] = 0

@@ -142,11 +142,13 @@ class PointValues:
     @cached_property
     def distance(self) -> Float32Array:
         """The distance from the scanner."""
-        return _hypotenuse(self._across, self.z)
+        distance: Float32Array = np.hypot(self._across, self.z)
+        return distance
 
     @cached_property
     def _across(self) -> Float32Array:
-        return _hypotenuse(self.x, self.y)
+        across: Float32Array = np.hypot(self.x, self.y)
+        return across
 
     @property
     def millimetres(self) -> npt.NDArray[np.uint32]:
@@ -168,11 +170,6 @@ class PointValues:
     def label_color(self) -> Float32Array:
         """The colour of the class."""
         return packed_colors(self.label_class)
-
-
-def _hypotenuse(one: Float32Array, other: Float32Array) -> Float32Array:
-    with np.errstate(over='ignore', invalid='ignore'):
-        return np.sqrt(one * one + other * other)
 
 
 def rings(points: Float32Array) -> npt.NDArray[np.uint16]:

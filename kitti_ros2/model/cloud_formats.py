@@ -15,10 +15,11 @@
   as the documentation of point cloud fields says, 0 to 2 pi as its nodes write it; time_stamp is
   nanoseconds since the stamp, and rises (sensing/autoware_pointcloud_preprocessor/src/
   distortion_corrector/distortion_corrector.cpp, undistort_pointcloud, 0f14dfb).
-- Ouster driver (ouster-ros 0.12.4: include/ouster_ros/os_point.h:22-31, 7ef403d): a struct of PCL,
+- Ouster driver (ouster-ros, include/ouster_ros/os_point.h:22-31, 7ef403d): a struct of PCL,
   48 bytes. src/point_cloud_compose.h (015f03e): one row a laser, the highest first; one column a
   moment; t is nanoseconds since the stamp, 0 where it would be negative. src/
-  point_cloud_processor.h (015f03e): missing returns have NaN for x y z.
+  point_cloud_processor.h (015f03e): missing returns have NaN for x y z. LIO-SAM shuts down on
+  clouds that are not dense (src/imageProjection.cpp, cachePointCloud): it needs xyzirt.
 """
 
 from __future__ import annotations
