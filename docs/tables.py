@@ -21,6 +21,7 @@ from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rename_topic
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.messages.transforms import static_links
+from kitti_ros2.model.cloud_formats import FORMATS, VALUES, Order, Points
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options.messages import Images, MessageOptions, Objects, Preset
 from kitti_ros2.synthetic.rig import make_calibration
@@ -28,6 +29,8 @@ from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+
+    from kitti_ros2.model.cloud_formats import CloudField
 
 ROOT = Path(__file__).resolve().parents[1]
 CAMERAS = '{gray,color}_{left,right}'
@@ -111,6 +114,7 @@ def topics() -> str:
         objects=Objects.BOTH,
         annotations=True,
         covariances=True,
+        points=Points.OUSTER,
     )
     rows = [
         (
@@ -122,6 +126,46 @@ def topics() -> str:
         for row in make_table({0: CAMERAS}, 'image_rect', options)
     ]
     return table(('topic', 'type', 'stream', 'QoS'), rows)
+
+
+def clouds() -> str:
+    """Return the formats of clouds."""
+    rows = [
+        (
+            _code(name.value),
+            each.follows,
+            ', '.join(f'{_code(field.name)} {_field_type(field)}' for field in each.fields),
+            str(each.point_step),
+            '64 x N, NaN without a return' if each.order is Order.GRID else '1 x N',
+            each.order.value,
+            'start of the turn' if each.is_timed else 'facing forward',
+        )
+        for name, each in FORMATS.items()
+    ]
+    head = ('--points', 'as', 'fields, with offset', 'bytes', 'size', 'order', 'stamp of a scan')
+    return table(head, rows)
+
+
+def cloud_fields() -> str:
+    """Return the fields of clouds with their values."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for name, each in FORMATS.items():
+        for field in each.fields_of(timed=True, labelled=each.extensible):
+            kind = _field_type(field).partition(' ')[0]
+            is_label = field.value.startswith('label')
+            of = '--semantic' if is_label else name.value
+            known = rows.setdefault((field.name, kind, VALUES[field.value]), [])
+            known += [of] if of not in known else []
+    return table(
+        ('field', 'type', 'value', 'in'),
+        ((_code(name), kind, value, ', '.join(map(_code, of)))
+         for (name, kind, value), of in rows.items()),
+    )  # fmt: skip
+
+
+def _field_type(field: CloudField) -> str:
+    names = {'f': 'float', 'u': 'uint'}
+    return f'{names[field.kind[1]]}{8 * int(field.kind[2])} at {field.offset}'
 
 
 def renamed_topics() -> str:
@@ -314,6 +358,8 @@ def _code(text: str) -> str:
 
 
 TABLES: dict[str, Callable[..., str]] = {
+    'cloud-fields': cloud_fields,
+    'clouds': clouds,
     'command': command,
     'containers': containers,
     'exit-codes': exit_codes,
