@@ -67,7 +67,7 @@ def encode_scan(
     values = PointValues(file, scan.turn, stamp_ns, labels)
     is_dense = bool(np.isfinite(file).all())
     if len(fields) == len(_XYZI):
-        cloud = file.view(cloud_format.point(fields)).reshape(1, -1)
+        cloud = file.view(_point(fields, cloud_format)).reshape(1, -1)
     else:
         cloud = _arranged(_filled(fields, cloud_format, values), cloud_format, values)
         is_dense = is_dense and cloud.size == len(file)
@@ -87,11 +87,21 @@ def encode_scan(
     )
 
 
+def _point(fields: Sequence[CloudField], cloud_format: CloudFormat) -> np.dtype[np.void]:
+    """Return the structured type of a point with fields of a format."""
+    return np.dtype({
+        'names': [field.name for field in fields],
+        'formats': [field.kind for field in fields],
+        'offsets': [field.offset for field in fields],
+        'itemsize': cloud_format.step_of(fields),
+    })  # fmt: skip
+
+
 def _filled(
     fields: Sequence[CloudField], cloud_format: CloudFormat, values: PointValues
 ) -> npt.NDArray[np.void]:
     """Return (N,) points in the order of the file."""
-    cloud = np.zeros(len(values.x), dtype=cloud_format.point(tuple(fields)))
+    cloud = np.zeros(len(values.x), dtype=_point(fields, cloud_format))
     for field in fields:
         cloud[field.name] = getattr(values, field.value)
     return cloud
@@ -157,7 +167,7 @@ def _decode_nearest(message: PointCloud2, points: Points) -> Scan:
 
 
 def _described(cloud_format: CloudFormat) -> list[tuple[str, int, int, int]]:
-    return _tuples(_message_fields(cloud_format.point(cloud_format.fields)))
+    return _tuples(_message_fields(_point(cloud_format.fields, cloud_format)))
 
 
 def _tuples(fields: Sequence[PointField]) -> list[tuple[str, int, int, int]]:

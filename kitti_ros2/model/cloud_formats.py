@@ -26,8 +26,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class Points(str, Enum):
@@ -90,6 +92,11 @@ class CloudField:
     value: str
     timed: bool = False
 
+    @property
+    def end(self) -> int:
+        """The offset behind its last byte."""
+        return self.offset + int(self.kind[2:])
+
 
 @dataclass(frozen=True)
 class CloudFormat:
@@ -125,25 +132,16 @@ class CloudFormat:
     def fields_of(self, *, timed: bool, labelled: bool = False) -> tuple[CloudField, ...]:
         """Return the fields of a scan: whether its points have times, and labels."""
         fields = [field for field in self.fields if timed or not field.timed]
-        step = self.point_step if len(fields) == len(self.fields) else _end(fields[-1])
+        step = self.point_step if len(fields) == len(self.fields) else fields[-1].end
         for name, kind, value in _LABELS if labelled else ():
             fields.append(CloudField(name, kind, step, value))
-            step = _end(fields[-1])
+            step = fields[-1].end
         return tuple(fields)
 
-    def point(self, fields: tuple[CloudField, ...]) -> np.dtype[np.void]:
-        """Return the structured type of a point with fields of this format."""
+    def step_of(self, fields: Sequence[CloudField]) -> int:
+        """Return the bytes of a point with fields of this format."""
         whole = fields[-1].name == self.fields[-1].name
-        return np.dtype({
-            'names': [field.name for field in fields],
-            'formats': [field.kind for field in fields],
-            'offsets': [field.offset for field in fields],
-            'itemsize': self.point_step if whole else _end(fields[-1]),
-        })  # fmt: skip
-
-
-def _end(field: CloudField) -> int:
-    return field.offset + np.dtype(field.kind).itemsize
+        return self.point_step if whole else fields[-1].end
 
 
 _LABELS = (

@@ -111,6 +111,7 @@ def test_live_bytes_are_the_bags(player, listen, recording_path, tmp_path):
     ('words', 'parameters'),
     [
         (['--ring-time'], ['ring_time:=true']),
+        (['--points', 'ouster'], ['points:=ouster']),
         (['--scan-stamp', 'start', '--period', '0.2'], ['scan_stamp:=start', 'period:=0.2']),
     ],
 )
