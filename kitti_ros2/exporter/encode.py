@@ -162,12 +162,12 @@ class Encoder:
         return (*notes, *self._unmatched)
 
     def _missing_source(self) -> list[str]:
-        """Return a note if clouds cannot restore their files, and these are not selected."""
+        """Return a note if clouds have a loss and the points of the files are not selected."""
         topics = {row.topic for row in self.table if row.stream is Stream.SCAN and row.restores}
         loss = FORMATS[self._rig.options.cloud].loss
         if not loss or not topics or POINTS in topics:
             return []
-        return [f"without {POINTS} to-kitti cannot restore KITTI's scans: {loss}"]
+        return [f'{POINTS} is left out, so in the scans that to-kitti restores, {loss}']
 
     def _labels_of(self, number: int) -> FrameLabels | None:
         """Read the labels of a frame; None if it is not labelled."""

@@ -126,7 +126,7 @@ def decode_scan(message: PointCloud2) -> Scan:
 
     The points are a view of the message if its step is 16. Lasers and times follow from the points,
     start and end of the sweep are not in the message. A cloud of a format that cannot restore the
-    file becomes the nearest scan; missing then names the difference.
+    file becomes the nearest scan, with the difference.
 
     Raises:
         ValueError: The cloud has other fields or data of another length, or file_index does not
@@ -163,7 +163,7 @@ def _decode_nearest(message: PointCloud2, points: Points) -> Scan:
         found[:, 3] = (hundredths / 100).astype(np.float32)
     if FORMATS[points].order is Order.GRID:
         found = found[~np.isnan(found[:, :3]).any(axis=1)]
-    return Scan(found, missing={'points': f'from {points.value} clouds: {FORMATS[points].loss}'})
+    return Scan(found, difference=f'in clouds of {points.value}, {FORMATS[points].loss}')
 
 
 def _described(cloud_format: CloudFormat) -> list[tuple[str, int, int, int]]:

@@ -72,6 +72,7 @@ class Scan:
         missing: Requested data that is missing: name to the reason, a line.
         turn: When each direction was scanned; None if all points are of one moment, as in scans
             that KITTI has compensated for motion.
+        difference: Difference of the points from those of the file, '' if they are the same.
     """
 
     points: Float32Array
@@ -80,6 +81,7 @@ class Scan:
     labels: npt.NDArray[np.uint32] | None = None
     missing: Mapping[str, str] = field(default_factory=dict)
     turn: Turn | None = None
+    difference: str = ''
 
 
 @dataclass(frozen=True)

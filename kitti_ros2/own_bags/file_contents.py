@@ -46,4 +46,4 @@ def format_sample(
             raise ValueError(error)
     is_text = path.suffix == names.TXT
     data = format_scan_text(sample.points) if is_text else format_scan(sample.points)
-    return data, '; '.join(sample.missing.values())
+    return data, sample.difference

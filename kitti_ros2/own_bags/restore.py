@@ -148,7 +148,7 @@ class _Writer:
         self._unplaced: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
-        self._differences: dict[tuple[Stream, str], set[int]] = {}
+        self._differences: dict[str, set[int]] = {}
         self.size_bytes = 0
 
     def files(self) -> Iterator[_File]:
@@ -239,9 +239,7 @@ class _Writer:
             return
         self._counts[stream.value] += 1
         if written.difference:
-            self._differences.setdefault((stream, written.difference), set()).add(
-                written.file.number
-            )
+            self._differences.setdefault(written.difference, set()).add(written.file.number)
         self._written.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
@@ -266,9 +264,9 @@ class _Writer:
         if scans and deskew is not None:
             text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
             missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
-        for (stream, difference), changed in self._differences.items():
-            text = f"{stream.value} files {{}} are written {difference}, not as in KITTI's files"
-            missing.append(Loss(stream.value, len(changed), text, tuple(sorted(changed))))
+        for difference, changed in self._differences.items():
+            text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
+            missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
         return ImportReport(
             layout=self._blueprint.layout,
             name=self._blueprint.name,

@@ -123,10 +123,10 @@ def test_any_scan_is_encoded_and_read_back_up_to_the_loss_of_its_format(points, 
     assert message.is_dense == (bool(np.isfinite(file).all()) and points is not Points.OUSTER)
     found = decode_scan(message)
     if not FORMATS[points].loss:
-        assert not found.missing
+        assert not found.difference
         assert found.points.tobytes() == file.tobytes()
         return
-    assert list(found.missing.values()) == [f'from {points.value} clouds: {FORMATS[points].loss}']
+    assert found.difference == f'in clouds of {points.value}, {FORMATS[points].loss}'
     if points is Points.OUSTER:
         here = file[~np.isnan(file[:, :3]).any(axis=1)]
         assert sorted_rows(found.points) == sorted_rows(here)
