@@ -43,6 +43,8 @@ WAYS = {
     'split': ('', '--split-size', '2MB'),
     'raw': ('.mcap', '--images', 'raw'),
     'ring': ('.bag', '--images', 'both', '--ring-time', '--trails', '--marker-colors', 'track'),
+    'ouster': ('', '--points', 'ouster'),
+    'autoware': ('.bag', '--points', 'xyzircaedt'),
     'kitti2bag': ('.bag', '--preset', 'kitti2bag', '--base-to-imu', '-0.05,0.32,0.93'),
     'devkit': ('.mcap', '--map', 'devkit', '--no-tf', '--start', '1', '--streams', 'oxts,scan'),
 }

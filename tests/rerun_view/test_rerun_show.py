@@ -19,6 +19,8 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.drawing.palette import PREDICTION_COLOR
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.messages.source import POINTS as SOURCE_POINTS
+from kitti_ros2.model.cloud_formats import Points
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import MessageOptions
@@ -177,3 +179,16 @@ def test_the_space_shows_the_markers_of_predictions(recordings, tmp_path):
         'detections', 'markers')]  # fmt: skip
     hidden = {each for each in topics if f'- /kitti/{each}/**' in contents}
     assert hidden == {'labels/markers', 'predictions/detections'}
+
+
+def test_an_organised_cloud_is_shown_once_without_missing_returns(recordings, tmp_path):
+    recording = open_recording(recordings[Layout.OBJECT])
+    program = RecordingProgram(recording, MessageOptions(points=Points.OUSTER), ALL, 2)
+    rrd, report = show_in(tmp_path / 'o.rrd', program)
+    assert not report.losses
+    assert not rrd.having(SOURCE_POINTS, 'Points3D:positions')
+    found = rrd.having(POINTS, 'Points3D:positions')
+    numbers = recording.streams[Stream.SCAN].numbers.tolist()
+    for number, (_, positions) in zip(numbers, found, strict=True):
+        expected = recording.read(Stream.SCAN, number).points[:, :3]
+        assert sorted(map(bytes, positions.reshape(-1, 3))) == sorted(map(bytes, expected))
