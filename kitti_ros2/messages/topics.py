@@ -200,8 +200,8 @@ _LEFT_OUT = {
 """By option the types of messages that are not made."""
 _SOURCE_ROW = Topic(POINTS, CLOUD, Stream.SCAN, encoders.make_source_scan,
                     lambda message, _: decode_scan(message), restores=True)  # fmt: skip
-"""The row of scans whose clouds are in a format with a loss. It precedes them: readers of bags take
-the first topic of a stream that has a decoder."""
+"""The row of scans whose clouds are in a format with a loss: whole points, which restore the file
+alone. It precedes them, since readers of bags take a stream's first topic with a decoder."""
 _TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
 _COVARIANCE_ROW = Topic(
     '/kitti/oxts/vel_with_covariance',
