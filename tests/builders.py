@@ -68,6 +68,15 @@ def png_bytes(width: int, height: int, channels: int = 3) -> bytes:
     return data.tobytes()
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    """The files below a folder, by their names in it."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob('*')
+        if path.is_file()
+    }
+
+
 def one_line(text: str) -> str:
     """The only line of what a command complained."""
     lines = text.splitlines()

@@ -32,6 +32,7 @@ class ReadKeywords(TypedDict, total=False):
     raw: str | os.PathLike[str] | None
     deskew: bool
     undo_deskew: bool
+    stereo: bool
 
 
 class ToBagKeywords(ReadKeywords, total=False):
@@ -65,6 +66,10 @@ class ToBagKeywords(ReadKeywords, total=False):
     imu_from: str | os.PathLike[str] | None
     imu_stamps: str
     covariances: bool | None
+    ground_truth_tree: bool
+    ground_truth_map: str
+    ground_truth_base: str
+    color_encoding: str
     storage: str | None
     strict: bool
     compression: str

@@ -14,6 +14,7 @@ from ..importer.guess import guess_plan
 from ..importer.survey import glance, look
 from ..importer.sync import default_tolerance_ns
 from ..messages.naming import FrameNames
+from ..messages.topics import own_topics
 from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout
@@ -65,7 +66,8 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
         if topic is None or not topic.count:
             raise UsageError(f'{bag.path}: has no messages on {options.gt_topic}')
         named = plan_of(topic)
-        plan = replace(plan, pose=replace(named, body=named.body or FrameNames().base))
+        body = '' if topic.name in own_topics() else named.body
+        plan = replace(plan, pose=replace(named, body=body or FrameNames().base))
     if plan.pose is None:
         raise MissingDataError(
             f'{bag.path}: has no poses; a ground truth in a bag is an Odometry, a PoseStamped, a'

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import guess_intensity_scale
 from ..messages.source import LABEL_LINES, POINTS
-from ..messages.topics import prediction_topics
+from ..messages.topics import own_topics, prediction_topics
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
@@ -155,6 +155,8 @@ class _Guesser:
                 self._pass_over('poses', best, topics)
                 look = best.looks[0] if best.looks else None
                 body = str(getattr(look, 'child_frame_id', '')).lstrip('/')
+                if best.name in own_topics():  # of base_link, also if its tree names it otherwise
+                    body = ''
                 return PosePlan(best.name, body or self._body(), best.frame)
         tf = [each for each in self._survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
         links = [link for link in self._survey.moving if link[1] in _BODIES]

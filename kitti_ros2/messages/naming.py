@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from ..model.errors import UsageError
 from ..model.geometry import Transform
-from ..model.streams import CAMERA_NAMES
+from ..model.streams import CAMERA_COUNT, CAMERA_NAMES
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ class FrameNames:
     Attributes:
         map: Fixed to the world; its origin is the first position of base (see map_frame.py).
         base: On the ground below the middle of the rear axle.
+        truth: The same place, as the ground truth poses name it: base, unless these have a TF tree
+            of their own.
         imu: The GPS/IMU unit (x forward, y left, z up).
         velo: The laser scanner (x forward, y left, z up).
         camera_pattern: Optical frames (x right, y down, z forward), {} the camera's name.
@@ -36,6 +39,7 @@ class FrameNames:
     imu: str = 'imu_link'
     velo: str = 'velo_link'
     camera_pattern: str = 'camera_{}_optical_frame'
+    truth: str = 'base_link'
     cameras: Mapping[int, str] = field(default_factory=dict)
 
     def camera(self, index: int) -> str:
@@ -83,6 +87,23 @@ def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
     if preset is Preset.KITTI2BAG:
         return FrameNames(map='world', camera_pattern='camera_{}', cameras=named)
     return FrameNames(cameras=named)
+
+
+def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> FrameNames:
+    """Return the frame names with the ground truth's own ones, if the options request them.
+
+    Raises:
+        UsageError: One of these is a frame of the sensors, which would join both trees.
+    """
+    if not options.ground_truth_tree:
+        return frames
+    own = options.ground_truth_map, options.ground_truth_base
+    cameras = (frames.camera(index) for index in range(CAMERA_COUNT))
+    sensors = {frames.base, frames.imu, frames.velo, *cameras}
+    for name in own:
+        if name in sensors:
+            raise UsageError(f'{name} is a frame of the sensors; ground_truth_tree needs another')
+    return replace(frames, map=own[0], truth=own[1])
 
 
 def base_t_imu(options: MessageOptions) -> Transform:

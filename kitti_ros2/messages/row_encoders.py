@@ -78,14 +78,14 @@ def make_path(trajectory: Trajectory, moment: Moment) -> object | None:
 
 def make_odometry(pose: Pose, moment: Moment) -> object:
     """Make the Odometry of base_link in map."""
-    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    frames = (moment.rig.frames.map, moment.rig.frames.truth)
     placed = place_pose(pose, moment.rig.map_T_world)
     return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
 
 
 def make_tf(pose: Pose, moment: Moment) -> object:
     """Make the transform map -> base_link."""
-    frames = (moment.rig.frames.map, moment.rig.frames.base)
+    frames = (moment.rig.frames.map, moment.rig.frames.truth)
     placed = place_pose(pose, moment.rig.map_T_world)
     return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
 

@@ -20,6 +20,7 @@ from .parsers import (
     parse_number,
     parse_place,
     parse_seconds_ns,
+    parse_text,
 )
 
 
@@ -45,6 +46,14 @@ class Objects(str, Enum):
     BOTH = 'both'
 
 
+class ColorEncoding(str, Enum):
+    """Encodings of the pixels of colour images, by their names in sensor_msgs/Image."""
+
+    RGB8 = 'rgb8'
+    BGR8 = 'bgr8'
+    MONO8 = 'mono8'
+
+
 class Images(str, Enum):
     """Form of images: the bytes of the PNG file, decoded pixels, or both."""
 
@@ -53,6 +62,7 @@ class Images(str, Enum):
     BOTH = 'both'
 
 
+GROUND_TRUTH_MAP, GROUND_TRUTH_BASE = 'map_gt', 'base_link_gt'
 BASE_T_IMU = (-0.05, 0.32, 0.93)
 KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
 
@@ -154,10 +164,16 @@ class MessageOptions:
         covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
             published, too; None is not.
         points: Format of clouds; None follows ring_and_time.
+        ground_truth_tree: Whether the poses are on a TF tree of their own, so that a stack may own
+            map, odom and base_link.
+        ground_truth_map, ground_truth_base: The frames of that tree.
+        stereo: Whether right cameras have their own frame and the CameraInfo of a stereo pair;
+            see messages/camera_info.py. The stamps of pairs are of ReadOptions.
+        color_encoding: Encoding of the pixels of colour images; grey ones are mono8 or mono16.
 
     Raises:
-        UsageError: base_to_imu is not three finite numbers, Autoware has no such label, or options
-            exclude each other.
+        UsageError: base_to_imu is not three finite numbers, a frame of the ground truth is
+            invalid, Autoware has no such label, or options exclude each other.
     """
 
     group: ClassVar = 'Messages'
@@ -219,6 +235,21 @@ class MessageOptions:
         Points,
         unset='xyzi, with ring time xyzirt',
     )
+    ground_truth_tree: bool = option(
+        False,
+        'Ground truth on a TF tree of its own; map, odom and base_link are left to a stack',
+        parse_flag,
+    )
+    ground_truth_map: str = option(
+        GROUND_TRUTH_MAP, 'With --ground-truth-tree: its fixed frame', parse_text, metavar='FRAME'
+    )
+    ground_truth_base: str = option(
+        GROUND_TRUTH_BASE, 'With --ground-truth-tree: its moving frame', parse_text, metavar='FRAME'
+    )
+    stereo: bool = False
+    color_encoding: ColorEncoding = choice(
+        ColorEncoding.BGR8, 'Encoding of raw colour images', ColorEncoding
+    )
 
     @property
     def cloud(self) -> Points:
@@ -226,6 +257,7 @@ class MessageOptions:
         return self.points or (Points.XYZIRT if self.ring_and_time else Points.XYZI)
 
     def __post_init__(self) -> None:
+        self._check_ground_truth()
         if self.ring_and_time and self.cloud is not Points.XYZIRT:
             raise UsageError(
                 f'ring_time is short for points xyzirt and does not go with points'
@@ -241,3 +273,17 @@ class MessageOptions:
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
         check_labels(dict(self.autoware_labels))
+
+    def _check_ground_truth(self) -> None:
+        frames = self.ground_truth_map, self.ground_truth_base
+        if not self.ground_truth_tree:
+            if frames != (GROUND_TRUTH_MAP, GROUND_TRUTH_BASE):
+                raise UsageError(
+                    'ground_truth_map and ground_truth_base are for ground_truth_tree; give it too'
+                )
+            return
+        for name in frames:
+            if not name or name.startswith('/') or any(map(str.isspace, name)):
+                raise UsageError(f'{name!r} is not a TF frame: no blanks, and no / at the start')
+        if frames[0] == frames[1]:
+            raise UsageError(f'ground_truth_map and ground_truth_base are both {frames[0]}')

@@ -54,6 +54,7 @@ class ReadOptions:
         deskew: Whether scans are compensated for motion, to the moment of facing forward. Those of
             odometry already are.
         undo_deskew: Whether scans that KITTI has compensated (odometry) are read as measured.
+        stereo: Whether right images have the stamps of their left ones; see kitti/stereo_pairs.py.
 
     Raises:
         UsageError: The epoch is not after 1970, the period is out of range, options exclude each
@@ -122,6 +123,11 @@ class ReadOptions:
     )
     undo_deskew: bool = option(
         False, "Undo KITTI's compensation of odometry scans: points as measured", parse_flag
+    )
+    stereo: bool = option(
+        False,
+        "Stereo pairs: one stamp a pair, right cameras with their own frame and the pair's P",
+        parse_flag,
     )
 
     def __post_init__(self) -> None:

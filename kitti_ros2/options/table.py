@@ -278,6 +278,7 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     messages = MessageOptions(
         **values_for(MessageOptions, parsed),
         semantic=parsed.get('semantic', False),
+        stereo=parsed.get('stereo', False),
         overlaps=predictions.overlaps,
         markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
     )

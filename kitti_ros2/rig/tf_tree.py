@@ -100,6 +100,10 @@ class FrameTree:
         """The frames without a parent."""
         return sorted(frame for frame in self.frames if not self._parents.get(frame))
 
+    def root_of(self, frame: str) -> str:
+        """Return the root of a frame's tree."""
+        return self._ancestors(_plain(frame))[-1]
+
     def faults(self) -> list[str]:
         """Describe the frames with several parents, and the circles."""
         found = [

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..bags.locate import METADATA
+from ..messages.naming import FrameNames
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 Size = tuple[int, int]
 _UNDEFINED = 'it is copied as it is'
+_GROUND_TRUTH = '/kitti/ground_truth/'
+"""Topics of to-bag, whose frames may be a tree of their own."""
 _FIXED = frozenset({'', 'map', 'odom', 'world', 'earth'})
 
 
@@ -94,7 +97,11 @@ def _find_changing(bag: BagFacts) -> Iterator[Breach]:
 
 
 def _find_apart(bag: BagFacts) -> Iterator[Breach]:
-    roots = [] if bag.tree is None else bag.tree.roots
+    if bag.tree is None:
+        return
+    vehicle = bag.tree.root_of(FrameNames().base)
+    truth = {frame for frame, topic in bag.frames.items() if topic.startswith(_GROUND_TRUTH)}
+    roots = [root for root in bag.tree.roots if root == vehicle or root not in truth]
     if len(roots) > 1:
         yield Breach(f'{len(roots)} trees, of {", ".join(roots[:8])}', bag.path)
 
