@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from ..files.png.decode import decode_png
 from ..messages.cdr import Message
@@ -15,14 +15,16 @@ from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import image_topic
-from ..messages.source import POINTS, promise
+from ..messages.source import GREY, POINTS, promise
 from ..messages.topics import make_table, select_topics, unmatched
 from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
 from ..model.losses import Loss, format_numbers
+from ..model.msgtypes import IMAGE
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
+from ..options.messages import ColorEncoding
 from .turn_notes import turn_notes
 
 if TYPE_CHECKING:
@@ -105,7 +107,10 @@ class Encoder:
         except (KittiRos2Error, OSError) as error:
             return [], [Loss(row.topic, 1, describe_error(error)) for _, row in rows]
         if isinstance(sample, Calibration):
-            self._nominal.update(with_nominal_mounts(sample, self._rig.cameras).nominal)
+            mounted = with_nominal_mounts(
+                sample, self._rig.cameras, stereo=self._rig.options.stereo
+            )
+            self._nominal.update(mounted.nominal)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -150,6 +155,12 @@ class Encoder:
             notes.append(
                 f'{self._rig.frames.map} is base_link at the first pose, not east-north-up: the'
                 f' layout has no gravity'
+            )
+        raw = [row for row in self.table if row.msgtype == IMAGE]
+        if options.color_encoding is not ColorEncoding.BGR8 and not raw:
+            notes.append(
+                f'color_encoding {options.color_encoding.value} changes nothing: images are'
+                f" compressed, the files' own bytes; --images raw or both has pixels"
             )
         if self._rows[Stream.SCAN]:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
@@ -240,7 +251,26 @@ class Encoder:
         calibrations: list[str] = []
         if Stream.CALIBRATION in carried and not numbered:
             calibrations = [file.name for file in self._recording.calibration(0).files]
-        return promise(self._recording.describe(), carried, calibrations)
+        described = promise(self._recording.describe(), carried, calibrations)
+        grey = self._colours_lost()
+        return replace(described, values={**described.values, GREY: grey}) if grey else described
+
+    def _colours_lost(self) -> list[str]:
+        """Return the streams of colour images whose pixels are encoded as grey."""
+        if self._rig.options.color_encoding is not ColorEncoding.MONO8:
+            return []
+        raw = {row.stream for row in self.table if row.msgtype == IMAGE and row.restores}
+        return sorted(stream.value for stream in raw if self._is_colour(stream))
+
+    def _is_colour(self, stream: Stream) -> bool:
+        """Whether the first readable image of a stream has colours."""
+        for number in self._schedule.numbers_of(stream):
+            try:
+                image = cast('Image', self._recording.read(stream, number))
+            except (KittiRos2Error, OSError):
+                continue
+            return image.channels > 1
+        return False
 
 
 def _selected_streams(

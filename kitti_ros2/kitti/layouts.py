@@ -24,6 +24,7 @@ from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
 from .motion import prepare_motion
+from .stereo_pairs import prepare_stereo
 
 if TYPE_CHECKING:
     from ..model.layouts import Layout
@@ -124,6 +125,7 @@ def open_candidate(
 def _open(candidate: Candidate, options: ReadOptions) -> KittiRecording:
     recording = candidate.open(options)
     prepare_motion(recording)
+    prepare_stereo(recording)
     return recording
 
 

@@ -111,6 +111,8 @@ class KittiRecording(RecordingIndex):
             values['deskew'] = self.deskew.value
         if self.extract is not None:
             values['imu_from'] = self.extract.describe()
+        if self.stereo:
+            values['stereo'] = True
         files: list[TextFile] = []
         missing: dict[str, str] = {}
         for path in self.text_paths():

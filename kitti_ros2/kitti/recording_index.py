@@ -41,6 +41,7 @@ class RecordingIndex:
         self.turns: dict[int, Turn] = {}
         self.origins: Mapping[int, FrameOrigin] = {}
         self.deskew: Deskew | None = None
+        self.stereo = False
         self.adjust_scan: Callable[[int, Scan], Scan] = lambda _, scan: scan
         self.results: ResultFiles | None = None
         self.extract: PacketFiles | None = None

@@ -11,6 +11,20 @@ One rule: P (after R) projects points given in header.frame_id, exactly as KITTI
   K_rect in P. The cameras' R_0i, T_0i and P_rect differ by up to 0.3 mm in KITTI's files; the
   remainder is in P's fourth column.
 - Cameras with extrinsics of their own (Waymo): their own frame, and P as it is.
+
+On request the pairs of cameras (0 and 1, 2 and 3) follow the rule of stereo nodes instead: each
+camera names its own frame, so that the baseline is in TF, too; P is K_rect, and in the right camera
+Tx = -fx B, B the baseline along x, with Ty = Tz = 0 (CameraInfo.msg on the second camera of a
+horizontal pair). Who reads what:
+
+- cuVSLAM: K, and the extrinsics from TF by the frame of each CameraInfo (isaac_ros_visual_slam
+  8d7f280, src/impl/visual_slam_impl.cpp, Initialize); mono8 and rgb8 only (575961b,
+  src/impl/cuvslam_ros_conversion.cpp, TocuVSLAMImageEncoding).
+- rtabmap: the left frame, and the baseline of P, for rectified images; TF between both frames for
+  others, where equal frames are an error (rtabmap_ros, stereo_odometry, alreadyRectified).
+- stereo_image_proc: the left header, and the baseline of P (image_pipeline 2290f49,
+  disparity_node.cpp). image_geometry asserts equal frames of both, in debug builds only, and equal
+  fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp, fromCameraInfo).
 """
 
 from __future__ import annotations
@@ -29,15 +43,19 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
 
+_PAIRED = frozenset(LEFT_OF) | frozenset(LEFT_OF.values())
 _SINGULAR = 1e-9
 _ROTATION = 1e-3
 _LARGEST = 1e9
 
 
-def image_frame_camera(calibration: Calibration, index: int) -> int:
-    """Return the camera whose optical frame is the frame_id of a camera's images."""
+def image_frame_camera(calibration: Calibration, index: int, *, stereo: bool = False) -> int:
+    """Return the camera whose optical frame is the frame_id of a camera's images.
+
+    With stereo it is the camera itself.
+    """
     left = LEFT_OF.get(index)
-    if left is None or not calibration.rectified or calibration.independent_cameras:
+    if stereo or left is None or not calibration.rectified or calibration.independent_cameras:
         return index
     return left if left in calibration.cameras else index
 
@@ -60,8 +78,26 @@ def projection(calibration: Calibration, index: int) -> Float64Array:
     return np.column_stack([k, k @ rest])
 
 
+def stereo_projection(calibration: Calibration, index: int) -> Float64Array:
+    """Return (3, 4) P of CameraInfo by the rule of stereo nodes; projection's for other cameras."""
+    cameras, left = calibration.cameras, LEFT_OF.get(index, index)
+    if calibration.independent_cameras or index not in _PAIRED:
+        return projection(calibration, index)
+    fx_baseline = 0.0
+    if left in cameras:
+        offset = rectified_offset(cameras[index]) - rectified_offset(cameras[left])
+        fx_baseline = cameras[index].p_rect[0, 0] * offset[0]
+    return np.column_stack([cameras[index].p_rect[:, :3], [fx_baseline, 0.0, 0.0]])
+
+
 def encode_camera_info(
-    calibration: Calibration, index: int, size: tuple[int, int], stamp_ns: int, frame_id: str
+    calibration: Calibration,
+    index: int,
+    size: tuple[int, int],
+    stamp_ns: int,
+    frame_id: str,
+    *,
+    stereo: bool = False,
 ) -> CameraInfo:
     """Make the CameraInfo of a camera.
 
@@ -71,6 +107,7 @@ def encode_camera_info(
         size: (width, height) of its images.
         stamp_ns: The image's own.
         frame_id: The image's own.
+        stereo: Whether P follows the rule of stereo nodes.
     """
     camera = calibration.cameras[index]
     k, d, r = camera.p_rect[:, :3], np.zeros(5), np.eye(3)
@@ -86,7 +123,7 @@ def encode_camera_info(
         d=d,
         k=np.ascontiguousarray(k).ravel(),
         r=r.ravel(),
-        p=projection(calibration, index).ravel(),
+        p=(stereo_projection if stereo else projection)(calibration, index).ravel(),
         binning_x=0,
         binning_y=0,
         roi=RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),

@@ -53,8 +53,9 @@ if TYPE_CHECKING:
 
 def make_static(calibration: Calibration, moment: Moment) -> object:
     """Make the static tree, with nominal mounts of cameras where the calibration has none."""
-    mounted = with_nominal_mounts(calibration, moment.rig.cameras)
-    links = static_links(mounted, moment.rig.base_t_imu, moment.rig.frames)
+    rig = moment.rig
+    mounted = with_nominal_mounts(calibration, rig.cameras, stereo=rig.options.stereo)
+    links = static_links(mounted, rig.base_t_imu, rig.frames)
     return encode_static(links, moment.stamp_ns)
 
 
@@ -114,8 +115,9 @@ def make_compressed(image: Image, moment: Moment) -> object:
 
 
 def make_image(image: Image, moment: Moment) -> object:
-    """Make the Image of an image's pixels."""
-    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment))
+    """Make the Image of an image's pixels, of colour in the encoding that the options request."""
+    encoding = moment.rig.options.color_encoding
+    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment), encoding)
 
 
 def make_annotated(image: Image, moment: Moment) -> object:
@@ -167,21 +169,24 @@ def make_camera_info(image: Image, moment: Moment) -> object:
         )
         raise MissingDataError(f'{reason}; it is needed for camera_info')
     size = (image.width, image.height)
-    template = _camera_info_template(calibration, moment.camera, size, _image_frame(moment))
+    stereo = moment.rig.options.stereo
+    frame = _image_frame(moment)
+    template = _camera_info_template(calibration, moment.camera, size, frame, stereo=stereo)
     return restamp(template, moment.stamp_ns)
 
 
 def _image_frame(moment: Moment) -> str:
     calibration = moment.calibration()
-    return moment.rig.frames.camera(image_frame_camera(calibration, moment.camera))
+    stereo = moment.rig.options.stereo
+    return moment.rig.frames.camera(image_frame_camera(calibration, moment.camera, stereo=stereo))
 
 
 @lru_cache(maxsize=64)
 def _camera_info_template(
-    calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str
+    calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str, *, stereo: bool
 ) -> Parts:
     """Return a camera's message, of which only the stamp differs between images."""
-    return serialize(encode_camera_info(calibration, camera, size, 0, frame_id))
+    return serialize(encode_camera_info(calibration, camera, size, 0, frame_id, stereo=stereo))
 
 
 def make_detections(labels: FrameLabels, moment: Moment) -> object:

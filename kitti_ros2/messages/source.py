@@ -28,6 +28,9 @@ POINTS = '/kitti/source/points'
 LABEL_LINES = '/kitti/source/labels'
 OXTS_LINES = '/kitti/source/oxts'
 
+GREY = 'grey'
+"""Key of the description: the streams of colour images whose pixels are in messages as grey."""
+
 
 def encode_text(file: TextFile) -> String:
     """Make a String of a file's name and text."""

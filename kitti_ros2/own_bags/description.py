@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..kitti import names
 from ..kitti.real_time import REAL_TIME, parse_times_of
 from ..messages.moment import Origin
-from ..messages.source import RECORDING
+from ..messages.source import GREY, RECORDING
 from ..messages.topics import decoders
 from ..model.errors import BadBagError
 from ..model.layouts import Layout
@@ -61,7 +61,7 @@ class RecordingDescription:
     """A validated description.
 
     Attributes:
-        layout, name, epoch_ns, period_ns, scan_stamp, deskew: As Blueprint has them.
+        layout, name, epoch_ns, period_ns, scan_stamp, deskew, stereo, grey: As Blueprint has them.
         folders: By stream.
         texts: The text files in the bag, calibration apart; None if the description does not list
             them.
@@ -79,6 +79,8 @@ class RecordingDescription:
     calibrations: tuple[PurePosixPath, ...]
     deskew: Deskew | None
     times: RealTimes | None = None
+    stereo: bool = False
+    grey: frozenset[Stream] = frozenset()
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401
@@ -111,6 +113,8 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             calibrations=tuple(map(PurePosixPath, values.get('calibrations', ()))),
             times=parse_times_of(values[REAL_TIME]) if REAL_TIME in values else None,
             deskew=Deskew(values['deskew']) if 'deskew' in values else None,
+            stereo=bool(values.get('stereo', False)),
+            grey=frozenset(map(Stream, values.get(GREY, ()))),
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'

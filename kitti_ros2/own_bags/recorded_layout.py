@@ -20,6 +20,7 @@ from ..kitti import names
 from ..kitti.layout_files import LAYOUTS
 from ..kitti.real_time import ENDS, STARTS
 from ..kitti.stamps_file import parse_times, parse_timestamps
+from ..kitti.stereo_pairs import LEFT_STREAM_OF, pair_stamps
 from ..kitti.turns import find_turns, scan_stamps
 from ..messages.moment import Origin
 from ..messages.source import CALIBRATION, FILES, RECORDING
@@ -69,6 +70,8 @@ class Blueprint:
         calibrations: Calibration files, in the order of their frames.
         times: The true stamps of an object set in real time; None for others.
         deskew: What to-bag did to the scans; None: they are those of the files.
+        stereo: Whether right images have the stamps of their left ones.
+        grey: Streams of colour images whose raw images are grey.
         topics: Topics of the bag.
         missing: Text files missing in the bag.
         selected: File numbers of the requested part, by stream; None is all.
@@ -87,6 +90,8 @@ class Blueprint:
     calibrations: Mapping[PurePosixPath, str]
     times: RealTimes | None = None
     deskew: Deskew | None = None
+    stereo: bool = False
+    grey: frozenset[Stream] = frozenset()
     topics: frozenset[str] = frozenset()
     missing: frozenset[PurePosixPath] = frozenset()
     selected: Mapping[Stream, frozenset[int]] | None = None
@@ -130,6 +135,9 @@ class Blueprint:
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""
         stamps = self.file_stamps(stream)
+        left = self.stamped_as(stream)
+        if left is not stream:
+            return self._paired_stamps(left, stream)
         if (
             stream is not Stream.SCAN
             or stamps is None
@@ -139,6 +147,23 @@ class Blueprint:
             return stamps
         turns = self.turns()
         return None if turns is None else scan_stamps(stamps, turns, self.scan_stamp)
+
+    def stamped_as(self, stream: Stream) -> Stream:
+        """Return the stream whose stamps a stream's messages have: itself, or its left images."""
+        left = LEFT_STREAM_OF.get(stream, stream)
+        return left if self.stereo and left in self.folders else stream
+
+    def _paired_stamps(self, *pair: Stream) -> dict[int, int] | None:
+        """Map the numbers of right images to stamps of messages; see kitti/stereo_pairs.py."""
+        found = []
+        for stream in pair:
+            stamps = self.file_stamps(stream)
+            if stamps is None:
+                return None
+            numbers = self.folders[stream].numbers
+            found.append({number: stamps[number] for number in numbers if number in stamps})
+        left_ns, right_ns = found
+        return pair_stamps(left_ns, right_ns, common=not self.layout.traits.is_extract(self.name))
 
     @property
     def _compensated(self) -> bool:
@@ -300,6 +325,8 @@ class _Source:
             calibrations=calibrations,
             times=description.times,
             deskew=description.deskew,
+            stereo=description.stereo,
+            grey=description.grey,
             topics=topics,
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),

@@ -88,6 +88,7 @@ class BagRecording:
         self._topics = self._choose()
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
         self._face_forward()
+        self._unpair()
         large = {
             stream: name for stream, name in self._topics.items() if own_topics()[name].on_demand
         }
@@ -108,6 +109,14 @@ class BagRecording:
         stamps = self._blueprint.file_stamps(Stream.SCAN) or {}
         forward = [stamps[number] for number in scans.numbers.tolist()]
         self.streams[Stream.SCAN] = StreamIndex(scans.numbers, np.array(forward, dtype=np.int64))
+
+    def _unpair(self) -> None:
+        """Give right images that are stamped as their left ones the stamps of their files."""
+        for stream, index in self.streams.items():
+            if self._blueprint.stamped_as(stream) is not stream:
+                own = self._blueprint.file_stamps(stream) or {}
+                stamps = [own[number] for number in index.numbers.tolist()]
+                self.streams[stream] = StreamIndex(index.numbers, np.array(stamps, dtype=np.int64))
 
     def close(self) -> None:
         """Close the files."""

@@ -145,6 +145,7 @@ class _Writer:
             stream: frozenset(folder.carried) - blueprint.requested(stream)
             for stream, folder in blueprint.folders.items()
         }
+        self._grey: dict[Stream, set[int]] = {}
         self._unplaced: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
@@ -217,7 +218,9 @@ class _Writer:
     def _why_unplaced(self, stream: Stream) -> str:
         folder = self._blueprint.folders.get(stream)
         if folder is not None and self._numbers[stream] is None:
-            path = self._blueprint.stamps_path(stream)
+            streams = (self._blueprint.stamped_as(stream), stream)
+            paths = [self._blueprint.stamps_path(each) for each in streams]
+            path = next((path for path in paths if path in self._blueprint.missing), paths[0])
             return f'its file number is unknown, for the bag does not hold {path}'
         return f'no file of {self._blueprint.name} has this stamp'
 
@@ -241,6 +244,8 @@ class _Writer:
         if written.difference:
             self._differences.setdefault(written.difference, set()).add(written.file.number)
         self._written.setdefault(stream, set()).add(written.file.number)
+        if stream in self._blueprint.grey and not written.file.topic.endswith('/compressed'):
+            self._grey.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
     def report(self) -> ImportReport:
@@ -267,6 +272,9 @@ class _Writer:
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
+        for stream, made in self._grey.items():
+            text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
+            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
         return ImportReport(
             layout=self._blueprint.layout,
             name=self._blueprint.name,

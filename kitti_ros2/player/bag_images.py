@@ -17,7 +17,7 @@ from ..messages.header import stamp_ns_of
 from ..messages.image import encode_pixels
 from ..messages.pixels import pixels_of
 from ..model.msgtypes import COMPRESSED, IMAGE
-from ..options.messages import Images
+from ..options.messages import ColorEncoding, Images
 from .bag_topics import ImageTopics
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class BagImages:
 
     Args:
         bag: The bag; its files are open until close.
-        options: images and annotated.
+        options: images, annotated and color_encoding.
 
     Raises:
         UsageError: Annotated images are requested, but the data they need is missing from the bag.
@@ -46,6 +46,7 @@ class BagImages:
 
     def __init__(self, bag: OpenBag, options: MessageOptions) -> None:
         self._images = options.images
+        self._color = options.color_encoding
         self._labelled: LabelledImages | None = None
         if options.annotated:
             from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
@@ -100,7 +101,8 @@ class BagImages:
             if name in self._annotated and self._labelled is not None:
                 topic = self._annotated[name]
                 pixels = self._labelled.draw(topic, image, pixels, stamp_ns, log_ns)
-            return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id)))
+            color = ColorEncoding.BGR8 if name in self._annotated else self._color
+            return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id, color)))
         except ValueError as error:
             return error
         except (struct.error, OverflowError) as error:
