@@ -3,9 +3,9 @@
 """Stereo pairs: cameras 0 and 1, 2 and 3, with one stamp a pair, that of the left image.
 
 KITTI triggers its cameras together, but each image has a stamp of its own: in drive 0001 image_3 is
-0.47 to 0.64 ms after image_2, and no stamp of a pair is equal. Stereo nodes pair by equal stamps
-(ExactTime) unless configured otherwise: image_pipeline 2290f49, stereo_image_proc/src/
-stereo_image_proc/disparity_node.cpp, parameter approximate_sync.
+0.47 to 0.64 ms before image_2, and image_1 2.69 ms before to 2.43 ms after image_0. Stereo nodes
+pair by equal stamps (ExactTime) unless configured otherwise: image_pipeline 0131608,
+stereo_image_proc/src/stereo_image_proc/disparity_node.cpp, parameter approximate_sync.
 
 Images of one file number are a pair; in a raw extract, whose cameras are numbered independently,
 the nearest in time, at most 10 ms apart. An image without a partner keeps its stamp.
@@ -97,11 +97,11 @@ def _stamp(recording: KittiRecording, left: Stream, right: Stream) -> None:
     recording.streams[right] = StreamIndex(
         recording.streams[right].numbers, np.array([*stamps.values()], dtype=np.int64)
     )
-    apart_ms = [(right_ns[n] - left_ns[of]) / _NS_PER_MS for n, of in pairs.items()]
-    if any(apart_ms):
+    moved_ms = [(left_ns[of] - right_ns[number]) / _NS_PER_MS for number, of in pairs.items()]
+    if any(moved_ms):
         recording.notes.append(
-            f'{right.value} has the stamps of {left.value}: it was taken {min(apart_ms):.2f} to'
-            f' {max(apart_ms):.2f} ms after it, in {len(pairs)} pairs'
+            f'{right.value} has the stamps of {left.value}, {min(moved_ms):+.2f} to'
+            f' {max(moved_ms):+.2f} ms from its own, in {len(pairs)} pairs'
         )
     lone = {right: right_ns.keys() - pairs.keys(), left: left_ns.keys() - {*pairs.values()}}
     for stream, numbers in lone.items():

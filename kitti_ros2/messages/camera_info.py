@@ -22,7 +22,7 @@ horizontal pair). Who reads what:
   src/impl/cuvslam_ros_conversion.cpp, TocuVSLAMImageEncoding).
 - rtabmap: the left frame, and the baseline of P, for rectified images; TF between both frames for
   others, where equal frames are an error (rtabmap_ros, stereo_odometry, alreadyRectified).
-- stereo_image_proc: the left header, and the baseline of P (image_pipeline 2290f49,
+- stereo_image_proc: the left header, and the baseline of P (image_pipeline 0131608,
   disparity_node.cpp). image_geometry asserts equal frames of both, in debug builds only, and equal
   fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp, fromCameraInfo).
 """
