@@ -24,7 +24,7 @@ horizontal pair). Who reads what:
   others, where equal frames are an error (rtabmap_ros, stereo_odometry, alreadyRectified).
 - stereo_image_proc: the left header, and the baseline of P (image_pipeline 0131608,
   disparity_node.cpp). image_geometry asserts equal frames of both, in debug builds only, and equal
-  fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp, fromCameraInfo).
+  fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp, lines 32 to 35).
 """
 
 from __future__ import annotations
