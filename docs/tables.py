@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from kitti_ros2.cli.app import find_command
 from kitti_ros2.importer import plan
-from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rename_topic
+from kitti_ros2.messages.naming import PRESETS, FrameNames, base_t_imu, make_frames
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.messages.transforms import static_links
 from kitti_ros2.model.containers import CONTAINERS
@@ -121,9 +121,7 @@ def topics() -> str:
 def renamed_topics() -> str:
     """Return the topics that the preset kitti2bag renames."""
     rows = [
-        (_code(row.topic), _code(rename_topic(row.topic, Preset.KITTI2BAG)))
-        for row in make_table({}, 'image_rect', MessageOptions())
-        if rename_topic(row.topic, Preset.KITTI2BAG) != row.topic
+        (_code(own), _code(renamed)) for own, renamed in PRESETS[Preset.KITTI2BAG].topics.items()
     ]
     return table(('default', 'kitti2bag'), rows)
 

@@ -7,6 +7,7 @@ For meanings and defaults see `kitti-ros2 COMMAND --help`, or the reference of t
 
 from __future__ import annotations
 
+from keyword import iskeyword
 from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     ego_marker: bool
     predictions: str | os.PathLike[str] | None
     iou: float | str | Sequence[str] | None
+    stack: str | None
     storage: str | None
     strict: bool
     compression: str
@@ -199,9 +201,10 @@ class TrackingKeywords(TypedDict, total=False):
 
 
 def keyword_of(option: Option) -> str:
-    """Return the keyword of an option: its long flag with underscores."""
+    """Return the keyword of an option: its long flag with underscores, if Python allows it."""
     long = [flag for flag in option.flags if flag.startswith('--')]
-    return (long[0] if long else option.name).lstrip('-').replace('-', '_')
+    word = (long[0] if long else option.name).lstrip('-').replace('-', '_')
+    return option.name if iskeyword(word) else word
 
 
 def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[str, object]:

@@ -14,7 +14,7 @@ from ..messages.cdr import Message
 from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
-from ..messages.naming import image_topic
+from ..messages.naming import naming_of
 from ..messages.source import promise
 from ..messages.topics import make_table, select_topics, unmatched
 from ..model.errors import KittiRos2Error, describe_error
@@ -59,7 +59,7 @@ class Encoder:
         options: MessageOptions,
         selection: SelectionOptions,
     ) -> None:
-        images = image_topic(recording.layout, recording.image_topic, options.preset)
+        images = naming_of(options).image_topic(recording.layout, recording.image_topic)
         table = make_table(recording.cameras, images, options)
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
@@ -208,7 +208,7 @@ def _selected_streams(
         return set(Stream)
     lost = {Stream(loss.stream).camera for loss in recording.losses}
     cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
-    images = image_topic(recording.layout, recording.image_topic, options.preset)
+    images = naming_of(options).image_topic(recording.layout, recording.image_topic)
     table = make_table({**cameras, **recording.cameras}, images, options)
     return {row.stream for row in select_topics(table, selection)}
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
+from ..stacks.stack_names import StackName
 from .declare import check_bounds, choice, option
 from .parsers import parse_flag, parse_number, parse_place, parse_seconds_ns
 
@@ -131,6 +132,7 @@ class MessageOptions:
         markers: Options of the markers of labels.
         overlaps: The IoU above which a prediction is a true positive.
         annotated: Whether images with the labels drawn on them are published, too.
+        stack: The stack whose names topics and frames have; None: those of preset.
 
     Raises:
         UsageError: base_to_imu is not three finite numbers.
@@ -164,6 +166,14 @@ class MessageOptions:
     overlaps: LeastOverlaps = KITTI_OVERLAPS
     markers: MarkerOptions = field(default_factory=MarkerOptions)
     annotated: bool = option(False, 'Also images with the labels drawn on them', parse_flag)
+    stack: StackName | None = choice(
+        None,
+        'Options, topics and frames that a stack expects, see kitti-ros2 stacks',
+        StackName,
+        unset='none',
+        flags=('--for',),
+        metavar='STACK',
+    )
 
     def __post_init__(self) -> None:
         place = self.base_to_imu or BASE_T_IMU

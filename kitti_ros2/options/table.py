@@ -14,6 +14,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
+from .for_stack import with_stack
 from .importing import ImportOptions
 from .messages import Images, MarkerOptions, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
@@ -207,7 +208,7 @@ def make_settings(values: Mapping[str, object]) -> Settings:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = parse_values(values, TO_BAG)
+    parsed = with_stack(parse_values(values, TO_BAG), TO_BAG)
     bag = values_for(BagOptions, parsed)
     return Settings(
         **_recording(parsed),
@@ -222,7 +223,7 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = {**_PLAY_DEFAULTS, **parse_values(values, PLAY)}
+    parsed = {**_PLAY_DEFAULTS, **with_stack(parse_values(values, PLAY), PLAY)}
     return PlaySettings(
         **_recording(parsed),
         playback=PlaybackOptions(**values_for(PlaybackOptions, parsed)),

@@ -16,12 +16,12 @@ import kitti_ros2
 from kitti_ros2.cli import exit_codes
 from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
-from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
-from kitti_ros2.messages.topics import own_topics
+from kitti_ros2.messages.naming import FrameNames
+from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
-from kitti_ros2.options.messages import Preset
+from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.validation.rule_table import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
@@ -130,8 +130,7 @@ def test_frames_and_their_parents():
 
 def test_topics_are_those_of_the_table():
     rows = rows_of(tables.topics())[2:]
-    renamed = set(RENAMED_TOPICS[Preset.KITTI2BAG].values())
-    names = {name for name in own_topics() if '/camera_' not in name} - renamed
+    names = {row.topic for row in make_table({}, 'image_rect', MessageOptions())}
     assert names == {row[0].strip('`') for row in rows if '/camera_' not in row[0]}
     types = {each.msgtype.replace('/msg/', '/') for each in own_topics().values()}
     assert types == {row[1].strip('`') for row in rows}

@@ -19,7 +19,7 @@ from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.layout_files import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
-from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
+from kitti_ros2.messages.naming import FrameNames, every_naming
 from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
@@ -34,7 +34,7 @@ from kitti_ros2.model.samples import (
     TextFile,
     Turn,
 )
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import CAMERA_NAMES, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 
 STAMP = 1317042145951199337
@@ -166,7 +166,21 @@ def test_each_stream_of_lines_has_a_folder(layout):
     assert LAYOUTS[layout].line_folders.keys() == layout.traits.line_streams
 
 
-def test_presets_rename_topics_of_the_table():
-    names = {row.topic for row in make_table({}, 'image_rect', MessageOptions())}
-    for renamed in RENAMED_TOPICS.values():
-        assert renamed.keys() <= names
+def test_presets_and_stacks_rename_topics_of_the_table():
+    options = MessageOptions(images=Images.BOTH)
+    names = {row.topic for row in make_table(CAMERA_NAMES, 'image_rect', options)}
+    later = {'/kitti/oxts/vel_with_covariance'}
+    for each in every_naming():
+        assert each.topics.keys() <= names | later
+
+
+def test_a_name_is_of_one_stream():
+    options = MessageOptions(images=Images.BOTH)
+    table = make_table(CAMERA_NAMES, 'image_rect', options)
+    rows = {row.topic: row for row in table}
+    for each in every_naming():
+        for row in table:
+            known = own_topics()[each.topic(row.topic)]
+            assert (known.stream, known.msgtype) == (row.stream, row.msgtype)
+            assert known.topic == each.topic(row.topic)
+        assert len({each.topic(name) for name in rows}) == len(rows)
