@@ -67,6 +67,7 @@ class Encoder:
         self._unmatched = unmatched([row.topic for row in table], selection)
         due = {stream for stream in Stream if schedule.count(stream)}
         self.table: list[Topic] = [row for row in selected if row.stream in due]
+        self._images = images
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
         for index, row in enumerate(self.table):
             self._rows[row.stream].append((index, row))
@@ -143,6 +144,10 @@ class Encoder:
         if self._rows[Stream.SCAN]:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
             notes += turn_notes(scans, self._recording.turns, timed=options.ring_and_time)
+        if options.stack is not None:
+            from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
+
+            notes += stack_notes(options, self.table, self._images, self._schedule)
         return (*notes, *self._unmatched)
 
     def _labels_of(self, number: int) -> FrameLabels | None:

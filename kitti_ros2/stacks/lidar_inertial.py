@@ -93,10 +93,10 @@ def _glim(rig: RigFacts) -> Mapping[str, str]:
 RKO_LIO = Stack(
     name='rko_lio',
     title='RKO-LIO, University of Bonn',
-    what='lidar-inertial odometry',
+    what='lidar-IMU odometry',
     version='053efd5',
     points='x y z + time',
-    imu='yes, any rate',
+    imu='yes',
     demands=(
         Demand('cloud', 'PointCloud2 on the topic of lidar_topic, which has no default',
                Citation(*_RKO_BASE, 68)),
@@ -139,7 +139,7 @@ RKO_LIO = Stack(
 MOLA = Stack(
     name='mola',
     title='MOLA-LO, University of Almería',
-    what='lidar-inertial odometry',
+    what='lidar-IMU odometry',
     version='0cf373c',
     points='x y z + time',
     imu='optional',
@@ -192,7 +192,7 @@ MOLA = Stack(
 GLIM = Stack(
     name='glim',
     title='GLIM, AIST',
-    what='lidar-inertial SLAM',
+    what='lidar-IMU SLAM',
     version='1f07929',
     points='x y z + time',
     imu='100 Hz',

@@ -81,7 +81,6 @@ def _nvblox(rig: RigFacts) -> Mapping[str, str]:
         'voxel_size': 0.2,
         'lidar_width': rig.columns,
         'lidar_height': rig.rings,
-        'lidar_min_valid_range_m': rig.least_range,
         'use_non_equal_vertical_fov_lidar_params': True,
         'min_angle_below_zero_elevation_rad': round(radians(1.0 - rig.lowest_deg), 6),
         'max_angle_above_zero_elevation_rad': round(radians(1.0 + rig.highest_deg), 6),
@@ -97,7 +96,7 @@ ROBOT_LOCALIZATION = Stack(
     title='robot_localization (ekf_node)',
     what='sensor fusion',
     version='0439976',
-    imu='100 Hz, covariance',
+    imu='covariances',
     demands=(
         Demand('imu', 'Imu on the topic of imu0', Citation(*_EKF, symbol='imu0')),
         Demand('twist', 'TwistWithCovarianceStamped on the topic of twist0',
@@ -124,7 +123,7 @@ ROBOT_LOCALIZATION = Stack(
 OCTOMAP = Stack(
     name='octomap',
     title='octomap_server of octomap_mapping',
-    what='3D map, known poses',
+    what='map, known poses',
     version='054f21d',
     points='x y z',
     demands=(
@@ -152,7 +151,7 @@ OCTOMAP = Stack(
 NVBLOX = Stack(
     name='nvblox',
     title='Isaac ROS nvblox, NVIDIA',
-    what='3D map, known poses',
+    what='map, known poses',
     version='042e723',
     points='x y z + uint32 ns',
     demands=(

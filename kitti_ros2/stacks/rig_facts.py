@@ -45,7 +45,6 @@ class RigFacts:
         rings: Lasers of the scanner.
         lowest_deg, highest_deg: Elevation of the lowest and the highest laser.
         columns: Firings of a laser in a turn.
-        least_range, most_range: Metres.
     """
 
     base_T_imu: Transform
@@ -57,7 +56,6 @@ class RigFacts:
     lowest_deg: float = -24.8
     highest_deg: float = 2.0
     columns: int = 2083
-    least_range: float = 0.9
     most_range: float = 120.0
 
     @property

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     import numpy.typing as npt
 
@@ -40,13 +40,20 @@ def ros_parameters(values: Mapping[str, Any], node: str = '/**') -> str:
 
 
 def plain_yaml(values: Mapping[str, Any]) -> str:
-    """Return a YAML file, with lists on one line."""
+    """Return a YAML file: a line for each value, lists on one line."""
+    return ''.join(f'{line}\n' for line in _lines(values))
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     import yaml  # noqa: PLC0415 - for one command
 
-    text: str = yaml.safe_dump(
-        dict(values), sort_keys=False, default_flow_style=None, width=float('inf')
-    )
-    return text
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield f'{name}:'
+            yield from (f'  {line}' for line in _lines(value))
+        else:
+            text = yaml.safe_dump(value, default_flow_style=True, width=float('inf'))
+            yield f'{name}: {text.splitlines()[0]}'
 
 
 def opencv_yaml(values: Mapping[str, str | float | int]) -> str:

@@ -157,7 +157,7 @@ RTABMAP_STEREO = Stack(
 STEREO_IMAGE_PROC = Stack(
     name='stereo_image_proc',
     title='stereo_image_proc of image_pipeline',
-    what='disparity and points',
+    what='disparity, points',
     version='2290f49',
     demands=(
         Demand('images', 'Image on left/image_rect and right/image_rect, CameraInfo on'

@@ -22,6 +22,7 @@ from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
 from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.validation.rule_table import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
@@ -84,6 +85,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'eval odometry': evaluation_tables.ODOMETRY,
         'eval tracking': evaluation_tables.TRACKING,
         'eval live': evaluation_tables.LIVE,
+        'stacks': declared.SOURCE,
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]
@@ -140,6 +142,15 @@ def test_containers_are_those_of_the_table():
     assert [row[0] for row in rows_of(tables.containers())[2:]] == [
         f'`{name}`' for name in CONTAINERS
     ]
+
+
+def test_stacks_are_those_of_the_table():
+    rows = rows_of(tables.stacks())[2:]
+    assert [row[0] for row in rows] == [f'`{name}`' for name in STACKS]
+    text = tables.demands()
+    for each in STACKS.values():
+        assert f'\n### {each.name}\n' in f'\n{text}'
+        assert all(str(demand.source) in text for demand in each.demands)
 
 
 def test_rules_are_those_of_the_table():
