@@ -148,8 +148,8 @@ MOLA = Stack(
                Citation(*_MOLA_SYSTEM, 138)),
         Demand('imu', 'Imu on /imu', Citation(*_MOLA_SYSTEM, 161)),
         Demand('fix', 'NavSatFix on /gps', Citation(*_MOLA_SYSTEM, 146)),
-        Demand('field-types', 'fields are float32, float64, uint16 or uint8; others make the cloud'
-               ' invalid', Citation(*_MRPT_CLOUDS, 32)),
+        Demand('field-types', 'x, y, z, intensity, time are float32 or float64, ring is uint16 or'
+               ' uint8; another type refuses the cloud', Citation(*_MRPT_CLOUDS, 32)),
         Demand('time-field', 'the field time', Citation(*_MRPT_CLOUDS, symbol='fromROS')),
         Demand('time-span', 'times that span more than 1e5 are nanoseconds, others seconds',
                Citation('MOLAorg/mola', '0c8e695af35a', 'mola_bridge_ros2/src/BridgeROS2.cpp',
