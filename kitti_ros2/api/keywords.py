@@ -152,6 +152,7 @@ class LiveKeywords(TypedDict, total=False):
     map: str
     tf: bool
     ring_time: bool
+    stack: str | None
 
 
 class StatisticsKeywords(TypedDict, total=False):

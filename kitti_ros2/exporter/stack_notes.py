@@ -10,8 +10,7 @@ import numpy as np
 
 from ..messages.naming import naming_of
 from ..stacks.catalogue import STACKS
-from ..stacks.stack import IMU
-from ..stacks.stack_names import StackName
+from ..stacks.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from ..model.geometry import Transform
 from ..model.streams import CAMERA_NAMES
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
+from ..stacks.stack_names import FRAMES, TOPICS, StackName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..model.layouts import Layout
     from ..options.messages import MessageOptions
-    from ..stacks.stack import Stack
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Naming:
     def topic(self, own: str) -> str:
         """Return the name of a topic of the preset default; its transports follow it."""
         for default, renamed in self.topics.items():
-            if own == default or own.startswith(f'{default}/'):
+            if own.startswith(default) and own[len(default) :][:1] in {'', '/'}:
                 return renamed + own[len(default) :]
         return own
 
@@ -94,32 +94,29 @@ PRESETS = {
     ),
 }
 
+
+def _naming_for(stack: StackName) -> Naming:
+    frames: dict[str, Any] = dict(FRAMES.get(stack, {}))
+    return Naming(TOPICS.get(stack, {}), FrameNames(**frames))
+
+
+STACK_NAMINGS: Mapping[StackName | None, Naming] = {
+    stack: _naming_for(stack) for stack in StackName if stack in TOPICS or stack in FRAMES
+}
+"""Of the stacks that have names of their own; the others take those of the preset."""
+
 IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
 """The possible names of images. Other versions of kitti2bag write "image"."""
 
 
 def naming_of(options: MessageOptions) -> Naming:
     """Return the names for a stack that has names of its own, else those of the preset."""
-    if options.stack is not None:
-        from ..stacks.catalogue import STACKS  # noqa: PLC0415 - for --for only
-
-        stack = STACKS[options.stack.value]
-        if stack.has_names:
-            return _names_for(stack)
-    return PRESETS[options.preset]
-
-
-def _names_for(stack: Stack) -> Naming:
-    frames: dict[str, Any] = dict(stack.frames)
-    return Naming(stack.topics, FrameNames(**frames))
+    return STACK_NAMINGS.get(options.stack, PRESETS[options.preset])
 
 
 def every_naming() -> list[Naming]:
     """Return the names of all presets and stacks: those that a bag of to-bag may have."""
-    from ..stacks.catalogue import STACKS  # noqa: PLC0415 - for readers only
-
-    for_stacks = [_names_for(stack) for stack in STACKS.values() if stack.has_names]
-    return [*PRESETS.values(), *for_stacks]
+    return [*PRESETS.values(), *STACK_NAMINGS.values()]
 
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:

@@ -57,6 +57,11 @@ def open_program(
                     f'{path}: predictions are for KITTI folders, and this is a bag; to-bag takes'
                     f' them when it makes the bag'
                 )
+            if settings.messages.stack is not None:
+                raise UsageError(
+                    f'{path}: a bag is played as it is, and --for is for KITTI folders; to-bag'
+                    f' --for makes a bag for a stack'
+                )
             playing = isinstance(settings, PlaySettings)
             images = BagImages(bag, settings.messages) if playing else None
             return BagProgram(bag, settings.selection, reserved, images)

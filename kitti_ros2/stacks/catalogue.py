@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""All stacks by name. One stack is one entry; a new one needs its name in stack_names.py, too."""
+"""All stacks by name. One stack is one entry; its names are in stack_names.py."""
 
 from __future__ import annotations
 

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 from .setting_texts import numbers, ros_parameters
 from .stack import (
     DEFAULT_NAMES,
-    IMU,
     OWN_TREE,
-    SCAN,
     TIMED,
     Citation,
     Demand,
@@ -19,6 +17,7 @@ from .stack import (
     Result,
     Stack,
 )
+from .stack_names import IMU, SCAN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -161,7 +160,6 @@ LIO_SAM = Stack(
                Citation(*_SAM_PARAMETERS, 168)),
     ),
     settings=(DEFAULT_NAMES, TIMED, OWN_TREE),
-    topics={SCAN: '/points', IMU: '/imu/data'},
     inputs=(SCAN, IMU),
     imu_hz=100.0,
     moving=(('map', 'odom'), ('odom', 'base_link')),
@@ -212,7 +210,6 @@ FAST_LIO2 = Stack(
                Citation(*_FAST_NODE, symbol='publish_odometry')),
     ),
     settings=(DEFAULT_NAMES, TIMED),
-    topics={SCAN: '/velodyne_points', IMU: '/imu/data'},
     inputs=(SCAN, IMU),
     imu_hz=100.0,
     moving=(('camera_init', 'body'),),
@@ -250,7 +247,6 @@ DLIO = Stack(
                Citation(*_DLIO, 408)),
     ),
     settings=(DEFAULT_NAMES, TIMED, OWN_TREE),
-    topics={SCAN: '/points', IMU: '/imu'},
     inputs=(SCAN, IMU),
     imu_hz=100.0,
     moving=(('odom', 'base_link'), ('base_link', 'lidar'), ('base_link', 'imu')),

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING
 from .setting_texts import json_text, place_and_quaternion, plain_yaml, quaternion_and_place
 from .stack import (
     DEFAULT_NAMES,
-    FIX,
-    IMU,
     OWN_TREE,
-    SCAN,
     TIMED,
     Citation,
     Demand,
@@ -21,6 +18,7 @@ from .stack import (
     Result,
     Stack,
 )
+from .stack_names import FIX, IMU, SCAN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -160,7 +158,6 @@ MOLA = Stack(
         Demand('one-parent', 'it publishes map -> base_link on /tf', Citation(*_MOLA_SYSTEM, 95)),
     ),
     settings=(DEFAULT_NAMES, TIMED, OWN_TREE),
-    topics={IMU: '/imu', FIX: '/gps'},
     inputs=(SCAN, IMU, FIX),
     moving=(('map', 'base_link'),),
     publishes=('/tf',),
@@ -216,7 +213,6 @@ GLIM = Stack(
                Citation(*_GLIM_ROS, 21)),
     ),
     settings=(DEFAULT_NAMES, TIMED, OWN_TREE),
-    topics={SCAN: '/os_cloud_node/points', IMU: '/os_cloud_node/imu'},
     inputs=(SCAN, IMU),
     imu_hz=100.0,
     moving=(('map', 'odom'), ('odom', 'base_link')),

@@ -10,7 +10,6 @@ from .setting_texts import ros_parameters
 from .stack import (
     DEFAULT_NAMES,
     OWN_TREE,
-    SCAN,
     TIMED,
     Citation,
     Demand,
@@ -19,6 +18,7 @@ from .stack import (
     Result,
     Stack,
 )
+from .stack_names import SCAN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -198,7 +198,6 @@ RTABMAP_LIDAR = Stack(
                Citation(*_RTABMAP, 91)),
     ),
     settings=(DEFAULT_NAMES, TIMED, OWN_TREE),
-    topics={SCAN: '/velodyne_points'},
     inputs=(SCAN,),
     moving=(('new_map', 'icp_odom'), ('icp_odom', 'base_link')),
     publishes=('/icp_odom', '/mapData', '/mapPath', '/cloud_map'),

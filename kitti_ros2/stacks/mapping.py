@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 from .setting_texts import ros_parameters
 from .stack import (
     DEFAULT_NAMES,
-    IMU,
     OWN_TREE,
-    SCAN,
     Citation,
     Demand,
     Node,
@@ -20,6 +18,7 @@ from .stack import (
     Setting,
     Stack,
 )
+from .stack_names import IMU, SCAN, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +38,6 @@ _NVBLOX_CLOUDS = (
     '',
     'nvblox_ros/src/lib/conversions/pointcloud_conversions.cu',
 )
-VELOCITY = '/kitti/oxts/vel_with_covariance'
 
 
 def _robot_localization(rig: RigFacts) -> Mapping[str, str]:
@@ -135,7 +133,6 @@ OCTOMAP = Stack(
                Citation(*_OCTOMAP, symbol='tf_point_cloud_sub')),
     ),
     settings=(DEFAULT_NAMES, Setting('tf', value=True)),
-    topics={SCAN: '/cloud_in'},
     inputs=(SCAN,),
     publishes=('/octomap_binary', '/octomap_full', '/octomap_point_cloud_centers'),
     result=Result(('/octomap_full',)),
@@ -174,8 +171,6 @@ NVBLOX = Stack(
         Setting('points', 'ouster', instead=('ring_time', True)),
         Setting('tf', value=True),
     ),
-    topics={SCAN: '/pointcloud'},
-    frames={'map': 'odom'},
     inputs=(SCAN,),
     publishes=('/nvblox_node/mesh', '/nvblox_node/static_esdf_pointcloud'),
     result=Result(('/nvblox_node/static_esdf_pointcloud',)),

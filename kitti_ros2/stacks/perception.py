@@ -6,10 +6,7 @@ from __future__ import annotations
 
 from .stack import (
     DEFAULT_NAMES,
-    FIX,
-    IMU,
     PIXELS,
-    SCAN,
     Citation,
     Demand,
     Included,
@@ -17,6 +14,7 @@ from .stack import (
     Setting,
     Stack,
 )
+from .stack_names import FIX, IMU, SCAN
 
 _POINT_TYPES = (
     'autowarefoundation/autoware.universe',
@@ -86,13 +84,6 @@ AUTOWARE = Stack(
         Setting('covariances', value=True),
         Setting('objects', 'both', ('autoware',)),
     ),
-    topics={
-        SCAN: '/sensing/lidar/top/pointcloud_raw_ex',
-        IMU: '/sensing/imu/tamagawa/imu_raw',
-        FIX: '/sensing/gnss/ublox/nav_sat_fix',
-        '/kitti/oxts/vel_with_covariance':
-            '/sensing/vehicle_velocity_converter/twist_with_covariance',
-    },
     inputs=(SCAN, IMU, FIX),
     publishes=('/perception/object_recognition/objects',),
     result=Result(('/perception/object_recognition/objects',)),

@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
+from .stack_names import FRAMES, TOPICS, StackName
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
@@ -19,10 +21,6 @@ if TYPE_CHECKING:
     SettingsMaker: TypeAlias = Callable[[RigFacts], Mapping[str, str]]
 
 Value: TypeAlias = 'str | bool'
-
-SCAN = '/kitti/velo/points'
-IMU = '/kitti/oxts/imu'
-FIX = '/kitti/oxts/fix'
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,6 @@ class Stack:
         version: What was read.
         demands: What it asks of messages.
         settings: Options of messages that it needs.
-        topics: Topics by their names in the preset default, to the names that it expects.
-        frames: Fields of FrameNames with the names that it expects.
         inputs: Topics that it reads, by their names in the preset default.
         imu_hz: Least rate of the Imu; 0 if it reads none.
         moving: Frames of the transforms that it publishes, (parent, child).
@@ -176,8 +172,6 @@ class Stack:
     points: str = ''
     imu: str = ''
     settings: tuple[Setting, ...] = ()
-    topics: Mapping[str, str] = field(default_factory=dict)
-    frames: Mapping[str, str] = field(default_factory=dict)
     inputs: tuple[str, ...] = ()
     imu_hz: float = 0.0
     moving: tuple[tuple[str, str], ...] = ()
@@ -189,9 +183,14 @@ class Stack:
     notes: tuple[str, ...] = ()
 
     @property
-    def has_names(self) -> bool:
-        """Whether topics or frames have names of its own, besides those of a preset."""
-        return bool(self.topics or self.frames)
+    def topics(self) -> Mapping[str, str]:
+        """Topics by their names in the preset default, to the names that it expects."""
+        return TOPICS.get(StackName(self.name), {})
+
+    @property
+    def frames(self) -> Mapping[str, str]:
+        """Fields of FrameNames with the names that it expects."""
+        return FRAMES.get(StackName(self.name), {})
 
 
 DEFAULT_NAMES = Setting('preset', 'default')

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from .setting_texts import opencv_yaml, ros_parameters
 from .stack import (
     DEFAULT_NAMES,
-    IMU,
     OWN_TREE,
     PIXELS,
     Citation,
@@ -40,15 +39,6 @@ _CUVSLAM_RIG = (*_CUVSLAM, 'isaac_ros_visual_slam/src/impl/visual_slam_impl.cpp'
 _ORB = ('zang09/ORB_SLAM3_ROS2', 'b6104a19ac78', 'src/stereo/stereo-slam-node.cpp')
 _ORB_SETTINGS = ('UZ-SLAMLab/ORB_SLAM3', '0df83dde1c85', 'Examples/Stereo/KITTI00-02.yaml')
 _STEREO = Setting('stereo', value=True)
-
-
-def _pair(pair: tuple[str, str], left: str, right: str, *, info: bool = True) -> dict[str, str]:
-    """Return the renamed topics of a pair: images, and camera_info beside them."""
-    renamed = {f'{pair[0]}/image_rect': left, f'{pair[1]}/image_rect': right}
-    if info:
-        for camera, image in zip(pair, (left, right), strict=True):
-            renamed[f'{camera}/camera_info'] = image.rsplit('/', 1)[0] + '/camera_info'
-    return renamed
 
 
 def _inputs(pair: tuple[str, str], *, info: bool = True) -> tuple[str, ...]:
@@ -129,10 +119,6 @@ RTABMAP_STEREO = Stack(
                Citation(*_RTABMAP, symbol='vo_frame_id')),
     ),
     settings=(DEFAULT_NAMES, PIXELS, _STEREO, OWN_TREE),
-    topics={
-        **_pair(_COLOR, '/stereo_camera/left/image_rect', '/stereo_camera/right/image_rect'),
-        f'{_COLOR[0]}/image_rect': '/stereo_camera/left/image_rect_color',
-    },
     inputs=_inputs(_COLOR),
     moving=(('map', 'odom'), ('odom', 'base_link')),
     publishes=('/rtabmap/odom', '/rtabmap/mapPath', '/rtabmap/cloud_map'),
@@ -172,7 +158,6 @@ STEREO_IMAGE_PROC = Stack(
                Citation(*_PROC, symbol='imageCb')),
     ),
     settings=(DEFAULT_NAMES, PIXELS, _STEREO),
-    topics=_pair(_COLOR, '/left/image_rect', '/right/image_rect'),
     inputs=_inputs(_COLOR),
     publishes=('/disparity', '/points2'),
     result=Result(('/disparity', '/points2')),
@@ -207,13 +192,6 @@ CUVSLAM = Stack(
                Citation(*_CUVSLAM_NODE, symbol='publish_map_to_odom_tf')),
     ),
     settings=(DEFAULT_NAMES, PIXELS, _STEREO, Setting('color_encoding', 'rgb8'), OWN_TREE),
-    topics={
-        f'{_COLOR[0]}/image_rect': '/visual_slam/image_0',
-        f'{_COLOR[1]}/image_rect': '/visual_slam/image_1',
-        f'{_COLOR[0]}/camera_info': '/visual_slam/camera_info_0',
-        f'{_COLOR[1]}/camera_info': '/visual_slam/camera_info_1',
-        IMU: '/visual_slam/imu',
-    },
     inputs=_inputs(_COLOR),
     moving=(('map', 'odom'), ('odom', 'base_link')),
     publishes=('/visual_slam/tracking/odometry',),
@@ -238,7 +216,6 @@ ORB_SLAM3 = Stack(
                Citation(*_ORB_SETTINGS, symbol='Camera.type')),
     ),
     settings=(DEFAULT_NAMES, PIXELS),
-    topics=_pair(_GRAY, '/camera/left', '/camera/right', info=False),
     inputs=_inputs(_GRAY, info=False),
     publishes=('KeyFrameTrajectory.txt, at the end',),
     result=Result(file='KeyFrameTrajectory.txt'),
