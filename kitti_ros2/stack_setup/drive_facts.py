@@ -11,7 +11,7 @@ import numpy as np
 from ..messages.camera_info import projection
 from ..messages.naming import base_t_imu
 from ..model.errors import MissingDataError
-from ..model.samples import Image
+from ..model.samples import Image, Scan
 from ..model.streams import IMAGE_STREAMS, Stream
 from ..options.messages import MessageOptions
 from ..stacks.rig_facts import CameraFacts, RigFacts
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration
 
 _NOMINAL_HZ = 10.0
+_SCANS = 8
 
 
 def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
@@ -33,6 +34,7 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
         raise MissingDataError(f'{recording.root}: no data, so no calibration to write')
     first = min(int(index.numbers[0]) for index in recording.streams.values())
     calibration = recording.calibration(first)
+    lowest, highest = _elevations(recording)
     facts = RigFacts(
         base_T_imu=base_t_imu(MessageOptions()),
         imu_T_velo=calibration.velo_T_imu.inverse(),
@@ -41,6 +43,8 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
         },
         imu_hz=_rate(recording, Stream.OXTS),
         scan_hz=_rate(recording, Stream.SCAN),
+        lowest_deg=lowest,
+        highest_deg=highest,
     )
     nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
     return facts, (*nominal, *calibration.missing.values())
@@ -68,6 +72,23 @@ def _size(recording: ReadableRecording, camera: int) -> tuple[int, int]:
         return 0, 0
     image = recording.read(stream, int(index.numbers[0]))
     return (image.width, image.height) if isinstance(image, Image) else (0, 0)
+
+
+def _elevations(recording: ReadableRecording) -> tuple[float, float]:
+    """Return the lowest and the highest elevation of points in some scans, degrees.
+
+    The lasers are not in one point, so that near points are outside the angles of the lasers.
+    """
+    lowest, highest = RigFacts.lowest_deg, RigFacts.highest_deg
+    index = recording.streams.get(Stream.SCAN)
+    numbers = [] if index is None else index.numbers[:: max(1, len(index) // _SCANS)].tolist()
+    for number in numbers:
+        scan = recording.read(Stream.SCAN, number)
+        if isinstance(scan, Scan) and len(scan.points):
+            x, y, z = (scan.points[:, axis].astype(np.float64) for axis in range(3))
+            found = np.degrees(np.arctan2(z, np.hypot(x, y)))
+            lowest, highest = min(lowest, found.min()), max(highest, found.max())
+    return float(lowest), float(highest)
 
 
 def _rate(recording: ReadableRecording, stream: Stream) -> float:

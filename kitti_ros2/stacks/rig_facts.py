@@ -43,7 +43,7 @@ class RigFacts:
         imu_hz: Rate of the Imu.
         scan_hz: Rate of the scans.
         rings: Lasers of the scanner.
-        lowest_deg, highest_deg: Elevation of the lowest and the highest laser.
+        lowest_deg, highest_deg: Elevations of the lasers, or of points beyond them.
         columns: Firings of a laser in a turn.
     """
 

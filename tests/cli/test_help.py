@@ -31,6 +31,7 @@ COMMANDS = {
     'crop': 'SRC OUT',
     'stats': 'PATH...',
     'split': 'SRC',
+    'stacks': '[STACK]',
     'download': '[WHAT... ROOT]',
     'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',

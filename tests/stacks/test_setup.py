@@ -121,12 +121,17 @@ def test_orb_slam3_has_the_rectified_grey_pair(written, recordings):
     assert (values['Camera.width'], values['Camera.height']) == (width, height)
 
 
-def test_the_scanner_is_an_hdl_64(written):
+def test_the_scanner_is_an_hdl_64(written, recordings):
     assert parameters_of(written['lio-sam'], 'lio-sam')['N_SCAN'] == 64
     assert parameters_of(written['fast-lio2'], 'fast-lio2')['preprocess']['scan_line'] == 64
     nvblox = parameters_of(written['nvblox'], 'nvblox')
-    assert nvblox['min_angle_below_zero_elevation_rad'] > np.deg2rad(24.8)
-    assert nvblox['max_angle_above_zero_elevation_rad'] > np.deg2rad(2.0)
+    lowest = -nvblox['min_angle_below_zero_elevation_rad']
+    highest = nvblox['max_angle_above_zero_elevation_rad']
+    assert lowest < np.deg2rad(-24.8) < np.deg2rad(2.0) < highest
+    for path in (recordings[Layout.RAW] / 'velodyne_points' / 'data').glob('*.bin'):
+        x, y, z, _ = np.fromfile(path, '<f4').reshape(-1, 4).T
+        up = np.arctan2(z, np.hypot(x, y))
+        assert lowest < up.min() <= up.max() < highest
 
 
 class Called:

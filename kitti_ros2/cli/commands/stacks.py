@@ -7,12 +7,23 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, takes
+from .declared import JsonOption, OverwriteOption, QuietOption, chosen, takes
+
+
+def _complete_stack(incomplete: str) -> list[str]:
+    from ...stacks.stack_names import StackName
+
+    return [each.value for each in StackName if each.value.startswith(incomplete)]
 
 
 @takes('SOURCE', but=('real_time', 'mapping', 'raw'))
 def stacks(
-    stack: Annotated[Optional[str], argument('STACK', 'One of the listed stacks')] = None,
+    stack: Annotated[
+        Optional[str],
+        typer.Argument(
+            metavar='STACK', help='One of the listed stacks', autocompletion=_complete_stack
+        ),
+    ] = None,
     drive: Annotated[
         Optional[Path],
         typer.Option(
@@ -37,9 +48,8 @@ def stacks(
     starts it and plays the drive.
 
     Examples:
-      kitti-ros2 stacks
       kitti-ros2 stacks kiss-icp
-      kitti-ros2 stacks kiss-icp --config 2011_09_26/2011_09_26_drive_0005_sync -o run
+      kitti-ros2 stacks dlio --config 2011_09_26/2011_09_26_drive_0005_sync -o run
     """
     from ..stacks import run_stacks
 
