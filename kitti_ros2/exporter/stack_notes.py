@@ -36,7 +36,10 @@ def stack_notes(
     """
     stack, names = STACKS[StackName(options.stack).value], naming_of(options)
     rows = {row.topic: row for row in table}
-    read = {own: names.topic(own.replace('/image_rect', f'/{images}')) for own in stack.inputs}
+    read = {
+        own: names.topic(own if own in names.topics else own.replace('/image_rect', f'/{images}'))
+        for own in stack.inputs
+    }
     notes = [f'{stack.name} reads {topic}: no messages' for topic in read.values()
              if topic not in rows]  # fmt: skip
     imu = rows.get(read.get(IMU, ''))
