@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from kitti_ros2.cli.app import find_command
 from kitti_ros2.importer import plan
-from kitti_ros2.messages.naming import FrameNames, base_t_imu, make_frames, rename_topic
+from kitti_ros2.messages.naming import PRESETS, FrameNames, base_t_imu, make_frames
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.messages.transforms import static_links
 from kitti_ros2.model.cloud_formats import FORMATS, VALUES, Order, Points
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options.messages import Images, MessageOptions, Objects, Preset
+from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.synthetic.rig import make_calibration
 from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
@@ -171,9 +172,7 @@ def _field_type(field: CloudField) -> str:
 def renamed_topics() -> str:
     """Return the topics that the preset kitti2bag renames."""
     rows = [
-        (_code(row.topic), _code(rename_topic(row.topic, Preset.KITTI2BAG)))
-        for row in make_table({}, 'image_rect', MessageOptions(covariances=True))
-        if rename_topic(row.topic, Preset.KITTI2BAG) != row.topic
+        (_code(own), _code(renamed)) for own, renamed in PRESETS[Preset.KITTI2BAG].topics.items()
     ]
     return table(('default', 'kitti2bag'), rows)
 
@@ -324,6 +323,38 @@ def rules(kind: str) -> str:
     return table(('rule', 'severity', 'scope', 'holds in valid data', 'otherwise'), rows)
 
 
+def stacks() -> str:
+    """Return the stacks of --for, with the options and names that it sets."""
+    rows = [
+        (
+            _code(each.name),
+            each.what,
+            each.points,
+            each.imu,
+            ', '.join(
+                _code(f'{setting.name}: {_plain(setting.value)}') for setting in each.settings
+            ),
+            ', '.join(f'{_code(own)} to {_code(name)}' for own, name in each.topics.items()),
+        )
+        for each in STACKS.values()
+    ]
+    return table(('stack', 'does', 'points', 'Imu', 'options', 'topics'), rows)
+
+
+def _plain(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def demands() -> str:
+    """Return what each stack asks of messages, with the places in its source."""
+    parts = []
+    for each in STACKS.values():
+        rows = [(demand.text, _code(str(demand.source))) for demand in each.demands]
+        notes = '\n'.join(f'- {note}' for note in each.notes)
+        parts += [f'### {each.name}', each.title + '.', table(('asks for', 'source'), rows), notes]
+    return '\n\n'.join(part for part in parts if part)
+
+
 def source_file(name: str) -> str:
     """Return a file of the repository as a block, without its licence header."""
     text = (ROOT / name).read_text('utf-8')
@@ -362,6 +393,7 @@ TABLES: dict[str, Callable[..., str]] = {
     'clouds': clouds,
     'command': command,
     'containers': containers,
+    'demands': demands,
     'exit-codes': exit_codes,
     'file': source_file,
     'frames': frames,
@@ -371,5 +403,6 @@ TABLES: dict[str, Callable[..., str]] = {
     'renamed-topics': renamed_topics,
     'rules': rules,
     'services': services,
+    'stacks': stacks,
     'topics': topics,
 }

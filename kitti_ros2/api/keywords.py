@@ -7,6 +7,7 @@ For meanings and defaults see `kitti-ros2 COMMAND --help`, or the reference of t
 
 from __future__ import annotations
 
+from keyword import iskeyword
 from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     ground_truth_map: str
     ground_truth_base: str
     color_encoding: str
+    stack: str | None
     storage: str | None
     strict: bool
     compression: str
@@ -163,6 +165,7 @@ class LiveKeywords(TypedDict, total=False):
     tf: bool
     ring_time: bool
     points: str | None
+    stack: str | None
 
 
 class StatisticsKeywords(TypedDict, total=False):
@@ -213,9 +216,10 @@ class TrackingKeywords(TypedDict, total=False):
 
 
 def keyword_of(option: Option) -> str:
-    """Return the keyword of an option: its long flag with underscores."""
+    """Return the keyword of an option: its long flag with underscores, if Python allows it."""
     long = [flag for flag in option.flags if flag.startswith('--')]
-    return (long[0] if long else option.name).lstrip('-').replace('-', '_')
+    word = (long[0] if long else option.name).lstrip('-').replace('-', '_')
+    return option.name if iskeyword(word) else word
 
 
 def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[str, object]:

@@ -25,6 +25,7 @@ from .commands.play import play
 from .commands.recover import recover
 from .commands.report import report
 from .commands.split import split
+from .commands.stacks import stacks
 from .commands.stats import stats
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
@@ -150,6 +151,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'stats': stats,
     'crop': crop,
     'split': split,
+    'stacks': stacks,
     'demo': demo,
 }
 _EVAL: dict[str, Callable[..., int]] = {

@@ -110,15 +110,17 @@ def _source(given: Mapping[str, Any]) -> Path:
 
 def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     from ..kitti.layouts import open_recording
-    from ..messages.naming import image_topic
+    from ..messages.naming import naming_of
     from ..messages.topics import make_table
     from ..model.streams import Stream
     from ..options.messages import Images, MessageOptions, Preset
+    from ..stacks.stack_names import StackName
 
     recording = open_recording(path, _reading(given))
     preset = Preset(given.get('preset') or Preset.DEFAULT)
-    image = image_topic(recording.layout, recording.image_topic, preset)
-    options = MessageOptions(images=Images.BOTH, preset=preset, covariances=True)
+    stack = StackName(given['stack']) if given.get('stack') else None
+    options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)
+    image = naming_of(options).image_topic(recording.layout, recording.image_topic)
     table = make_table(recording.cameras, image, options)
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
     predicted = {Stream.PREDICTIONS} if given.get('predictions') else set()

@@ -12,8 +12,10 @@ from ..model.errors import UsageError
 from ..options.declare import check_names
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
+
+    from ..options.declare import Option
 
 _KEPT_AS_TEXT = {'int', 'timestamp'}
 
@@ -45,6 +47,23 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
         raise UsageError(f'{path}: not a mapping; expected lines like "images: raw"')
     check_names(values, known, f'{path}: ')
     return values
+
+
+def add_config(
+    config: Path, given: Mapping[str, object], declared: Sequence[Option]
+) -> dict[str, object]:
+    """Add the options of a YAML file to those of the command line, which win.
+
+    With a stack, a default in the file is not given: a file may list all options.
+
+    Raises:
+        UsageError: See load_config.
+    """
+    of_file = load_config(config, [each.name for each in declared])
+    if {**of_file, **given}.get('stack') is not None:
+        plain = {each.name: each.plain(each.default) for each in declared}
+        of_file = {name: value for name, value in of_file.items() if value != plain[name]}
+    return {name: value for name, value in of_file.items() if value is not None} | dict(given)
 
 
 def _text_loader() -> type[yaml.SafeLoader]:

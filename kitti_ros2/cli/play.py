@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
 from ..node.installed import check_installed
-from ..options.table import PLAY_OPTIONS, make_play_settings
+from ..options.table import PLAY, make_play_settings
 from ..player.status import StatusLine, Terminal
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -84,10 +84,9 @@ def run_play(
     ending = end_by_signal()
     chosen = dict(given)
     if config:
-        from .config_file import load_config
+        from .config_file import add_config
 
-        of_file = load_config(config, PLAY_OPTIONS)
-        chosen = {name: value for name, value in of_file.items() if value is not None} | chosen
+        chosen = add_config(config, chosen, PLAY)
     if foxglove is not None:
         controls = {'keyboard': keyboard, 'quiet': quiet}
         return _play_for_viewers(src, chosen, ros_args, ending, foxglove, **controls)

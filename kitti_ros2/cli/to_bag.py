@@ -17,7 +17,7 @@ from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.streams import Clock
 from ..options.messages import Images
-from ..options.table import TO_BAG_OPTIONS, make_settings
+from ..options.table import TO_BAG, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
@@ -57,9 +57,9 @@ def run_to_bag(
     keep_imports()
     chosen = dict(given)
     if config:
-        from .config_file import load_config
+        from .config_file import add_config
 
-        chosen = load_config(config, TO_BAG_OPTIONS) | chosen
+        chosen = add_config(config, chosen, TO_BAG)
     settings = make_settings(chosen)
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_folder(src, settings.read)

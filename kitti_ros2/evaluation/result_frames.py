@@ -19,12 +19,12 @@ from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..importer.pose_track import PoseTrack
 from ..messages.header import stamp_ns_of
-from ..messages.naming import base_t_imu, make_frames
+from ..messages.naming import FrameNames, base_t_imu, every_naming
 from ..messages.transforms import decode_static, static_links
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.msgtypes import TF_TYPES
-from ..options.messages import MessageOptions, Preset
+from ..options.messages import MessageOptions
 from ..rig.tf_tree import FrameTree, LinkTally
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration
     from ..rig.tf_tree import Link
 
-_VELO = make_frames(Preset.DEFAULT, {}).velo
+_VELO = FrameNames().velo
 
 
 class ResultFrames:
@@ -63,7 +63,7 @@ class ResultFrames:
     ) -> None:
         self._bag = bag
         self._topics = {name for name, msgtype in topics.items() if msgtype in TF_TYPES}
-        self._names = [make_frames(preset, cameras) for preset in Preset]
+        self._names = [names.frames_of(cameras) for names in every_naming()]
         self._limit_ns = limit_ns
         self._losses = losses
         self._own: tuple[Calibration, list[Link], Mapping[str, Transform]] | None = None

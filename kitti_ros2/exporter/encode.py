@@ -14,7 +14,7 @@ from ..messages.cdr import Message
 from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
-from ..messages.naming import image_topic
+from ..messages.naming import naming_of
 from ..messages.source import GREY, POINTS, promise
 from ..messages.topics import make_table, select_topics, unmatched
 from ..model.cloud_formats import FORMATS
@@ -62,7 +62,7 @@ class Encoder:
         options: MessageOptions,
         selection: SelectionOptions,
     ) -> None:
-        images = image_topic(recording.layout, recording.image_topic, options.preset)
+        images = naming_of(options).image_topic(recording.layout, recording.image_topic)
         table = make_table(recording.cameras, images, options, _packets_of(recording))
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
@@ -78,6 +78,7 @@ class Encoder:
         self.table: list[Topic] = [
             row for row in selected if row.stream in due and self._has_needs(row)
         ]
+        self._images = images
         self._rows: dict[Stream, list[tuple[int, Topic]]] = {stream: [] for stream in Stream}
         for index, row in enumerate(self.table):
             self._rows[row.stream].append((index, row))
@@ -170,6 +171,10 @@ class Encoder:
             f'{text}: scans {format_numbers(sorted(numbers))}'
             for text, numbers in sorted(self._remarks.items())
         ]
+        if options.stack is not None:
+            from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
+
+            notes += stack_notes(options, self.table, self._images, self._schedule)
         return (*notes, *self._unmatched)
 
     def _missing_source(self) -> list[str]:
@@ -281,7 +286,7 @@ def _selected_streams(
         return set(Stream)
     lost = {Stream(loss.stream).camera for loss in recording.losses}
     cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
-    images = image_topic(recording.layout, recording.image_topic, options.preset)
+    images = naming_of(options).image_topic(recording.layout, recording.image_topic)
     table = make_table({**cameras, **recording.cameras}, images, options, _packets_of(recording))
     return {row.stream for row in select_topics(table, selection)}
 

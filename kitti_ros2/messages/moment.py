@@ -11,7 +11,7 @@ from ..files.png.decode import decode_png
 from ..model.geometry import Transform
 from ..model.streams import Stream
 from .map_frame import map_from_world
-from .naming import FrameNames, base_t_imu, make_frames, with_ground_truth_tree
+from .naming import FrameNames, base_t_imu, naming_of, with_ground_truth_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -102,7 +102,7 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
     boxed = {Stream.LABELS, Stream.PREDICTIONS} & recording.streams.keys()
     labelled = {LABELLED_CAMERA} if boxed else set()
     return Rig(
-        frames=with_ground_truth_tree(make_frames(options.preset, recording.cameras), options),
+        frames=with_ground_truth_tree(naming_of(options).frames_of(recording.cameras), options),
         cameras=frozenset(recording.cameras) | labelled,
         base_t_imu=mount,
         map_T_world=map_from_world(recording.start, mount, options.map),

@@ -1,16 +1,17 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of frames and topics, by preset."""
+"""Names of frames and topics, by preset, and for the stacks of --for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
+from ..stacks.stack_names import FRAMES, TOPICS, StackName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,46 +48,85 @@ class FrameNames:
         return self.camera_pattern.format(self.cameras.get(index, str(index)))
 
 
-RENAMED_TOPICS = {
-    Preset.DEFAULT: {},
-    Preset.KITTI2BAG: {
-        '/kitti/velo/points': '/kitti/velo/pointcloud',
-        '/kitti/oxts/fix': '/kitti/oxts/gps/fix',
-        '/kitti/oxts/vel_with_covariance': '/kitti/oxts/gps/vel_with_covariance',
-        '/kitti/oxts/vel': '/kitti/oxts/gps/vel',
-    },
+@dataclass(frozen=True)
+class Naming:
+    """One set of names.
+
+    Attributes:
+        topics: Topics of the preset default to their names, where they differ.
+        frames: Frame names; cameras are numbered.
+        raw_images: Whether images of layouts with extracts are called image_raw.
+    """
+
+    topics: Mapping[str, str] = field(default_factory=dict)
+    frames: FrameNames = field(default_factory=FrameNames)
+    raw_images: bool = False
+
+    def topic(self, own: str) -> str:
+        """Return the name of a topic of the preset default; its transports follow it."""
+        for default, renamed in self.topics.items():
+            if own.startswith(default) and own[len(default) :][:1] in {'', '/'}:
+                return renamed + own[len(default) :]
+        return own
+
+    def image_topic(self, layout: Layout, own: str) -> str:
+        """Return the last part of an image topic's name in the preset default.
+
+        Args:
+            layout: Of the recording.
+            own: image_rect, or image_raw where the images are not rectified.
+        """
+        return 'image_raw' if self.raw_images and layout.traits.extracts else own
+
+    def frames_of(self, cameras: Mapping[int, str]) -> FrameNames:
+        """Return the frame names for a rig whose cameras have names."""
+        return replace(self.frames, cameras={**CAMERA_NAMES, **cameras})
+
+
+PRESETS = {
+    Preset.DEFAULT: Naming(),
+    # Version 1.5 calls the images of raw drives image_raw although they are rectified, and those of
+    # odometry image_rect (save_camera_data).
+    Preset.KITTI2BAG: Naming(
+        {
+            '/kitti/velo/points': '/kitti/velo/pointcloud',
+            '/kitti/oxts/fix': '/kitti/oxts/gps/fix',
+            '/kitti/oxts/vel': '/kitti/oxts/gps/vel',
+            '/kitti/oxts/vel_with_covariance': '/kitti/oxts/gps/vel_with_covariance',
+        },
+        FrameNames(map='world', camera_pattern='camera_{}'),
+        raw_images=True,
+    ),
 }
 
 
-def rename_topic(topic: str, preset: Preset) -> str:
-    """Return a topic's name under a preset."""
-    for default, renamed in RENAMED_TOPICS[preset].items():
-        topic = topic.replace(default, renamed)
-    return topic
+def _naming_for(stack: StackName) -> Naming:
+    frames: dict[str, Any] = dict(FRAMES.get(stack, {}))
+    return Naming(TOPICS.get(stack, {}), FrameNames(**frames))
 
+
+STACK_NAMINGS: Mapping[StackName | None, Naming] = {
+    stack: _naming_for(stack) for stack in StackName if stack in TOPICS or stack in FRAMES
+}
+"""Of the stacks that have names of their own; the others take those of the preset."""
 
 IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
 """The possible names of images. Other versions of kitti2bag write "image"."""
 
 
-def image_topic(layout: Layout, own: str, preset: Preset) -> str:
-    """Return the last part of an image topic's name.
+def naming_of(options: MessageOptions) -> Naming:
+    """Return the names for a stack that has names of its own, else those of the preset."""
+    return STACK_NAMINGS.get(options.stack, PRESETS[options.preset])
 
-    Args:
-        layout: Of the recording.
-        own: image_rect, or image_raw where the images are not rectified.
-        preset: kitti2bag 1.5 calls the images of raw drives image_raw although they are rectified,
-            and those of odometry image_rect (save_camera_data).
-    """
-    return 'image_raw' if preset is Preset.KITTI2BAG and layout.traits.extracts else own
+
+def every_naming() -> list[Naming]:
+    """Return the names of all presets and stacks: those that a bag of to-bag may have."""
+    return [*PRESETS.values(), *STACK_NAMINGS.values()]
 
 
 def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
     """Return the frame names of a preset, for a rig whose cameras have names."""
-    named = {**CAMERA_NAMES, **cameras}
-    if preset is Preset.KITTI2BAG:
-        return FrameNames(map='world', camera_pattern='camera_{}', cameras=named)
-    return FrameNames(cameras=named)
+    return PRESETS[preset].frames_of(cameras)
 
 
 def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> FrameNames:

@@ -20,7 +20,7 @@ stamps among the files), detections, objects, boxes_2d, markers, annotated, anno
 texts, or tracklets among the files). Predictions and the packets of an unsynchronised drive are not
 restored: they are no files of the recording.
 
-Names by preset are in naming.py.
+Names by preset and stack are in naming.py.
 """
 
 from __future__ import annotations
@@ -57,11 +57,11 @@ from ..model.msgtypes import (
 from ..model.samples import Description
 from ..model.spelling import did_you_mean
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
-from ..options.messages import Images, MessageOptions, Objects, Preset
+from ..options.messages import Images, MessageOptions, Objects
 from . import row_encoders as encoders
 from .cdr import Parts, serialize
 from .image import decode_compressed, decode_image
-from .naming import IMAGE_TOPICS, rename_topic
+from .naming import IMAGE_TOPICS, every_naming, naming_of
 from .oxts import encode_fix, encode_velocity
 from .oxts_covariance import encode_velocity_with_covariance
 from .pose import decode_odometry
@@ -236,7 +236,8 @@ def make_table(
     ]
     for index, name in sorted(cameras.items()):
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
-    return [replace(row, topic=rename_topic(row.topic, options.preset)) for row in rows]
+    names = naming_of(options)
+    return [replace(row, topic=names.topic(row.topic)) for row in rows]
 
 
 def _camera_rows(
@@ -270,22 +271,26 @@ def _camera_rows(
 
 @lru_cache(maxsize=1)
 def own_topics() -> Mapping[str, Topic]:
-    """Return all rows that to-bag may write, for all presets and rigs, by topic name."""
+    """Return all rows that to-bag may write, for all names and rigs, by topic name."""
     numbered = {index: str(index) for index in range(CAMERA_COUNT)}
+    options = MessageOptions(
+        images=Images.BOTH,
+        objects=Objects.BOTH,
+        annotations=True,
+        covariances=True,
+        points=Points.OUSTER,
+    )
     found: dict[str, Topic] = {}
-    for preset in Preset:
-        options = MessageOptions(
-            images=Images.BOTH,
-            preset=preset,
-            objects=Objects.BOTH,
-            annotations=True,
-            covariances=True,
-            points=Points.OUSTER,
-        )
-        for cameras in (CAMERA_NAMES, numbered):
-            for image_topic in IMAGE_TOPICS:
-                for row in make_table(cameras, image_topic, options):
-                    found[row.topic] = row
+    for cameras in (CAMERA_NAMES, numbered):
+        for image_topic in IMAGE_TOPICS:
+            for row in make_table(cameras, image_topic, options):
+                found[row.topic] = row
+    rows = list(found.values())
+    for names in every_naming():
+        for row in rows:
+            renamed = names.topic(row.topic)
+            if renamed != row.topic:
+                found[renamed] = replace(row, topic=renamed)
     return found
 
 

@@ -101,11 +101,15 @@ def declare(node: Node) -> dict[str, Value]:
 
 
 def given(values: dict[str, Value]) -> dict[str, object]:
-    """Return the settings among parameter values, by name; empty ones are not given."""
+    """Return the settings among parameter values, by name; defaults are not given.
+
+    So a stack may choose them.
+    """
+    defaults = {parameter.name: parameter.default for parameter in PARAMETERS}
     return {
         name: value
         for name, value in values.items()
-        if name not in COMMANDS and value not in ('', [''], [])
+        if name not in COMMANDS and value not in ('', [''], [], defaults[name])
     }
 
 

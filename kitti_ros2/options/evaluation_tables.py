@@ -26,6 +26,7 @@ DETECTION = (
 _OF_PLAYER = {
     *('layout', 'sequence', 'deskew', 'undo_deskew'),
     *('start', 'end', 'preset', 'map', 'tf', 'ring_time', 'points'),
+    'stack',
 }
 _PLAYED = tuple(each for each in PLAY if each.name in _OF_PLAYER)
 LIVE = (*options_of(LiveOptions), *_PLAYED)

@@ -13,6 +13,7 @@ from ..model.autoware_labels import check_labels
 from ..model.cloud_formats import FORMATS, Points
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
+from ..stacks.stack_names import StackName
 from .declare import check_bounds, choice, option
 from .parsers import (
     parse_class_map,
@@ -170,6 +171,7 @@ class MessageOptions:
         stereo: Whether right cameras have their own frame and the CameraInfo of a stereo pair;
             see messages/camera_info.py. The stamps of pairs are of ReadOptions.
         color_encoding: Encoding of the pixels of colour images; grey ones are mono8 or mono16.
+        stack: The stack whose names topics and frames have; None: those of preset.
 
     Raises:
         UsageError: base_to_imu is not three finite numbers, a frame of the ground truth is
@@ -249,6 +251,14 @@ class MessageOptions:
     stereo: bool = False
     color_encoding: ColorEncoding = choice(
         ColorEncoding.BGR8, 'Encoding of raw colour images', ColorEncoding
+    )
+    stack: StackName | None = choice(
+        None,
+        'Options, topics and frames that a stack expects, see kitti-ros2 stacks',
+        StackName,
+        unset='none',
+        flags=('--for',),
+        metavar='STACK',
     )
 
     @property

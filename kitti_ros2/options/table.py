@@ -15,6 +15,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
+from .for_stack import with_stack
 from .importing import ImportOptions
 from .imu import ImuOptions
 from .messages import Images, MarkerOptions, MessageOptions
@@ -214,7 +215,7 @@ def make_settings(values: Mapping[str, object]) -> Settings:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = parse_values(values, TO_BAG)
+    parsed = with_stack(parse_values(values, TO_BAG), TO_BAG)
     bag = values_for(BagOptions, parsed)
     return Settings(
         **_recording(parsed),
@@ -229,7 +230,7 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    parsed = {**_PLAY_DEFAULTS, **parse_values(values, PLAY)}
+    parsed = {**_PLAY_DEFAULTS, **with_stack(parse_values(values, PLAY), PLAY)}
     return PlaySettings(
         **_recording(parsed),
         playback=PlaybackOptions(**values_for(PlaybackOptions, parsed)),

@@ -26,7 +26,7 @@ from ..kitti.label_file import labels_of_text
 from ..kitti.oxts_file import parse_packet
 from ..kitti.tracklet_file import labels_of_tracklets
 from ..messages.moment import Origin
-from ..messages.naming import FrameNames, base_t_imu
+from ..messages.naming import base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error
 from ..model.nominal import NOMINAL_VELO_T_IMU
@@ -224,9 +224,9 @@ class BagRecording:
     @cached_property
     def base_t_imu(self) -> Transform:
         """imu_link in base_link, as in the static transforms of the bag."""
-        frames = FrameNames()
+        links = {(each.frames.base, each.frames.imu) for each in every_naming()}
         for parent, child, transform in self._survey.static:
-            if (parent, child) == (frames.base, frames.imu):
+            if (parent, child) in links:
                 return transform
         return base_t_imu(MessageOptions())
 

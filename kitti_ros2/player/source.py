@@ -69,6 +69,11 @@ def open_program(
                     f'{path}: --imu-from is for raw drives, and this is a bag; to-bag takes it when'
                     f' it makes the bag'
                 )
+            if settings.messages.stack is not None:
+                raise UsageError(
+                    f'{path}: a bag is played as it is, and --for is for KITTI folders; to-bag'
+                    f' --for makes a bag for a stack'
+                )
             playing = isinstance(settings, PlaySettings)
             images = BagImages(bag, settings.messages) if playing else None
             return BagProgram(bag, settings.selection, reserved, images)

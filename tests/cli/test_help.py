@@ -31,6 +31,7 @@ COMMANDS = {
     'crop': 'SRC OUT',
     'stats': 'PATH...',
     'split': 'SRC',
+    'stacks': '[STACK]',
     'download': '[WHAT... ROOT]',
     'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',
@@ -109,8 +110,10 @@ def test_options_stand_in_their_groups_with_their_choices(command, help_of):
     for option in TABLES[command]:
         assert option.group
         spelling = re.escape(f'--{option.name.replace("_", "-")}')
-        spelling = {'train_fraction': '--split', 'loop': '--loop'}.get(option.name, spelling)
-        words = re.escape(f' [{"|".join(option.choices)}]') if option.choices else ''
+        others = {'train_fraction': '--split', 'loop': '--loop', 'stack': '--for'}
+        spelling = others.get(option.name, spelling)
+        listed = option.choices and not option.metavar
+        words = re.escape(f' [{"|".join(option.choices)}]') if listed else ''
         assert re.search(rf'{spelling}\b{words}', sections[option.group]), option.name
 
 

@@ -16,13 +16,14 @@ import kitti_ros2
 from kitti_ros2.cli import exit_codes
 from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
-from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
-from kitti_ros2.messages.topics import own_topics
+from kitti_ros2.messages.naming import FrameNames
+from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.autoware_labels import LABEL_OF_CLASS
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
-from kitti_ros2.options.messages import Preset
+from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.validation.rule_table import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
@@ -85,6 +86,7 @@ def test_a_command_has_each_option_with_its_default(name):
         'eval odometry': evaluation_tables.ODOMETRY,
         'eval tracking': evaluation_tables.TRACKING,
         'eval live': evaluation_tables.LIVE,
+        'stacks': declared.SOURCE,
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]
@@ -140,8 +142,7 @@ def test_labels_of_autoware_are_those_of_the_table():
 
 def test_topics_are_those_of_the_table():
     rows = rows_of(tables.topics())[2:]
-    renamed = set(RENAMED_TOPICS[Preset.KITTI2BAG].values())
-    names = {name for name in own_topics() if '/camera_' not in name} - renamed
+    names = {row.topic for row in make_table({}, 'image_rect', MessageOptions())}
     assert names == {row[0].strip('`') for row in rows if '/camera_' not in row[0]}
     types = {each.msgtype.replace('/msg/', '/') for each in own_topics().values()}
     assert types == {row[1].strip('`') for row in rows}
@@ -151,6 +152,15 @@ def test_containers_are_those_of_the_table():
     assert [row[0] for row in rows_of(tables.containers())[2:]] == [
         f'`{name}`' for name in CONTAINERS
     ]
+
+
+def test_stacks_are_those_of_the_table():
+    rows = rows_of(tables.stacks())[2:]
+    assert [row[0] for row in rows] == [f'`{name}`' for name in STACKS]
+    text = tables.demands()
+    for each in STACKS.values():
+        assert f'\n### {each.name}\n' in f'\n{text}'
+        assert all(str(demand.source) in text for demand in each.demands)
 
 
 def test_rules_are_those_of_the_table():

@@ -19,7 +19,7 @@ from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.layout_files import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
-from kitti_ros2.messages.naming import RENAMED_TOPICS, FrameNames
+from kitti_ros2.messages.naming import FrameNames, every_naming
 from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.cloud_formats import Points
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
@@ -35,7 +35,7 @@ from kitti_ros2.model.samples import (
     TextFile,
     Turn,
 )
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import CAMERA_NAMES, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 
 STAMP = 1317042145951199337
@@ -167,8 +167,20 @@ def test_each_stream_of_lines_has_a_folder(layout):
     assert LAYOUTS[layout].line_folders.keys() == layout.traits.line_streams
 
 
-def test_presets_rename_topics_of_the_table():
-    options = MessageOptions(covariances=True)
-    names = {row.topic for row in make_table({}, 'image_rect', options)}
-    for renamed in RENAMED_TOPICS.values():
-        assert renamed.keys() <= names
+def test_presets_and_stacks_rename_topics_of_the_table():
+    options = MessageOptions(images=Images.BOTH, covariances=True)
+    names = {row.topic for row in make_table(CAMERA_NAMES, 'image_rect', options)}
+    for each in every_naming():
+        assert each.topics.keys() <= names
+
+
+def test_a_name_is_of_one_stream():
+    options = MessageOptions(images=Images.BOTH)
+    table = make_table(CAMERA_NAMES, 'image_rect', options)
+    rows = {row.topic: row for row in table}
+    for each in every_naming():
+        for row in table:
+            known = own_topics()[each.topic(row.topic)]
+            assert (known.stream, known.msgtype) == (row.stream, row.msgtype)
+            assert known.topic == each.topic(row.topic)
+        assert len({each.topic(name) for name in rows}) == len(rows)

@@ -139,6 +139,16 @@ def test_objects_and_annotations_are_the_converter_s(player, listen, recordings,
     assert heard == expected
 
 
+def test_live_bytes_for_a_stack_are_the_bags(player, listen, recordings, tmp_path):
+    source, bag = recordings[Layout.RAW], tmp_path / 'o.mcap'
+    words = ['--streams', 'scan', 'oxts', 'calibration']
+    assert main(['to-bag', str(source), str(bag), '-q', '--for', 'lio-sam', *words]) == 0
+    given = ['--ros-args', '-p', 'stack:=lio-sam']
+    expected, heard = hear_all(player, listen, source, bag, *words, *given)
+    assert {'/points', '/imu/data', '/tf_static'} <= expected.keys()
+    assert heard == expected
+
+
 @pytest.mark.parametrize(
     ('storage', 'name'), [('mcap', 'o.mcap'), ('sqlite3', 'o'), ('ros1', 'o.bag')]
 )

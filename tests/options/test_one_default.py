@@ -41,7 +41,7 @@ COMMANDS = {
     'play': (make_play_settings, PLAY),
 }
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]
-SPELLINGS = {'loop': 'times', 'train_fraction': 'split'}
+SPELLINGS = {'loop': 'times', 'train_fraction': 'split', 'stack': 'for'}
 """Of options that the command line calls otherwise than YAML."""
 
 

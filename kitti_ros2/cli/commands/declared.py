@@ -133,7 +133,7 @@ def _metavar(option: Option) -> str | None:
         parsers.parse_seconds_ns: 'SECONDS',
         parsers.parse_texts: 'NAME...',
     }
-    if option.choices:
+    if option.choices and not option.metavar:
         return _one_of(option.choices)
     return option.metavar or general.get(option.parse)
 

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 stacks."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+from ..model.errors import UsageError
+from ..model.spelling import not_one_of
+from ..options.for_stack import applied
+from ..options.table import TO_BAG, make_settings
+from ..stack_setup.commands import commands_of
+from ..stacks.catalogue import STACKS
+from .exit_codes import EXIT_OK
+from .json_text import print_json
+from .memory import keep_imports
+from .tables import cell, plain_table
+from .text import complain, format_path, say
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..stack_setup.commands import RunCommands
+    from ..stacks.stack import Setting, Stack
+
+_COLUMNS = 80
+
+
+def run_stacks(
+    name: str | None,
+    drive: Path | None,
+    source: Mapping[str, object],
+    *,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
+    quiet: bool,
+) -> int:
+    """List the stacks, show one, or write the files to run it on a drive.
+
+    Args:
+        name: The stack; None lists all.
+        drive: The KITTI folder to write files for; None writes none.
+        source: Options that choose the recording.
+        out: The folder of the files; None is one of the stack's name.
+        overwrite: Whether its files may be replaced.
+        json: Whether to print JSON.
+        quiet: Print only notes.
+
+    Returns:
+        The exit code.
+    """
+    keep_imports()
+    if drive is None and (out is not None or overwrite or source):
+        raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
+    if name is None:
+        if drive is not None:
+            raise UsageError('--config needs a STACK: kitti-ros2 stacks STACK --config DRIVE')
+        _list(json=json, quiet=quiet)
+        return EXIT_OK
+    if name not in STACKS:
+        raise not_one_of('STACK', name, [*STACKS])
+    stack = STACKS[name]
+    if drive is not None:
+        folder = out or Path(name)
+        _write(stack, drive, folder, source, overwrite=overwrite, json=json, quiet=quiet)
+    elif json:
+        print_json(_values(stack))
+    elif not quiet:
+        _show(stack)
+    return EXIT_OK
+
+
+def _write(
+    stack: Stack,
+    drive: Path,
+    folder: Path,
+    source: Mapping[str, object],
+    *,
+    overwrite: bool,
+    json: bool,
+    quiet: bool,
+) -> None:
+    from ..stack_setup.setup_files import write_setup
+
+    read = make_settings(source).read
+    setup = write_setup(stack, drive, folder, read, source, overwrite=overwrite)
+    if json:
+        files = [str(path) for path in setup.files]
+        print_json({'files': files, 'commands': asdict(setup.commands), 'notes': setup.notes})
+        return
+    if not quiet:
+        for path in setup.files:
+            say(format_path(path))
+        _show_commands(setup.commands)
+    for note in setup.notes:
+        complain(f'note: {note}')
+
+
+def _list(*, json: bool, quiet: bool) -> None:
+    if json:
+        print_json([_values(stack) for stack in STACKS.values()])
+        return
+    if quiet:
+        return
+    from rich.console import Console
+
+    table = plain_table('stack')
+    for heading in ('does', 'points', 'Imu', 'read at'):
+        table.add_column(heading, no_wrap=True)
+    for stack in STACKS.values():
+        table.add_row(*map(cell, (stack.name, stack.what, stack.points, stack.imu, stack.version)))
+    Console(highlight=False, width=_COLUMNS).print(table)
+
+
+def _show(stack: Stack) -> None:
+    """Print all about a stack, wrapped at 80 columns."""
+    say(f'{stack.title}: {stack.what}')
+    _section('It asks for', [f'{each.text}\n    {each.source}' for each in stack.demands])
+    _section('--for sets', [_setting_text(each) for each in stack.settings])
+    _section('Topics', [f'{own} -> {renamed}' for own, renamed in stack.topics.items()])
+    _section('Frames', [f'{kind}: {name}' for kind, name in stack.frames.items()])
+    moved = [f'{parent} -> {child} on /tf' for parent, child in stack.moving]
+    _section('It publishes', [*stack.publishes, *moved])
+    _section('Notes', [*stack.notes])
+    _show_commands(commands_of(stack, 'DRIVE', {}), stack.start)
+
+
+def _section(heading: str, entries: list[str]) -> None:
+    """Print entries below a heading; the text of one is wrapped, its further lines are kept."""
+    if not entries:
+        return
+    sys.stdout.write(f'\n{heading}:\n')
+    for entry in entries:
+        text, *rest = entry.split('\n')
+        wrapped = fill(
+            text, _COLUMNS, initial_indent='  ', subsequent_indent='    ',
+            break_long_words=False, break_on_hyphens=False,
+        )  # fmt: skip
+        sys.stdout.write('\n'.join([wrapped, *rest]) + '\n')
+
+
+def _setting_text(setting: Setting) -> str:
+    chosen = applied(setting, {each.name: each for each in TO_BAG})
+    if chosen is None:
+        return f'{setting.name}: {_word(setting.value)} (not an option of this version)'
+    return f'{chosen[0]}: {" or ".join(map(_word, chosen[1]))}'
+
+
+def _word(value: object) -> str:
+    return {True: 'on', False: 'off'}[value] if isinstance(value, bool) else str(value)
+
+
+def _show_commands(commands: RunCommands, start: str = '') -> None:
+    lines = [
+        ('record, in a terminal of its own', commands.record),
+        ('start the stack', start),
+        ('play' if start else 'run', commands.run),
+        ('score', commands.score),
+    ]
+    sys.stdout.write('\n')
+    for meaning, command in lines:
+        if command:
+            sys.stdout.write(f'# {meaning}\n{command}\n')
+
+
+def _values(stack: Stack) -> dict[str, Any]:
+    """Return all about a stack for JSON."""
+    return {
+        'name': stack.name,
+        'title': stack.title,
+        'what': stack.what,
+        'points': stack.points,
+        'imu': stack.imu,
+        'version': stack.version,
+        'demands': [{**asdict(each), 'source': str(each.source)} for each in stack.demands],
+        'options': {each.name: each.value for each in stack.settings},
+        'topics': dict(stack.topics),
+        'frames': dict(stack.frames),
+        'publishes': stack.publishes,
+        'moving': stack.moving,
+        'notes': stack.notes,
+        'commands': {**asdict(commands_of(stack, 'DRIVE', {})), 'start': stack.start},
+    }

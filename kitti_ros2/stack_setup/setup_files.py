@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the parameter files and the launch file of a stack for a drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..bags.open_folder import open_folder
+from ..files.replacing import keep_all, keep_all_but_files
+from ..files.staging import Staging, staged_file
+from ..model.errors import MissingDataError
+from .commands import commands_of, play_words
+from .drive_facts import facts_of
+from .launch_text import WRITTEN, launch_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..options.read import ReadOptions
+    from ..stacks.rig_facts import RigFacts
+    from ..stacks.stack import Stack
+    from .commands import RunCommands
+
+_OWN_FILES = keep_all_but_files('parameter file', [WRITTEN.encode(), b'%YAML:1.0', b'{'])
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What was written.
+
+    Attributes:
+        files: The parameter files, and the launch file last.
+        commands: The commands of a run.
+        notes: Facts that are not in the files of the drive.
+    """
+
+    files: tuple[Path, ...]
+    commands: RunCommands
+    notes: tuple[str, ...]
+
+
+def write_setup(
+    stack: Stack,
+    drive: Path,
+    folder: Path,
+    options: ReadOptions,
+    source: Mapping[str, object],
+    *,
+    overwrite: bool,
+) -> Setup:
+    """Write the files of a stack for a drive into a folder.
+
+    Args:
+        stack: The stack.
+        drive: The KITTI folder.
+        folder: The folder; created if it does not exist.
+        options: How to read the drive.
+        source: Those of them that are given, for the player.
+        overwrite: Whether files of the same names, as written here, may be replaced.
+
+    Raises:
+        KittiRos2Error, OSError: The drive cannot be read, or a file exists; none is written.
+    """
+    recording = open_folder(drive, options)
+    facts, notes = facts_of(recording)
+    play = play_words(stack, str(drive.resolve()), source)
+    texts = _parameter_texts(stack, facts, drive)
+    texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
+    refusal = _OWN_FILES if overwrite else keep_all
+    for name in texts:
+        Staging(folder / name, refusal).discard()  # refuses before the first is written
+    for name, text in texts.items():
+        with staged_file(folder / name, refusal) as path:
+            path.write_text(text, 'utf-8')
+    commands = commands_of(stack, str(drive), source, str(folder))
+    return Setup(tuple(folder / name for name in texts), commands, notes)
+
+
+def _parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str]:
+    if stack.settings_files is None:
+        return {}
+    try:
+        texts = stack.settings_files(facts)
+    except KeyError as missing:
+        raise MissingDataError(
+            f'{drive}: no calibration of camera {missing}, which {stack.name} needs'
+        ) from None
+    return {
+        name: f'{WRITTEN}: {stack.title}, {stack.version}.\n{text}'
+        if name.endswith('.yaml') and not text.startswith('%')
+        else text
+        for name, text in texts.items()
+    }

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The description of a stack: what it demands, and how a recording meets it.
+
+A stack's own files are described in its own words; the names of topics and frames on our side are
+those of the preset default.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+from .stack_names import FRAMES, TOPICS, StackName
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from .rig_facts import RigFacts
+
+    SettingsMaker: TypeAlias = Callable[[RigFacts], Mapping[str, str]]
+
+Value: TypeAlias = 'str | bool'
+
+
+@dataclass(frozen=True)
+class Citation:
+    """A place in the text of a stack.
+
+    Attributes:
+        repository: OWNER/NAME on GitHub, or the address of a page.
+        commit: First digits of the commit that was read; '' for a page.
+        file: Path within the repository.
+        line: Line of the demand in that version; 0 stands for the symbol or the whole file.
+        symbol: Function, class or parameter, where the line is not known.
+    """
+
+    repository: str
+    commit: str
+    file: str
+    line: int = 0
+    symbol: str = ''
+
+    def __str__(self) -> str:
+        place = f':{self.line}' if self.line else f' {self.symbol}' if self.symbol else ''
+        commit = f'@{self.commit}' if self.commit else ''
+        return f'{self.repository}{commit} {self.file}{place}'.strip()
+
+
+@dataclass(frozen=True)
+class Demand:
+    """One demand of a stack.
+
+    Attributes:
+        key: Short name; unique within the stack.
+        text: What messages must be, in one sentence.
+        source: Where the stack says so.
+        waits_for: The option that meets it, where to-bag may not have it yet.
+    """
+
+    key: str
+    text: str
+    source: Citation
+    waits_for: str = ''
+
+
+@dataclass(frozen=True)
+class Setting:
+    """An option of messages, and the value that a stack needs.
+
+    Attributes:
+        name: Of the option.
+        value: As in a YAML file.
+        others: Further values that meet the demands; a user may choose them.
+        instead: Name and value of the option that applies as long as no option is called name.
+    """
+
+    name: str
+    value: Value
+    others: tuple[Value, ...] = ()
+    instead: tuple[str, Value] | None = None
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of a launch file.
+
+    Attributes:
+        package, executable, name: As in launch_ros.
+        remappings: Topics of the node to others.
+        arguments: Words of its command line; {dir} is the folder of its parameters.
+        parameters: Whether it reads the file of parameters.
+        values: Further parameters; {dir} as above.
+        component: The class of a composable node, instead of an executable.
+    """
+
+    package: str
+    executable: str
+    name: str = ''
+    remappings: Mapping[str, str] = field(default_factory=dict)
+    arguments: tuple[str, ...] = ()
+    parameters: bool = True
+    values: Mapping[str, str] = field(default_factory=dict)
+    component: str = ''
+
+
+@dataclass(frozen=True)
+class Included:
+    """A launch file of the stack itself.
+
+    Attributes:
+        package: Package that installs it.
+        file: Path below its share folder.
+        arguments: Launch arguments; {dir} is the folder of the parameters.
+        environment: Environment variables that it reads.
+    """
+
+    package: str
+    file: str
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a stack publishes that is worth keeping.
+
+    Attributes:
+        topics: Recorded, besides /tf and /tf_static.
+        odometry: The topic that `eval odometry` scores; '' if there is none.
+        file: A trajectory file that the stack writes, instead of a topic.
+        frame: The frame of the poses, where the messages do not name one of the drive's.
+        tf: The link on /tf that `eval odometry` scores, instead of a topic.
+    """
+
+    topics: tuple[str, ...] = ()
+    odometry: str = ''
+    file: str = ''
+    frame: str = ''
+    tf: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stack:
+    """One program and its demands.
+
+    Attributes:
+        name: As users write it.
+        title: Name and publisher.
+        what: What it does, a few words.
+        points: Point fields that it reads, a few words; '' for none.
+        imu: Whether it reads an Imu, a few words; '' for no.
+        version: What was read.
+        demands: What it asks of messages.
+        settings: Options of messages that it needs.
+        inputs: Topics that it reads, by their names in the preset default.
+        imu_hz: Least rate of the Imu; 0 if it reads none.
+        moving: Frames of the transforms that it publishes, (parent, child).
+        publishes: Its topics, for the reader.
+        result: What to record and to score.
+        launch: What a launch file starts.
+        start: The stack's own command, for its defaults.
+        settings_files: Returns the texts of its parameter files, by name.
+        notes: What else a user must know.
+    """
+
+    name: str
+    title: str
+    what: str
+    version: str
+    demands: tuple[Demand, ...]
+    points: str = ''
+    imu: str = ''
+    settings: tuple[Setting, ...] = ()
+    inputs: tuple[str, ...] = ()
+    imu_hz: float = 0.0
+    moving: tuple[tuple[str, str], ...] = ()
+    publishes: tuple[str, ...] = ()
+    result: Result = field(default_factory=Result)
+    launch: tuple[Node | Included, ...] = ()
+    start: str = ''
+    settings_files: SettingsMaker | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """Topics by their names in the preset default, to the names that it expects."""
+        return TOPICS.get(StackName(self.name), {})
+
+    @property
+    def frames(self) -> Mapping[str, str]:
+        """Fields of FrameNames with the names that it expects."""
+        return FRAMES.get(StackName(self.name), {})
+
+
+DEFAULT_NAMES = Setting('preset', 'default')
+TIMED = Setting('points', 'xyzirt', instead=('ring_time', True))
+"""ring (uint16) and time (float32, seconds from the stamp), which is the start of the turn."""
+OWN_TREE = Setting('ground_truth_tree', value=True, instead=('tf', False))
+"""The ground truth is apart from the tree, in which the stack moves the car."""
+PIXELS = Setting('images', 'both', ('raw',))
+"""Decoded images; the PNG files restore the recording."""

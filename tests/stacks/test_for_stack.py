@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""--for sets what a stack needs, and says which of the user's options contradict it."""
+
+from __future__ import annotations
+
+import pytest
+
+from kitti_ros2.cli.config_file import add_config
+from kitti_ros2.messages.naming import naming_of
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.options.for_stack import applied
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.read import ScanStamp
+from kitti_ros2.options.table import PLAY, TO_BAG, make_play_settings, make_settings
+from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.stacks.stack_names import StackName
+
+PENDING = {
+    'annotations',
+    'color_encoding',
+    'covariances',
+    'ground_truth_tree',
+    'imu_from',
+    'objects',
+    'points',
+    'stereo',
+}
+"""Options that the table names and to-bag does not have yet."""
+
+
+def test_every_name_has_an_entry():
+    assert [each.value for each in StackName] == list(STACKS)
+
+
+def test_the_options_that_are_not_there_yet():
+    settings = {each.name for stack in STACKS.values() for each in stack.settings}
+    waiting = {each.waits_for for stack in STACKS.values() for each in stack.demands}
+    named = settings | waiting - {''}
+    assert named - {option.name for option in TO_BAG} == PENDING
+
+
+@pytest.mark.parametrize('name', STACKS)
+def test_its_options_are_valid(name):
+    settings = make_settings({'stack': name})
+    played = make_play_settings({'stack': name})
+    for made, declared in ((settings, TO_BAG), (played, PLAY)):
+        options = {each.name: each for each in declared}
+        for setting in STACKS[name].settings:
+            chosen = applied(setting, options)
+            if chosen is not None:
+                option = options[chosen[0]]
+                wanted = option.parse(option.name, chosen[1][0])
+                assert getattr(made.messages, option.field) == wanted
+    assert settings.messages.preset == played.messages.preset
+
+
+def test_a_timed_cloud_is_stamped_at_its_start():
+    assert make_settings({'stack': 'lio-sam'}).read.scan_stamp is ScanStamp.START
+    assert make_settings({'stack': 'octomap'}).read.scan_stamp is ScanStamp.FORWARD
+
+
+def test_other_options_stay_the_users():
+    settings = make_settings({'stack': 'cuvslam', 'images': 'raw', 'map': 'devkit'})
+    assert settings.messages.images is Images.RAW
+    assert make_settings({'stack': 'kiss-icp', 'images': 'raw'}).messages.images is Images.RAW
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'tf': True, 'stack': 'kiss-icp'},
+         'kiss-icp needs tf off, not on; leave out one of --for and --tf'),
+        ({'preset': 'kitti2bag', 'stack': 'lio-sam'},
+         'lio-sam needs preset default, not kitti2bag; leave out one of --for and --preset'),
+        ({'images': 'compressed', 'stack': 'orb-slam3'},
+         'orb-slam3 needs images both or raw, not compressed; leave out one of --for and --images'),
+    ],
+)  # fmt: skip
+def test_a_contradiction_is_one_line(values, message):
+    for make in (make_settings, make_play_settings):
+        with pytest.raises(UsageError) as raised:
+            make(values)
+        assert str(raised.value) == message
+
+
+def test_a_misspelt_stack_is_answered_with_a_name():
+    with pytest.raises(UsageError, match=r"not 'lio_sm'; did you mean (lio-sam|rko_lio)"):
+        make_settings({'stack': 'lio_sm'})
+
+
+def test_defaults_of_a_file_do_not_contradict(tmp_path):
+    file = tmp_path / 'options.yaml'
+    file.write_text('tf: true\nring_time: false\nimages: raw\nlayout: null\n', 'utf-8')
+    merged = add_config(file, {'stack': 'kiss-icp'}, TO_BAG)
+    assert merged == {'images': 'raw', 'stack': 'kiss-icp'}
+    assert not make_settings(merged).messages.publish_tf
+    assert add_config(file, {}, TO_BAG) == {'tf': True, 'ring_time': False, 'images': 'raw'}
+
+
+def test_topics_and_frames_have_the_names_of_the_stack():
+    names = naming_of(MessageOptions(stack=StackName.NVBLOX))
+    assert names.topic('/kitti/velo/points') == '/pointcloud'
+    assert names.topic('/kitti/velo/points_of_others') == '/kitti/velo/points_of_others'
+    assert (names.frames.map, names.frames.base) == ('odom', 'base_link')
+    names = naming_of(MessageOptions(stack=StackName.RTABMAP_STEREO))
+    left = '/stereo_camera/left/image_rect_color'
+    assert names.topic('/kitti/camera_color_left/image_rect/compressed') == f'{left}/compressed'
