@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
-from ..options.for_stack import applied
-from ..options.table import TO_BAG, make_settings
+from ..options.table import make_settings
 from ..stack_setup.commands import commands_of
 from ..stacks.catalogue import STACKS
 from .exit_codes import EXIT_OK
@@ -146,10 +145,7 @@ def _section(heading: str, entries: list[str]) -> None:
 
 
 def _setting_text(setting: Setting) -> str:
-    chosen = applied(setting, {each.name: each for each in TO_BAG})
-    if chosen is None:
-        return f'{setting.name}: {_word(setting.value)} (not an option of this version)'
-    return f'{chosen[0]}: {" or ".join(map(_word, chosen[1]))}'
+    return f'{setting.name}: {" or ".join(map(_word, (setting.value, *setting.others)))}'
 
 
 def _word(value: object) -> str:

@@ -11,7 +11,6 @@ from ..model.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from ..stacks.stack import Setting, Value
     from .declare import Option
 
 
@@ -33,10 +32,7 @@ def with_stack(parsed: Mapping[str, Any], declared: Sequence[Option]) -> dict[st
     found = dict(parsed)
     options = {each.name: each for each in declared}
     for setting in STACKS[name.value].settings:
-        chosen = applied(setting, options)
-        if chosen is None:
-            continue
-        option, values = options[chosen[0]], chosen[1]
+        option, values = options[setting.name], (setting.value, *setting.others)
         accepted = [option.parse(option.name, value) for value in values]
         given = found.setdefault(option.name, accepted[0])
         if given not in accepted:
@@ -46,20 +42,6 @@ def with_stack(parsed: Mapping[str, Any], declared: Sequence[Option]) -> dict[st
                 f' leave out one of --for and --{option.name.replace("_", "-")}'
             )
     return found
-
-
-def applied(
-    setting: Setting, options: Mapping[str, Option]
-) -> tuple[str, tuple[Value, ...]] | None:
-    """Return the option of a setting and the values that it may have, the chosen one first.
-
-    None if neither the option nor the one that stands in for it is among the options.
-    """
-    if setting.name in options:
-        return setting.name, (setting.value, *setting.others)
-    if setting.instead is not None and setting.instead[0] in options:
-        return setting.instead[0], setting.instead[1:]
-    return None
 
 
 def _word(value: object) -> str:

@@ -208,7 +208,7 @@ GLIM = Stack(
                Citation(_GLIM, '01d46b6e4d1d', 'src/glim/util/time_keeper.cpp', 111)),
         Demand('imu-rate', 'Imu messages are at most 0.1 s apart',
                Citation(_GLIM, '01d46b6e4d1d', 'src/glim/util/time_keeper.cpp', 51),
-               waits_for='imu_from'),
+               of_option='imu_from'),
         Demand('one-parent', 'it publishes map -> odom -> base_frame_id, and imu -> lidar, on /tf',
                Citation(*_GLIM_ROS, 21)),
     ),

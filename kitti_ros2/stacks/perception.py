@@ -14,7 +14,7 @@ from .stack import (
     Setting,
     Stack,
 )
-from .stack_names import FIX, IMU, SCAN
+from .stack_names import FIX, IMU, SCAN, VELOCITY
 
 _POINT_TYPES = (
     'autowarefoundation/autoware.universe',
@@ -58,9 +58,9 @@ AUTOWARE = Stack(
                       symbol='pointcloud_raw_ex')),
         Demand('point-type', 'PointXYZIRCAEDT: x y z float32, intensity, return_type uint8, channel'
                ' uint16, azimuth, elevation, distance float32, time_stamp uint32 nanoseconds;'
-               ' 32 bytes', Citation(*_POINT_TYPES, 95), waits_for='points'),
+               ' 32 bytes', Citation(*_POINT_TYPES, 95)),
         Demand('point-type-exact', 'the distortion corrector accepts no other layout',
-               Citation(*_DISTORTION, symbol='pointcloud_callback'), waits_for='points'),
+               Citation(*_DISTORTION, symbol='pointcloud_callback')),
         Demand('imu', 'Imu on /sensing/imu/tamagawa/imu_raw',
                Citation(_KIT, '210f29c', 'sample_sensor_kit_launch/launch/imu.launch.xml',
                       symbol='imu_raw')),
@@ -71,10 +71,10 @@ AUTOWARE = Stack(
                ' /sensing/vehicle_velocity_converter/twist_with_covariance',
                Citation(_KIT, '03ba3c52eb4b',
                       'common_sensor_launch/launch/nebula_node_container.launch.py',
-                      symbol='twist_with_covariance'), waits_for='covariances'),
+                      symbol='twist_with_covariance')),
         Demand('objects', 'labels as autoware_perception_msgs, to compare with its detections',
                Citation('autowarefoundation/autoware_msgs', '4d899889d347',
-                      'autoware_perception_msgs/msg/DetectedObjects.msg'), waits_for='objects'),
+                      'autoware_perception_msgs/msg/DetectedObjects.msg')),
         Demand('static-frame', "base_link to the cloud's frame is in /tf_static",
                Citation(*_DISTORTION, symbol='base_frame')),
     ),
@@ -84,7 +84,7 @@ AUTOWARE = Stack(
         Setting('covariances', value=True),
         Setting('objects', 'both', ('autoware',)),
     ),
-    inputs=(SCAN, IMU, FIX),
+    inputs=(SCAN, IMU, FIX, VELOCITY),
     publishes=('/perception/object_recognition/objects',),
     result=Result(('/perception/object_recognition/objects',)),
     start='ros2 launch autoware_launch logging_simulator.launch.xml map_path:=MAP'
@@ -158,8 +158,7 @@ FOXGLOVE = Stack(
         Demand('images', 'CompressedImage or Image, with CameraInfo for 3D',
                Citation('docs.foxglove.dev', '', '/docs/visualization/panels/image')),
         Demand('annotations', 'boxes on images are foxglove_msgs/msg/ImageAnnotations',
-               Citation('docs.foxglove.dev', '', '/docs/sdk/schemas/image-annotations'),
-               waits_for='annotations'),
+               Citation('docs.foxglove.dev', '', '/docs/sdk/schemas/image-annotations')),
     ),
     settings=(Setting('annotations', value=True),),
     inputs=(f'{_CAMERA}/camera_info',),

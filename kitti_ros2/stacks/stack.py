@@ -55,13 +55,13 @@ class Demand:
         key: Short name; unique within the stack.
         text: What messages must be, in one sentence.
         source: Where the stack says so.
-        waits_for: The option that meets it, where to-bag may not have it yet.
+        of_option: The option that meets it, where only the user can give its value.
     """
 
     key: str
     text: str
     source: Citation
-    waits_for: str = ''
+    of_option: str = ''
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,11 @@ class Setting:
         name: Of the option.
         value: As in a YAML file.
         others: Further values that meet the demands; a user may choose them.
-        instead: Name and value of the option that applies as long as no option is called name.
     """
 
     name: str
     value: Value
     others: tuple[Value, ...] = ()
-    instead: tuple[str, Value] | None = None
 
 
 @dataclass(frozen=True)
@@ -194,9 +192,9 @@ class Stack:
 
 
 DEFAULT_NAMES = Setting('preset', 'default')
-TIMED = Setting('points', 'xyzirt', instead=('ring_time', True))
+TIMED = Setting('points', 'xyzirt')
 """ring (uint16) and time (float32, seconds from the stamp), which is the start of the turn."""
-OWN_TREE = Setting('ground_truth_tree', value=True, instead=('tf', False))
+OWN_TREE = Setting('ground_truth_tree', value=True)
 """The ground truth is apart from the tree, in which the stack moves the car."""
 PIXELS = Setting('images', 'both', ('raw',))
 """Decoded images; the PNG files restore the recording."""

@@ -13,23 +13,16 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.selection import SelectionOptions
-from kitti_ros2.options.table import TO_BAG_OPTIONS, make_play_settings, make_settings
+from kitti_ros2.options.table import make_play_settings, make_settings
 from kitti_ros2.stacks.catalogue import STACKS
 
 ALSO_SEEN = ('/tf*', '*/camera_info', '/kitti/labels/*')
 """Topics beside those that a stack reads: its checks look at them, and viewers show them."""
-OF_THE_DRIVE = 'imu_from'
-"""The option whose value is a path of the user's; recordings of the tests have 10 Hz."""
 
 
 def due(name):
-    """The demands of a stack that its messages can meet, with their checks."""
-    return [
-        (each, CHECKERS[name][each.key])
-        for each in STACKS[name].demands
-        if each.waits_for != OF_THE_DRIVE
-        and (not each.waits_for or each.waits_for in TO_BAG_OPTIONS)
-    ]
+    """The demands that --for alone meets, with their checks; recordings here have 10 Hz."""
+    return [(each, CHECKERS[name][each.key]) for each in STACKS[name].demands if not each.of_option]
 
 
 def seen_by_a_stack(name, options):
@@ -111,7 +104,7 @@ def test_without_for_a_demand_is_not_met(name, plain):
             met.append(not check(plain))
         except (KeyError, ValueError):  # a topic has another name, a field is not there
             met.append(False)
-    assert all(met) is (name in {'vision_msgs', 'foxglove'})
+    assert all(met) is (name == 'vision_msgs')
 
 
 def test_a_second_parent_is_a_fault(plain):

@@ -9,35 +9,21 @@ import pytest
 from kitti_ros2.cli.config_file import add_config
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.for_stack import applied
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ScanStamp
 from kitti_ros2.options.table import PLAY, TO_BAG, make_play_settings, make_settings
 from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.stacks.stack_names import StackName
 
-PENDING = {
-    'annotations',
-    'color_encoding',
-    'covariances',
-    'ground_truth_tree',
-    'imu_from',
-    'objects',
-    'points',
-    'stereo',
-}
-"""Options that the table names and to-bag does not have yet."""
-
 
 def test_every_name_has_an_entry():
     assert [each.value for each in StackName] == list(STACKS)
 
 
-def test_the_options_that_are_not_there_yet():
+def test_its_options_are_those_of_to_bag():
     settings = {each.name for stack in STACKS.values() for each in stack.settings}
-    waiting = {each.waits_for for stack in STACKS.values() for each in stack.demands}
-    named = settings | waiting - {''}
-    assert named - {option.name for option in TO_BAG} == PENDING
+    of_users = {each.of_option for stack in STACKS.values() for each in stack.demands} - {''}
+    assert settings | of_users <= {option.name for option in TO_BAG}
 
 
 @pytest.mark.parametrize('name', STACKS)
@@ -47,11 +33,10 @@ def test_its_options_are_valid(name):
     for made, declared in ((settings, TO_BAG), (played, PLAY)):
         options = {each.name: each for each in declared}
         for setting in STACKS[name].settings:
-            chosen = applied(setting, options)
-            if chosen is not None:
-                option = options[chosen[0]]
-                wanted = option.parse(option.name, chosen[1][0])
-                assert getattr(made.messages, option.field) == wanted
+            option = options[setting.name]
+            wanted = option.parse(option.name, setting.value)
+            holder = made.messages if hasattr(made.messages, option.field) else made.read
+            assert getattr(holder, option.field) == wanted
     assert settings.messages.preset == played.messages.preset
 
 
@@ -69,8 +54,9 @@ def test_other_options_stay_the_users():
 @pytest.mark.parametrize(
     ('values', 'message'),
     [
-        ({'tf': True, 'stack': 'kiss-icp'},
-         'kiss-icp needs tf off, not on; leave out one of --for and --tf'),
+        ({'ground_truth_tree': False, 'stack': 'dlio'},
+         ('dlio needs ground_truth_tree on, not off; leave out one of --for and'
+          ' --ground-truth-tree')),
         ({'preset': 'kitti2bag', 'stack': 'lio-sam'},
          'lio-sam needs preset default, not kitti2bag; leave out one of --for and --preset'),
         ({'images': 'compressed', 'stack': 'orb-slam3'},
@@ -94,7 +80,7 @@ def test_defaults_of_a_file_do_not_contradict(tmp_path):
     file.write_text('tf: true\nring_time: false\nimages: raw\nlayout: null\n', 'utf-8')
     merged = add_config(file, {'stack': 'kiss-icp'}, TO_BAG)
     assert merged == {'images': 'raw', 'stack': 'kiss-icp'}
-    assert not make_settings(merged).messages.publish_tf
+    assert make_settings(merged).messages.ground_truth_tree
     assert add_config(file, {}, TO_BAG) == {'tf': True, 'ring_time': False, 'images': 'raw'}
 
 
