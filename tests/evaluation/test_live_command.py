@@ -145,6 +145,14 @@ def test_kiss_icp_drifts_under_2_percent(run, request):
     assert (values['live']['frames'], values['live']['missing']) == (130, [])
 
 
+INTERRUPTIBLE = """
+import signal, sys
+from kitti_ros2.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run with &
+sys.exit(main())
+"""
+
+
 def is_running(pid):
     try:
         os.kill(pid, 0)
@@ -160,7 +168,7 @@ def test_ctrl_c_ends_the_node_with_all_its_processes(sent, code, recordings, tmp
     node = python(NODES, 'family')
     words = ['eval', 'live', recordings[Layout.RAW], '--topic', '/answering/boxes', '--node', node]
     out = tmp_path / 'results' / 'boxes.mcap'
-    command = [sys.executable, '-m', 'kitti_ros2', *map(str, words), '-o', str(out)]
+    command = [sys.executable, '-c', INTERRUPTIBLE, *map(str, words), '-o', str(out)]
     # The first terminal that the leader of a session opens is its controlling terminal.
     shell = ['sh', '-c', 'tty=$(tty); exec "$@" <$tty >$tty 2>&1', 'sh']
     process = subprocess.Popen([*shell, *command], stdin=slave, start_new_session=True)
