@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 from kitti_ros2.cli.app import find_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import PRESETS, FrameNames, base_t_imu, make_frames
-from kitti_ros2.messages.topics import make_table
+from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table
 from kitti_ros2.messages.transforms import static_links
-from kitti_ros2.model.cloud_formats import FORMATS, VALUES, Order, Points
+from kitti_ros2.model.cloud_formats import FORMATS, VALUES, Order
 from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.options.messages import Images, MessageOptions, Objects, Preset
+from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.synthetic.rig import make_calibration
 from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
@@ -109,14 +109,7 @@ def exit_codes() -> str:
 
 def topics() -> str:
     """Return the table of topics, with streams, QoS and the names of the preset kitti2bag."""
-    options = MessageOptions(
-        images=Images.BOTH,
-        annotated=True,
-        objects=Objects.BOTH,
-        annotations=True,
-        covariances=True,
-        points=Points.OUSTER,
-    )
+    options = dataclasses.replace(EVERY_MESSAGE, annotated=True)
     rows = [
         (
             _code(row.topic),

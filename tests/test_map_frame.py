@@ -20,7 +20,8 @@ from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.recording import Start
 from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset
+from kitti_ros2.options.markers import MarkerOptions
+from kitti_ros2.options.messages import MapFrame, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames

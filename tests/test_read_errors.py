@@ -16,7 +16,8 @@ from kitti_ros2.kitti.store import LocalStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.markers import MarkerOptions
+from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.source import open_program

@@ -70,6 +70,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     ground_truth_tree: bool
     ground_truth_map: str
     ground_truth_base: str
+    stereo_frame: str
     color_encoding: str
     stack: str | None
     storage: str | None

@@ -8,7 +8,7 @@ import colorsys
 from zlib import crc32
 
 from ..model.matching import Verdict
-from ..options.messages import MarkerColors
+from ..options.markers import MarkerColors
 
 CLASS_COLORS = {
     'Car': (2, 150, 249),

@@ -15,8 +15,9 @@ from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import naming_of
+from ..messages.selected_topics import select_topics, unmatched
 from ..messages.source import GREY, POINTS, promise
-from ..messages.topics import make_table, select_topics, unmatched
+from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
@@ -109,7 +110,7 @@ class Encoder:
             return [], [Loss(row.topic, 1, describe_error(error)) for _, row in rows]
         if isinstance(sample, Calibration):
             mounted = with_nominal_mounts(
-                sample, self._rig.cameras, stereo=self._rig.options.stereo
+                sample, self._rig.cameras, own=self._rig.options.own_frames
             )
             self._nominal.update(mounted.nominal)
         moment = Moment(

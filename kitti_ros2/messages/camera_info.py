@@ -12,10 +12,10 @@ One rule: P (after R) projects points given in header.frame_id, exactly as KITTI
   remainder is in P's fourth column.
 - Cameras with extrinsics of their own (Waymo): their own frame, and P as it is.
 
-On request the pairs of cameras (0 and 1, 2 and 3) follow the rule of stereo nodes instead: each
-camera names its own frame, so that the baseline is in TF, too; P is K_rect, and in the right camera
-Tx = -fx B, B the baseline along x, with Ty = Tz = 0 (CameraInfo.msg on the second camera of a
-horizontal pair). Who reads what:
+On request the pairs of cameras (0 and 1, 2 and 3) follow the rule of stereo nodes instead: P is
+K_rect, and in the right camera Tx = -fx B, B the baseline along x, with Ty = Tz = 0
+(CameraInfo.msg on the second camera of a horizontal pair). The right camera names its own frame, so
+that the baseline is in TF, too, or the left one's. Who reads what:
 
 - cuVSLAM: K, and the extrinsics from TF by the frame of each CameraInfo (isaac_ros_visual_slam
   8d7f280, src/impl/visual_slam_impl.cpp, Initialize); mono8 and rgb8 only (575961b,
@@ -23,8 +23,9 @@ horizontal pair). Who reads what:
 - rtabmap: the left frame, and the baseline of P, for rectified images; TF between both frames for
   others, where equal frames are an error (rtabmap_ros, stereo_odometry, alreadyRectified).
 - stereo_image_proc: the left header, and the baseline of P (image_pipeline 0131608,
-  disparity_node.cpp). image_geometry asserts equal frames of both, in debug builds only, and equal
-  fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp, lines 32 to 35).
+  disparity_node.cpp). image_geometry asserts equal frames of both, which ends nodes that are
+  built without NDEBUG, and equal fx, fy and cy (vision_opencv e8884ed, stereo_camera_model.cpp,
+  lines 32 to 35).
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ _ROTATION = 1e-3
 _LARGEST = 1e9
 
 
-def image_frame_camera(calibration: Calibration, index: int, *, stereo: bool = False) -> int:
+def image_frame_camera(calibration: Calibration, index: int, *, own: bool = False) -> int:
     """Return the camera whose optical frame is the frame_id of a camera's images.
 
-    With stereo it is the camera itself.
+    With own it is the camera itself.
     """
     left = LEFT_OF.get(index)
-    if stereo or left is None or not calibration.rectified or calibration.independent_cameras:
+    if own or left is None or not calibration.rectified or calibration.independent_cameras:
         return index
     return left if left in calibration.cameras else index
 

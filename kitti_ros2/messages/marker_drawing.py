@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
-    from ..options.messages import MarkerOptions
+    from ..options.markers import MarkerOptions
     from .cdr import Parts
 
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ..drawing.palette import EGO_COLOR, EGO_SIZE_LWH, color_of
-from ..options.messages import MarkerColors, MarkerOptions
+from ..options.markers import MarkerColors, MarkerOptions
 from .marker_drawing import OBJECT_PARTS, MarkerDrawing
 from .ros_types import Marker
 

@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 
 def with_nominal_mounts(
-    calibration: Calibration, cameras: Collection[int], *, stereo: bool = False
+    calibration: Calibration, cameras: Collection[int], *, own: bool = False
 ) -> Calibration:
     """Add nominal values to a calibration where the mount of a camera is missing.
 
     Args:
         calibration: Of a frame.
         cameras: Those whose images or labels are in messages.
-        stereo: Whether each names its own frame.
+        own: Whether each names its own frame.
 
     Returns:
         A calibration with the frame of each of them; nominal lists the added parts.
     """
-    named = sorted({image_frame_camera(calibration, index, stereo=stereo) for index in cameras})
+    named = sorted({image_frame_camera(calibration, index, own=own) for index in cameras})
     if not named:
         return calibration
     if calibration.independent_cameras:

@@ -135,9 +135,9 @@ def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> Frame
     Raises:
         UsageError: One of these is a frame of the sensors, which would join both trees.
     """
-    if not options.ground_truth_tree:
+    if not options.ground_truth.tree:
         return frames
-    own = options.ground_truth_map, options.ground_truth_base
+    own = options.ground_truth.map, options.ground_truth.base
     cameras = (frames.camera(index) for index in range(CAMERA_COUNT))
     sensors = {frames.base, frames.imu, frames.velo, *cameras}
     for name in own:

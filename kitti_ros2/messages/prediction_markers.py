@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..drawing.objects import LabelledObject
-    from ..options.messages import MarkerOptions
+    from ..options.markers import MarkerOptions
     from .cdr import Parts
 
 _NAMESPACES = {

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 def make_static(calibration: Calibration, moment: Moment) -> object:
     """Make the static tree, with nominal mounts of cameras where the calibration has none."""
     rig = moment.rig
-    mounted = with_nominal_mounts(calibration, rig.cameras, stereo=rig.options.stereo)
+    mounted = with_nominal_mounts(calibration, rig.cameras, own=rig.options.own_frames)
     links = static_links(mounted, rig.base_t_imu, rig.frames)
     return encode_static(links, moment.stamp_ns)
 
@@ -176,9 +176,10 @@ def make_camera_info(image: Image, moment: Moment) -> object:
 
 
 def _image_frame(moment: Moment) -> str:
-    calibration = moment.calibration()
-    stereo = moment.rig.options.stereo
-    return moment.rig.frames.camera(image_frame_camera(calibration, moment.camera, stereo=stereo))
+    own = moment.rig.options.own_frames
+    return moment.rig.frames.camera(
+        image_frame_camera(moment.calibration(), moment.camera, own=own)
+    )
 
 
 @lru_cache(maxsize=64)

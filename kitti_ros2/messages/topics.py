@@ -27,13 +27,12 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..model.channels import Channel
 from ..model.cloud_formats import FORMATS, Points
-from ..model.errors import BadFileError, UsageError
+from ..model.errors import BadFileError
 from ..model.msgtypes import (
     ANNOTATIONS,
     CAMERA_INFO,
@@ -55,7 +54,6 @@ from ..model.msgtypes import (
     TWIST_COVARIANCE,
 )
 from ..model.samples import Description
-from ..model.spelling import did_you_mean
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Objects
 from . import row_encoders as encoders
@@ -81,10 +79,9 @@ from .source import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Mapping
 
     from ..model.samples import Calibration, Sample
-    from ..options.selection import SelectionOptions
     from .moment import Moment, Origin
 
     Encode: TypeAlias = Callable[[Any, Moment], object | None]
@@ -209,6 +206,14 @@ _COVARIANCE_ROW = Topic(
     Stream.OXTS,
     lambda packet, moment: encode_velocity_with_covariance(packet, *moment.at_imu),
 )
+EVERY_MESSAGE = MessageOptions(
+    images=Images.BOTH,
+    objects=Objects.BOTH,
+    annotations=True,
+    covariances=True,
+    points=Points.OUSTER,
+)
+"""Options that make all messages which bags may have; not annotated images."""
 
 
 def make_table(
@@ -273,17 +278,10 @@ def _camera_rows(
 def own_topics() -> Mapping[str, Topic]:
     """Return all rows that to-bag may write, for all names and rigs, by topic name."""
     numbered = {index: str(index) for index in range(CAMERA_COUNT)}
-    options = MessageOptions(
-        images=Images.BOTH,
-        objects=Objects.BOTH,
-        annotations=True,
-        covariances=True,
-        points=Points.OUSTER,
-    )
     found: dict[str, Topic] = {}
     for cameras in (CAMERA_NAMES, numbered):
         for image_topic in IMAGE_TOPICS:
-            for row in make_table(cameras, image_topic, options):
+            for row in make_table(cameras, image_topic, EVERY_MESSAGE):
                 found[row.topic] = row
     rows = list(found.values())
     for names in every_naming():
@@ -304,52 +302,3 @@ def prediction_topics() -> frozenset[str]:
 def decoders() -> Mapping[str, Decode]:
     """Return the decoders of the rows that have one, by topic name."""
     return {name: row.decode for name, row in own_topics().items() if row.decode is not None}
-
-
-def select_topics(table: list[Topic], selection: SelectionOptions) -> list[Topic]:
-    """Select the rows whose names match a pattern of topics and none of exclude_topics.
-
-    Patterns are shell wildcards; without topics all are selected.
-
-    Raises:
-        UsageError: No row is selected.
-    """
-    names = set(match_names([row.topic for row in table], selection))
-    return [row for row in table if row.topic in names]
-
-
-def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
-    """Select topic names; see select_topics."""
-    patterns, excluded = selection.topics, selection.exclude_topics
-    selected = [name for name in names if not patterns or _matches(name, patterns)]
-    if not selected and patterns:
-        hints = [_close_topics(each, names) for each in patterns]
-        hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
-        raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
-    kept = [name for name in selected if not _matches(name, excluded)]
-    if selected and not kept:
-        raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
-    return kept
-
-
-def _matches(name: str, patterns: tuple[str, ...]) -> bool:
-    return any(fnmatchcase(name, each) for each in patterns)
-
-
-def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
-    """Return a note on each pattern of topics and exclude_topics that matches no topic."""
-    return [
-        f'no topic is called {each}{_close_topics(each, sorted(names))}'
-        for each in (*selection.topics, *selection.exclude_topics)
-        if not any(fnmatchcase(name, each) for name in names)
-    ]
-
-
-def _close_topics(pattern: str, names: Sequence[str]) -> str:
-    """Return the question for a misspelt topic, or for a misspelt pattern of several."""
-    known = list(names)
-    if '*' in pattern:
-        words = [name.split('/') for name in names]
-        known = [f'{"/".join(each[:at])}/*' for each in words for at in range(1, len(each))]
-        known += [f'*/{"/".join(each[at:])}' for each in words for at in range(1, len(each))]
-    return did_you_mean(pattern, known)

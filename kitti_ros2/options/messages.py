@@ -14,15 +14,10 @@ from ..model.cloud_formats import FORMATS, Points
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from ..stacks.stack_names import StackName
-from .declare import check_bounds, choice, option
-from .parsers import (
-    parse_class_map,
-    parse_flag,
-    parse_number,
-    parse_place,
-    parse_seconds_ns,
-    parse_text,
-)
+from .declare import choice, option
+from .ground_truth import GroundTruthOptions
+from .markers import MarkerOptions
+from .parsers import parse_class_map, parse_flag, parse_place
 
 
 class Preset(str, Enum):
@@ -55,6 +50,13 @@ class ColorEncoding(str, Enum):
     MONO8 = 'mono8'
 
 
+class StereoFrame(str, Enum):
+    """Frames of right images in stereo pairs: their own, or that of the left ones."""
+
+    OWN = 'own'
+    LEFT = 'left'
+
+
 class Images(str, Enum):
     """Form of images: the bytes of the PNG file, decoded pixels, or both."""
 
@@ -63,84 +65,8 @@ class Images(str, Enum):
     BOTH = 'both'
 
 
-GROUND_TRUTH_MAP, GROUND_TRUTH_BASE = 'map_gt', 'base_link_gt'
 BASE_T_IMU = (-0.05, 0.32, 0.93)
 KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
-
-
-class MarkerColors(str, Enum):
-    """Property that determines the colour of an object's markers."""
-
-    CLASS = 'class'
-    TRACK = 'track'
-
-
-@dataclass(frozen=True)
-class MarkerOptions:
-    """Options of the markers of labels.
-
-    Attributes:
-        colors: One colour per class, or one per track.
-        alpha: Opacity of the boxes, 0..1.
-        line_width: Width of edges and trails, metres.
-        arrow_length: How far a heading arrow extends beyond its box, metres.
-        text_height: Height of the text, metres.
-        lifetime_ns: Nanoseconds after which viewers remove a marker; 0 never.
-        trails: Whether tracks show their past positions.
-        ego: Whether the recording car is drawn.
-
-    Raises:
-        UsageError: A size is not positive, or alpha is out of range.
-    """
-
-    group: ClassVar = 'Label markers'
-
-    colors: MarkerColors = choice(
-        MarkerColors.CLASS, 'One colour per class or per track', MarkerColors, name='marker_colors'
-    )
-    alpha: float = option(
-        0.35, 'Opacity of label boxes', parse_number, name='marker_alpha', bounds=(0.0, 1.0)
-    )
-    line_width: float = option(
-        0.05,
-        'Width of label edges and trails, metres',
-        parse_number,
-        name='marker_line_width',
-        bounds=(0.001, 10.0),
-    )
-    arrow_length: float = option(
-        1.0,
-        'How far a heading arrow extends beyond its box, metres',
-        parse_number,
-        name='marker_arrow_length',
-        bounds=(0.01, 100.0),
-    )
-    text_height: float = option(
-        0.6,
-        'Height of label text, metres',
-        parse_number,
-        name='marker_text_height',
-        bounds=(0.01, 100.0),
-    )
-    lifetime_ns: int = option(
-        300_000_000,
-        'Seconds after which a label marker disappears; 0 is never',
-        parse_seconds_ns,
-        name='marker_lifetime',
-        bounds=(0.0, 3600.0),
-    )
-    trails: bool = option(False, 'Label markers also show the past positions of tracks', parse_flag)
-    ego: bool = option(True, 'Marker of the recording car', parse_flag, name='ego_marker')
-
-    def __post_init__(self) -> None:
-        check_bounds(self, 'marker_alpha')
-        for name in ('line_width', 'arrow_length', 'text_height'):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UsageError(
-                    f'marker {name} {getattr(self, name):g} is not positive, in metres'
-                )
-        if self.lifetime_ns < 0:
-            raise UsageError('the lifetime of markers is negative')
 
 
 @dataclass(frozen=True)
@@ -165,17 +91,16 @@ class MessageOptions:
         covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
             published, too; None is not.
         points: Format of clouds; None follows ring_and_time.
-        ground_truth_tree: Whether the poses are on a TF tree of their own, so that a stack may own
-            map, odom and base_link.
-        ground_truth_map, ground_truth_base: The frames of that tree.
-        stereo: Whether right cameras have their own frame and the CameraInfo of a stereo pair;
-            see messages/camera_info.py. The stamps of pairs are of ReadOptions.
+        ground_truth: Options of a TF tree of the poses alone.
+        stereo: Whether cameras have the CameraInfo of a stereo pair; see messages/camera_info.py.
+            The stamps of pairs are of ReadOptions.
+        stereo_frame: The frame of right images in those pairs.
         color_encoding: Encoding of the pixels of colour images; grey ones are mono8 or mono16.
         stack: The stack whose names topics and frames have; None: those of preset.
 
     Raises:
-        UsageError: base_to_imu is not three finite numbers, a frame of the ground truth is
-            invalid, Autoware has no such label, or options exclude each other.
+        UsageError: base_to_imu is not three finite numbers, Autoware has no such label, or
+            options exclude each other.
     """
 
     group: ClassVar = 'Messages'
@@ -208,6 +133,7 @@ class MessageOptions:
     semantic: bool = False
     overlaps: LeastOverlaps = KITTI_OVERLAPS
     markers: MarkerOptions = field(default_factory=MarkerOptions)
+    ground_truth: GroundTruthOptions = field(default_factory=GroundTruthOptions)
     annotated: bool = option(False, 'Also images with the labels drawn on them', parse_flag)
     objects: Objects = choice(
         Objects.VISION,
@@ -228,27 +154,21 @@ class MessageOptions:
         None,
         'Covariances in Imu, and a TwistWithCovarianceStamped',
         parse_flag,
-        unset='on with imu from, else off',
+        unset='on with 100 Hz packets, else off',
         any_type=True,
     )
     points: Points | None = choice(
         None,
         'Format of clouds: fields, types and order of points',
         Points,
-        unset='xyzi, with ring time xyzirt',
-    )
-    ground_truth_tree: bool = option(
-        False,
-        'Ground truth on a TF tree of its own; map, odom and base_link are left to a stack',
-        parse_flag,
-    )
-    ground_truth_map: str = option(
-        GROUND_TRUTH_MAP, 'With --ground-truth-tree: its fixed frame', parse_text, metavar='FRAME'
-    )
-    ground_truth_base: str = option(
-        GROUND_TRUTH_BASE, 'With --ground-truth-tree: its moving frame', parse_text, metavar='FRAME'
+        unset='xyzi; xyzirt for ring and time',
     )
     stereo: bool = False
+    stereo_frame: StereoFrame = choice(
+        StereoFrame.OWN,
+        'With --stereo: right images in their own frame, or in that of the left ones',
+        StereoFrame,
+    )
     color_encoding: ColorEncoding = choice(
         ColorEncoding.BGR8, 'Encoding of raw colour images', ColorEncoding
     )
@@ -266,8 +186,14 @@ class MessageOptions:
         """The format of clouds."""
         return self.points or (Points.XYZIRT if self.ring_and_time else Points.XYZI)
 
+    @property
+    def own_frames(self) -> bool:
+        """Whether each right camera of a stereo pair names its own frame."""
+        return self.stereo and self.stereo_frame is StereoFrame.OWN
+
     def __post_init__(self) -> None:
-        self._check_ground_truth()
+        if self.stereo_frame is not StereoFrame.OWN and not self.stereo:
+            raise UsageError('stereo_frame is for stereo; give both')
         if self.ring_and_time and self.cloud is not Points.XYZIRT:
             raise UsageError(
                 f'ring_time is short for points xyzirt and does not go with points'
@@ -283,17 +209,3 @@ class MessageOptions:
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
         check_labels(dict(self.autoware_labels))
-
-    def _check_ground_truth(self) -> None:
-        frames = self.ground_truth_map, self.ground_truth_base
-        if not self.ground_truth_tree:
-            if frames != (GROUND_TRUTH_MAP, GROUND_TRUTH_BASE):
-                raise UsageError(
-                    'ground_truth_map and ground_truth_base are for ground_truth_tree; give it too'
-                )
-            return
-        for name in frames:
-            if not name or name.startswith('/') or any(map(str.isspace, name)):
-                raise UsageError(f'{name!r} is not a TF frame: no blanks, and no / at the start')
-        if frames[0] == frames[1]:
-            raise UsageError(f'ground_truth_map and ground_truth_base are both {frames[0]}')

@@ -126,7 +126,7 @@ class ReadOptions:
     )
     stereo: bool = option(
         False,
-        "Stereo pairs: one stamp a pair, right cameras with their own frame and the pair's P",
+        'Stereo pairs: one stamp a pair, and CameraInfo as stereo nodes expect it',
         parse_flag,
     )
 

@@ -16,9 +16,11 @@ from ..model.errors import UsageError
 from .bag import BagOptions
 from .declare import check_bounds, choice, option, options_of, parse_values, values_for
 from .for_stack import with_stack
+from .ground_truth import GroundTruthOptions
 from .importing import ImportOptions
 from .imu import ImuOptions
-from .messages import Images, MarkerOptions, MessageOptions
+from .markers import MarkerOptions
+from .messages import Images, MessageOptions
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, ColorBy, PictureOptions
 from .playback import PlaybackOptions, Stamps
@@ -161,7 +163,11 @@ class ViewSettings:
 
 _PREDICTIONS = options_of(PredictionOptions)
 _IMU = options_of(ImuOptions)
-_MESSAGES = (*options_of(MessageOptions), *options_of(MarkerOptions))
+_MESSAGES = (
+    *options_of(MessageOptions),
+    *options_of(GroundTruthOptions),
+    *options_of(MarkerOptions),
+)
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 _SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
@@ -282,6 +288,7 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
         stereo=parsed.get('stereo', False),
         overlaps=predictions.overlaps,
         markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
+        ground_truth=GroundTruthOptions(**values_for(GroundTruthOptions, parsed)),
     )
     cloud_format = FORMATS[messages.cloud]
     if cloud_format.is_timed and not parsed.get('deskew'):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import match_names, unmatched
+from ..messages.selected_topics import match_names, unmatched
 from ..model.channels import Channel
 from ..model.errors import UsageError
 from ..model.msgtypes import HEADER, IMAGE

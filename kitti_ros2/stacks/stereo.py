@@ -33,12 +33,18 @@ _PROC = (
     '2290f495d7ac',
     'stereo_image_proc/src/stereo_image_proc/disparity_node.cpp',
 )
+_GEOMETRY = (
+    'ros-perception/vision_opencv',
+    'e8884ed',
+    'image_geometry/src/stereo_camera_model.cpp',
+)
 _CUVSLAM = ('NVIDIA-ISAAC-ROS/isaac_ros_visual_slam', '8d7f280457d7')
 _CUVSLAM_NODE = (*_CUVSLAM, 'isaac_ros_visual_slam/src/visual_slam_node.cpp')
 _CUVSLAM_RIG = (*_CUVSLAM, 'isaac_ros_visual_slam/src/impl/visual_slam_impl.cpp')
 _ORB = ('zang09/ORB_SLAM3_ROS2', 'b6104a19ac78', 'src/stereo/stereo-slam-node.cpp')
 _ORB_SETTINGS = ('UZ-SLAMLab/ORB_SLAM3', '0df83dde1c85', 'Examples/Stereo/KITTI00-02.yaml')
 _STEREO = Setting('stereo', value=True)
+_LEFT_FRAME = Setting('stereo_frame', 'left')
 
 
 def _inputs(pair: tuple[str, str], *, info: bool = True) -> tuple[str, ...]:
@@ -160,8 +166,10 @@ STEREO_IMAGE_PROC = Stack(
                Citation(*_PROC, symbol='imageCb')),
         Demand('baseline', 'P[3] of the right CameraInfo is -fx times the baseline',
                Citation(*_PROC, symbol='imageCb')),
+        Demand('one-frame', 'both CameraInfo have one frame, as image_geometry asserts',
+               Citation(*_GEOMETRY, 33)),
     ),
-    settings=(DEFAULT_NAMES, PIXELS, _STEREO),
+    settings=(DEFAULT_NAMES, PIXELS, _STEREO, _LEFT_FRAME),
     inputs=_inputs(_COLOR),
     publishes=('/disparity', '/points2'),
     result=Result(('/disparity', '/points2')),

@@ -17,12 +17,11 @@ from kitti_ros2.cli import exit_codes
 from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import FrameNames
-from kitti_ros2.messages.topics import make_table, own_topics
+from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table, own_topics
 from kitti_ros2.model.autoware_labels import LABEL_OF_CLASS
 from kitti_ros2.model.containers import CONTAINERS
 from kitti_ros2.options import dataset_tables, evaluation_tables
 from kitti_ros2.options import table as declared
-from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.stacks.catalogue import STACKS
 from kitti_ros2.validation.rule_table import rules_by_id
 
@@ -142,7 +141,7 @@ def test_labels_of_autoware_are_those_of_the_table():
 
 def test_topics_are_those_of_the_table():
     rows = rows_of(tables.topics())[2:]
-    names = {row.topic for row in make_table({}, 'image_rect', MessageOptions())}
+    names = {row.topic for row in make_table({}, 'image_rect', EVERY_MESSAGE)}
     assert names == {row[0].strip('`') for row in rows if '/camera_' not in row[0]}
     types = {each.msgtype.replace('/msg/', '/') for each in own_topics().values()}
     assert types == {row[1].strip('`') for row in rows}

@@ -24,7 +24,7 @@ from kitti_ros2.model.labels import cuboids_of, rect_from_velo
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.msgtypes import CLOCK, MARKERS, TF
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.messages import MarkerOptions
+from kitti_ros2.options.markers import MarkerOptions
 
 from builders import convert_recording  # isort: skip
 from folder_and_bag import make_holes  # isort: skip

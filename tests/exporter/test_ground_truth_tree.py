@@ -14,12 +14,15 @@ from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Preset
+from kitti_ros2.options.ground_truth import GroundTruthOptions
+from kitti_ros2.options.markers import MarkerOptions
+from kitti_ros2.options.messages import MessageOptions, Preset
 
 from builders import convert_recording, files_of, one_line  # isort: skip
 
 ODOMETRY = '/kitti/ground_truth/odometry'
 POSED = (Layout.RAW, Layout.ODOMETRY, Layout.TRACKING)
+TREE = GroundTruthOptions(tree=True)
 OF_TRUTH = {'/tf', ODOMETRY, '/kitti/ground_truth/path'}
 
 
@@ -51,7 +54,7 @@ def links_of(bag, topic):
 def test_only_the_frames_of_the_ground_truth_change(recordings, tmp_path, layout, preset):
     source = recordings[layout]
     plain = write(source, tmp_path / 'plain.mcap', preset=preset)
-    apart = write(source, tmp_path / 'apart.mcap', preset=preset, ground_truth_tree=True)
+    apart = write(source, tmp_path / 'apart.mcap', preset=preset, ground_truth=TREE)
     assert links_of(apart, '/tf') == {('map_gt', 'base_link_gt')}
     before, after = contents(plain), contents(apart)
     changed = {topic for topic in before if before[topic] != after[topic]}
@@ -72,7 +75,7 @@ def test_only_the_frames_of_the_ground_truth_change(recordings, tmp_path, layout
 
 
 def test_trails_are_in_the_map_that_they_were_computed_in(recordings, tmp_path):
-    bag = write(recordings[Layout.TRACKING], tmp_path / 'o.mcap', ground_truth_tree=True)
+    bag = write(recordings[Layout.TRACKING], tmp_path / 'o.mcap', ground_truth=TREE)
     frames = {
         marker.header.frame_id
         for item in read_ros2_messages(str(bag), topics=['/kitti/labels/markers'])
@@ -83,15 +86,13 @@ def test_trails_are_in_the_map_that_they_were_computed_in(recordings, tmp_path):
 
 
 def test_the_names_can_be_chosen(recordings, tmp_path):
-    names = {'ground_truth_map': 'map', 'ground_truth_base': 'truth/base'}
-    bag = write(recordings[Layout.RAW], tmp_path / 'o.mcap', ground_truth_tree=True, **names)
+    names = GroundTruthOptions(tree=True, map='map', base='truth/base')
+    bag = write(recordings[Layout.RAW], tmp_path / 'o.mcap', ground_truth=names)
     assert links_of(bag, '/tf') == {('map', 'truth/base')}
 
 
 def test_without_tf_only_the_topics_have_the_frames(recordings, tmp_path):
-    bag = write(
-        recordings[Layout.RAW], tmp_path / 'o.mcap', ground_truth_tree=True, publish_tf=False
-    )
+    bag = write(recordings[Layout.RAW], tmp_path / 'o.mcap', ground_truth=TREE, publish_tf=False)
     assert '/tf' not in contents(bag)
     assert deserialize(contents(bag)[ODOMETRY][0], 'nav_msgs/msg/Odometry').child_frame_id == (
         'base_link_gt'
@@ -126,7 +127,7 @@ def test_it_is_the_same_ground_truth(recordings, tmp_path, options):
     from kitti_ros2.evaluation import evaluate_odometry  # noqa: PLC0415 - skipped without evo
 
     plain = write(recordings[Layout.RAW], tmp_path / 'plain.mcap')
-    apart = write(recordings[Layout.RAW], tmp_path / 'apart.mcap', ground_truth_tree=True)
+    apart = write(recordings[Layout.RAW], tmp_path / 'apart.mcap', ground_truth=TREE)
     for truth in (plain, apart):
         scores = evaluate_odometry(truth, plain, topic=ODOMETRY, **options)
         assert scores.errors.ape_m == pytest.approx(0, abs=1e-5)  # metres
@@ -136,16 +137,16 @@ def test_it_is_the_same_ground_truth(recordings, tmp_path, options):
 @pytest.mark.parametrize(
     ('options', 'named'),
     [
-        ({'ground_truth_map': 'world'}, 'ground_truth_tree'),
-        ({'ground_truth_tree': True, 'ground_truth_base': ''}, "''"),
-        ({'ground_truth_tree': True, 'ground_truth_base': '/base'}, '/base'),
-        ({'ground_truth_tree': True, 'ground_truth_map': 'my map'}, 'my map'),
-        ({'ground_truth_tree': True, 'ground_truth_map': 'base_link_gt'}, 'both base_link_gt'),
+        ({'map': 'world'}, 'ground_truth_tree'),
+        ({'tree': True, 'base': ''}, "''"),
+        ({'tree': True, 'base': '/base'}, '/base'),
+        ({'tree': True, 'map': 'my map'}, 'my map'),
+        ({'tree': True, 'map': 'base_link_gt'}, 'both base_link_gt'),
     ],
 )
 def test_invalid_frames_are_refused(options, named):
     with pytest.raises(UsageError, match=named):
-        MessageOptions(**options)
+        GroundTruthOptions(**options)
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'velo_link', 'camera_color_left_optical_frame'])

@@ -29,7 +29,8 @@ from kitti_ros2.model.labels import Trails, cuboids_of, identified, rect_from_ve
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.markers import MarkerOptions
+from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.lidar import ELEVATIONS, MAX_RANGE, cast_scan

@@ -19,7 +19,7 @@ from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.options.messages import MessageOptions, StereoFrame
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.rig.tf_tree import FrameTree
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
@@ -128,6 +128,31 @@ def test_each_camera_has_its_own_frame_and_the_baseline_in_tf_and_in_p(
         assert along[0] == pytest.approx(baseline_m, abs=1e-3)
 
 
+@pytest.mark.parametrize('layout', [*Layout, EXTRACT])
+def test_a_pair_shares_the_left_frame_on_request(recordings, drive, tmp_path, layout):
+    """As image_geometry asserts; unrectified cameras are not parallel and keep their own."""
+    source = as_extract(drive) if layout == EXTRACT else recordings[layout]
+    bag, _ = stereo_bag(source, tmp_path / 'l.mcap', stereo_frame=StereoFrame.LEFT)
+    own, _ = stereo_bag(source, tmp_path / 'o.mcap')
+    of_pair, of_own = (
+        {topic: each[0][1] for topic, each in read(path, 'camera_').items()} for path in (bag, own)
+    )
+    assert of_pair.keys() == of_own.keys()
+    for topic, message in of_pair.items():
+        camera = topic.split('/')[2].removeprefix('camera_')
+        if layout != EXTRACT:
+            camera = camera.replace('right', 'left')
+        assert message.header.frame_id == f'camera_{camera}_optical_frame'
+        if hasattr(message, 'p'):
+            assert np.array_equal(message.p, of_own[topic].p)
+
+
+def test_a_frame_of_pairs_without_stereo_is_refused(recordings, tmp_path, capsys):
+    words = [str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '--stereo-frame', 'left']
+    assert main(['to-bag', *words]) == 2
+    assert 'stereo_frame is for stereo; give both' in capsys.readouterr().err
+
+
 def test_images_without_a_partner_keep_their_stamps_and_are_counted(drive, tmp_path):
     for camera, numbers in (('image_02', (1,)), ('image_03', (3, 4)), ('image_00', ())):
         for number in numbers:
@@ -156,12 +181,14 @@ def test_a_recording_without_pairs_says_so(drive, tmp_path):
     assert 'stereo changes nothing: no two cameras are a pair' in report.notes
 
 
-@pytest.mark.parametrize('ending', ['.mcap', '', '.bag'])
+@pytest.mark.parametrize(
+    ('ending', 'words'), [('.mcap', []), ('', ['--stereo-frame', 'left']), ('.bag', [])]
+)
 @pytest.mark.parametrize('layout', [*Layout, EXTRACT])
-def test_every_file_comes_back_to_the_byte(recordings, drive, tmp_path, layout, ending):
+def test_every_file_comes_back_to_the_byte(recordings, drive, tmp_path, layout, ending, words):
     source = as_extract(drive) if layout == EXTRACT else recordings[layout]
     bag, out = tmp_path / f'bag{ending}', tmp_path / 'out'
-    assert main(['to-bag', str(source), str(bag), '-q', '--stereo']) == 0
+    assert main(['to-bag', str(source), str(bag), '-q', '--stereo', *words]) == 0
     assert main(['to-kitti', str(bag), str(out), '-q']) == 0
     is_drive = 'drive' in source.name
     made = out / source.parent.name if is_drive else out

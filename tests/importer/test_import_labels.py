@@ -40,7 +40,7 @@ from kitti_ros2.model.boxes import (
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.samples import CameraCalibration
-from kitti_ros2.options.messages import MarkerOptions
+from kitti_ros2.options.markers import MarkerOptions
 from kitti_ros2.synthetic.rig import make_calibration
 
 from builders import parse_boxes  # isort: skip

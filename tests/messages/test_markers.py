@@ -25,7 +25,7 @@ from kitti_ros2.messages.ros_types import Marker
 from kitti_ros2.model.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.messages import MarkerColors, MarkerOptions
+from kitti_ros2.options.markers import MarkerColors, MarkerOptions
 
 STAMP = 1317042145951199337
 KINDS = {'box': Marker.CUBE, 'edges': Marker.LINE_LIST, 'heading': Marker.ARROW,

@@ -34,7 +34,7 @@ from kitti_ros2.messages.ros_types import (
 from kitti_ros2.messages.transforms import encode_static
 from kitti_ros2.model.boxes import Box, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.messages import MarkerColors
+from kitti_ros2.options.markers import MarkerColors
 from kitti_ros2.own_bags.numbering import BY_POSITION
 
 T0 = 1_700_000_000_123_456_789

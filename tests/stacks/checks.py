@@ -245,7 +245,7 @@ def encodings(*allowed, topics):
 
 
 def stereo_pair(left, right):
-    """The right CameraInfo has the baseline in P, as the left image's frame demands."""
+    """The right CameraInfo has the baseline in P."""
 
     def check(seen):
         faults = []
@@ -254,8 +254,14 @@ def stereo_pair(left, right):
             baseline = -second.p[3] / second.p[0]
             if first.p[3] or not 0.3 < baseline < 0.8 or first.p[0] != second.p[0]:
                 faults.append(f'P {first.p[3]}, baseline {baseline}')
-            if first.header.frame_id != second.header.frame_id:
-                faults.append('the frames of the pair differ')
         return faults or ([] if seen.messages.get(left) else ['no CameraInfo'])
+
+    return check
+
+
+def one_frame(*topics):
+    def check(seen):
+        frames = {each.header.frame_id for topic in topics for each in seen.messages[topic]}
+        return [] if len(frames) == 1 else [f'frames {sorted(frames)}']
 
     return check

@@ -22,6 +22,7 @@ from checks import (
     last_is_the_end,
     near_stamps,
     of_clouds,
+    one_frame,
     one_parent,
     one_time,
     pose_at_stamp,
@@ -284,6 +285,7 @@ CHECKERS = {
             'mono8', 'bgr8', 'rgb8', topics=('/left/image_rect', '/right/image_rect')
         ),
         'baseline': stereo_pair('/left/camera_info', '/right/camera_info'),
+        'one-frame': one_frame('/left/camera_info', '/right/camera_info'),
     },
     'cuvslam': {
         'images': every(
