@@ -28,7 +28,7 @@ _IMPORTS = {
     'synthetic': 'model kitti',
     'bags': 'model files options kitti messages',
     'rig': 'model messages',
-    'stack_setup': 'model files options stacks messages bags',
+    'stack_setup': 'model files options kitti stacks messages bags',
     'exporter': 'model files options messages bags stacks',
     'importer': 'model files options drawing kitti messages bags rig',
     'own_bags': 'model files options kitti messages bags exporter importer',

@@ -167,6 +167,16 @@ class LiveKeywords(TypedDict, total=False):
     ring_time: bool
     points: str | None
     stack: str | None
+    images: str
+    ground_truth_tree: bool
+    ground_truth_map: str
+    ground_truth_base: str
+    stereo: bool
+    stereo_frame: str
+    color_encoding: str
+    imu_from: str | os.PathLike[str] | None
+    imu_stamps: str
+    covariances: bool | None
 
 
 class StatisticsKeywords(TypedDict, total=False):

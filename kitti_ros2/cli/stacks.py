@@ -45,7 +45,7 @@ def run_stacks(
     Args:
         name: The stack; None lists all.
         drive: The KITTI folder to write files for; None writes none.
-        source: Options that choose the recording.
+        source: Options of the recording.
         out: The folder of the files; None is one of the stack's name.
         overwrite: Whether its files may be replaced.
         json: Whether to print JSON.
@@ -87,8 +87,8 @@ def _write(
 ) -> None:
     from ..stack_setup.setup_files import write_setup
 
-    read = make_settings(source).read
-    setup = write_setup(stack, drive, folder, read, source, overwrite=overwrite)
+    settings = make_settings(source)
+    setup = write_setup(stack, drive, folder, settings, source, overwrite=overwrite)
     if json:
         files = [str(path) for path in setup.files]
         print_json({'files': files, 'commands': asdict(setup.commands), 'notes': setup.notes})

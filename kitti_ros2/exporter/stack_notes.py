@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from ..options.messages import MessageOptions
     from .schedule import Schedule
 
-_SLACK = 0.8
-"""The share of a stack's rate that is near enough."""
-
 
 def stack_notes(
     options: MessageOptions, table: Sequence[Topic], images: str, schedule: Schedule
@@ -46,9 +43,5 @@ def stack_notes(
     if imu is not None and stack.imu_hz:
         stamps = [entry.stamp_ns for entry in schedule if entry.stream is imu.stream]
         rate = 1e9 / float(np.median(np.diff(stamps))) if len(set(stamps)) > 1 else np.inf
-        if rate < _SLACK * stack.imu_hz:
-            notes.append(
-                f'{stack.name} needs {imu.topic} at {stack.imu_hz:g} Hz, it has {rate:.0f} Hz: the'
-                f' packets of the unsynchronised drive come at 100 Hz'
-            )
+        notes += stack.notes_of_imu(imu.topic, rate)
     return notes

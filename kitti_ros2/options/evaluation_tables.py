@@ -24,9 +24,10 @@ DETECTION = (
     *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
 )
 _OF_PLAYER = {
-    *('layout', 'sequence', 'deskew', 'undo_deskew'),
-    *('start', 'end', 'preset', 'map', 'tf', 'ring_time', 'points'),
-    'stack',
+    *('layout', 'sequence', 'deskew', 'undo_deskew', 'stereo', 'imu_from', 'imu_stamps'),
+    *('start', 'end', 'preset', 'map', 'tf', 'ring_time', 'points', 'stack', 'images'),
+    *('ground_truth_tree', 'ground_truth_map', 'ground_truth_base'),
+    *('covariances', 'stereo_frame', 'color_encoding'),
 }
 _PLAYED = tuple(each for each in PLAY if each.name in _OF_PLAYER)
 LIVE = (*options_of(LiveOptions), *_PLAYED)

@@ -176,6 +176,11 @@ SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 MOTION = tuple(each for each in options_of(ReadOptions) if each.name in {'deskew', 'undo_deskew'})
 """Options of commands that use the points of scans."""
 REPORT = (*SOURCE, *MOTION)
+STACK_DRIVE = (
+    *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
+    *_IMU,
+)
+"""Options of the drive that a stack is set up for."""
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),

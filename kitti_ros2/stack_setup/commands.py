@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..stacks.stack import Stack
 
 _ALWAYS_RECORDED = ('/tf', '/tf_static')
+_OF_TRUTH = {'layout', 'sequence'}
+"""Options of a recording that choose its poses."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,9 @@ def play_words(stack: Stack, drive: str, source: Mapping[str, object]) -> list[s
     Args:
         stack: Its name.
         drive: The path of the drive.
-        source: Options that choose the recording, such as sequence.
+        source: Options of the recording, such as sequence and imu_from.
     """
-    chosen = [word for name, value in source.items() for word in (f'--{name}', str(value))]
-    return ['kitti-ros2', 'play', drive, *chosen, '--for', stack.name]
+    return ['kitti-ros2', 'play', drive, *_words(source), '--for', stack.name]
 
 
 def commands_of(
@@ -51,7 +52,7 @@ def commands_of(
     Args:
         stack: The stack.
         drive: The path of the drive.
-        source: Options that choose the recording, such as sequence.
+        source: Options of the recording, such as sequence and imu_from.
         folder: The folder of its parameter and launch files; '' for none.
     """
     play = shlex.join(play_words(stack, drive, source))
@@ -71,12 +72,17 @@ def _score(stack: Stack, drive: str, source: Mapping[str, object]) -> str:
     result = stack.result
     if not (result.odometry or result.file or result.tf):
         return ''
-    chosen = [word for name, value in source.items() for word in (f'--{name}', str(value))]
-    words = ['kitti-ros2', 'eval', 'odometry', drive, result.file or _bag(stack), *chosen]
+    truth = {name: value for name, value in source.items() if name in _OF_TRUTH}
+    words = ['kitti-ros2', 'eval', 'odometry', drive, result.file or _bag(stack), *_words(truth)]
     words += ['--topic', result.odometry] if result.odometry else []
     words += ['--frame', result.frame] if result.frame else []
     words += ['--tf', *result.tf] if result.tf else []
     return shlex.join(words)
+
+
+def _words(options: Mapping[str, object]) -> list[str]:
+    pairs = ((f'--{name.replace("_", "-")}', str(value)) for name, value in options.items())
+    return [word for pair in pairs for word in pair]
 
 
 def _bag(stack: Stack) -> str:

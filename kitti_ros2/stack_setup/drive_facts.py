@@ -35,14 +35,16 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
     first = min(int(index.numbers[0]) for index in recording.streams.values())
     calibration = recording.calibration(first)
     lowest, highest = _elevations(recording)
+    fast = Stream.OXTS_EXTRACT
+    packets = fast if fast in recording.streams else Stream.OXTS
     facts = RigFacts(
         base_T_imu=base_t_imu(MessageOptions()),
         imu_T_velo=calibration.velo_T_imu.inverse(),
         cameras={
             index: _camera(recording, calibration, index) for index in sorted(calibration.cameras)
         },
-        imu_hz=_rate(recording, Stream.OXTS),
-        scan_hz=_rate(recording, Stream.SCAN),
+        imu_hz=_rate(recording, packets) or _NOMINAL_HZ,
+        scan_hz=_rate(recording, Stream.SCAN) or _NOMINAL_HZ,
         lowest_deg=lowest,
         highest_deg=highest,
     )
@@ -92,9 +94,9 @@ def _elevations(recording: ReadableRecording) -> tuple[float, float]:
 
 
 def _rate(recording: ReadableRecording, stream: Stream) -> float:
-    """Return the rate of a stream, to a tenth of a hertz."""
+    """Return the rate of a stream, to a tenth of a hertz; 0 if it is not known."""
     index = recording.streams.get(stream)
     if index is None or len(index) < 2:
-        return _NOMINAL_HZ
+        return 0.0
     step_ns = float(np.median(np.diff(index.stamps_ns)))
-    return round(1e9 / step_ns, 1) if step_ns > 0 else _NOMINAL_HZ
+    return round(1e9 / step_ns, 1) if step_ns > 0 else 0.0

@@ -5,21 +5,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, staged_file
+from ..kitti.extract_oxts import add_extract
 from ..model.errors import MissingDataError
+from ..stacks.stack_names import IMU
 from .commands import commands_of, play_words
 from .drive_facts import facts_of
 from .launch_text import WRITTEN, launch_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
-    from ..options.read import ReadOptions
+    from ..options.table import Settings
     from ..stacks.rig_facts import RigFacts
     from ..stacks.stack import Stack
     from .commands import RunCommands
@@ -46,7 +48,7 @@ def write_setup(
     stack: Stack,
     drive: Path,
     folder: Path,
-    options: ReadOptions,
+    settings: Settings,
     source: Mapping[str, object],
     *,
     overwrite: bool,
@@ -57,16 +59,18 @@ def write_setup(
         stack: The stack.
         drive: The KITTI folder.
         folder: The folder; created if it does not exist.
-        options: How to read the drive.
-        source: Those of them that are given, for the player.
+        settings: How to read the drive, and its 100 Hz packets.
+        source: The options of these that are given, for the player.
         overwrite: Whether files of the same names, as written here, may be replaced.
 
     Raises:
         KittiRos2Error, OSError: The drive cannot be read, or a file exists; none is written.
     """
-    recording = open_folder(drive, options)
+    recording = open_folder(drive, settings.read)
+    add_extract(recording, settings.imu)
     facts, notes = facts_of(recording)
-    play = play_words(stack, str(drive.resolve()), source)
+    notes += tuple(stack.notes_of_imu(IMU, facts.imu_hz))
+    play = play_words(stack, str(drive.resolve()), _absolute(source))
     texts = _parameter_texts(stack, facts, drive)
     texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
     refusal = _OWN_FILES if overwrite else keep_all
@@ -77,6 +81,13 @@ def write_setup(
             path.write_text(text, 'utf-8')
     commands = commands_of(stack, str(drive), source, str(folder))
     return Setup(tuple(folder / name for name in texts), commands, notes)
+
+
+def _absolute(source: Mapping[str, object]) -> dict[str, object]:
+    return {
+        name: str(Path(str(value)).resolve()) if name == 'imu_from' else value
+        for name, value in source.items()
+    }
 
 
 def _parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str]:

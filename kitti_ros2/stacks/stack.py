@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     SettingsMaker: TypeAlias = Callable[[RigFacts], Mapping[str, str]]
 
 Value: TypeAlias = 'str | bool'
+_SLACK = 0.8
+"""The share of a rate that is near enough."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,13 @@ class Stack:
     def frames(self) -> Mapping[str, str]:
         """Fields of FrameNames with the names that it expects."""
         return FRAMES.get(StackName(self.name), {})
+
+    def notes_of_imu(self, topic: str, rate_hz: float) -> list[str]:
+        """Return a note if the rate of the Imu on a topic is too low."""
+        if rate_hz >= _SLACK * self.imu_hz:
+            return []
+        has = f'{self.name} needs {topic} at {self.imu_hz:g} Hz, it has {rate_hz:.0f} Hz'
+        return [f'{has}: give the packets of the unsynchronised drive, --imu-from DRIVE_extract']
 
 
 DEFAULT_NAMES = Setting('preset', 'default')

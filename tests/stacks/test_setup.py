@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
 from types import ModuleType
@@ -18,10 +19,13 @@ from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.messages import BASE_T_IMU
-from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.table import make_settings
 from kitti_ros2.stack_setup.commands import commands_of
 from kitti_ros2.stack_setup.setup_files import write_setup
 from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.synthetic.write import extract_of
+
+from extract_drive import fast_drive  # isort: skip
 
 PLACES = np.array([[10.0, -3.0, 0.5], [-4.0, 7.0, -1.5]])
 """Points in the frame of the scanner."""
@@ -34,7 +38,7 @@ def written(recordings, tmp_path_factory):
     folders = {}
     for name, stack in STACKS.items():
         folders[name] = tmp_path_factory.mktemp(name)
-        options = {'options': ReadOptions(), 'source': {}, 'overwrite': False}
+        options = {'settings': make_settings({}), 'source': {}, 'overwrite': False}
         setup = write_setup(stack, drive, folders[name], **options)
         assert {path.name for path in setup.files} == {
             path.name for path in folders[name].iterdir()
@@ -191,7 +195,7 @@ def test_launch_files_load_in_ros(written):
 
 @pytest.mark.parametrize('name', STACKS)
 def test_our_commands_of_a_run_are_valid(name):
-    commands = commands_of(STACKS[name], 'a drive', {'sequence': '00'})
+    commands = commands_of(STACKS[name], 'a drive', {'sequence': '00', 'imu_from': 'an extract'})
     for line in (commands.run, commands.score):
         if not line:
             continue
@@ -205,7 +209,7 @@ def test_our_commands_of_a_run_are_valid(name):
 
 
 def test_existing_files_are_kept(recordings, tmp_path):
-    options = {'options': ReadOptions(), 'source': {}}
+    options = {'settings': make_settings({}), 'source': {}}
     drive, stack = recordings[Layout.RAW], STACKS['glim']
     (tmp_path / 'config.json').write_text('{}', 'utf-8')
     write_setup(stack, drive, tmp_path, **options, overwrite=False)
@@ -221,8 +225,26 @@ def test_existing_files_are_kept(recordings, tmp_path):
 
 
 def test_other_layouts_have_what_their_calibration_holds(recordings, tmp_path):
-    options = {'options': ReadOptions(), 'source': {}, 'overwrite': False}
+    options = {'settings': make_settings({}), 'source': {}, 'overwrite': False}
     setup = write_setup(STACKS['orb-slam3'], recordings[Layout.ODOMETRY], tmp_path, **options)
     text = (tmp_path / 'orb-slam3.yaml').read_text('utf-8')
     assert 'Camera.width: 0' not in text
     assert any('velo_T_imu is nominal' in each for each in setup.notes)
+
+
+def test_the_imu_is_that_of_the_packets_that_are_played(tmp_path_factory, tmp_path):
+    drive = fast_drive(tmp_path_factory)
+    extract = os.path.relpath(extract_of(drive))
+    source = {'imu_from': extract}
+    with_packets, without = (
+        write_setup(
+            STACKS['lio-sam'], drive, tmp_path / name, make_settings(given), given, overwrite=False
+        )
+        for name, given in (('with', source), ('without', {}))
+    )
+    launch = (tmp_path / 'with/lio-sam.launch.py').read_text('utf-8')
+    assert f"'--imu-from', '{extract_of(drive).resolve()}'" in ' '.join(launch.split())
+    assert not any('needs /kitti/oxts/imu' in note for note in with_packets.notes)
+    (note,) = (note for note in without.notes if 'needs' in note)
+    assert note.startswith('lio-sam needs /kitti/oxts/imu at 100 Hz, it has 10 Hz')
+    assert '--imu-from' not in with_packets.commands.score

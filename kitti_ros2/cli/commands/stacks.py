@@ -16,7 +16,7 @@ def _complete_stack(incomplete: str) -> list[str]:
     return [each.value for each in StackName if each.value.startswith(incomplete)]
 
 
-@takes('SOURCE', but=('real_time', 'mapping', 'raw'))
+@takes('STACK_DRIVE')
 def stacks(
     stack: Annotated[
         Optional[str],
