@@ -183,9 +183,6 @@ def iou_3d(one: Cuboid, other: Cuboid) -> float:
 def intersection_area(one: Cuboid, other: Cuboid) -> float:
     """Return the area that the footprints of two boxes share, square metres."""
     half = np.array(one.size_lwh[:2]) / 2
-    apart = np.linalg.norm(one.velo_T_box.translation - other.velo_T_box.translation)
-    if not apart <= np.linalg.norm(one.size_lwh) + np.linalg.norm(other.size_lwh):
-        return 0.0
     corners = one.velo_T_box.inverse().apply(cuboid_corners([other])[0, :4])[:, :2]
     for axis in (0, 1):
         for sign in (1.0, -1.0):
