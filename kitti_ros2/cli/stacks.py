@@ -127,7 +127,11 @@ def _show(stack: Stack) -> None:
     moved = [f'{parent} -> {child} on /tf' for parent, child in stack.moving]
     _section('It publishes', [*stack.publishes, *moved])
     _section('Notes', [*stack.notes])
-    _show_commands(commands_of(stack, 'DRIVE', {}), stack.start)
+    _show_commands(_example(stack), stack.start)
+
+
+def _example(stack: Stack) -> RunCommands:
+    return commands_of(stack, 'DRIVE', {'imu_from': 'DRIVE_extract'} if stack.imu_hz else {})
 
 
 def _section(heading: str, entries: list[str]) -> None:
@@ -181,5 +185,5 @@ def _values(stack: Stack) -> dict[str, Any]:
         'publishes': stack.publishes,
         'moving': stack.moving,
         'notes': stack.notes,
-        'commands': {**asdict(commands_of(stack, 'DRIVE', {})), 'start': stack.start},
+        'commands': {**asdict(_example(stack)), 'start': stack.start},
     }
