@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..model.samples import Int64Array, TextFile
-    from .recorded_layout import Blueprint
+    from .blueprint import Blueprint
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """The remark on a bag that was not written by to-bag."""

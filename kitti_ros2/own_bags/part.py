@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagSource
     from ..model.samples import Int64Array
     from ..options.selection import SelectionOptions
-    from .recorded_layout import Blueprint
+    from .blueprint import Blueprint
 
 
 def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOptions) -> Blueprint:

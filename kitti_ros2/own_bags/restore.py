@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessage, BagMessages, BagSource, OpenBag
     from ..model.layouts import Layout
-    from .recorded_layout import Blueprint
+    from .blueprint import Blueprint
 
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
 """Streams that some layouts store as lines of one file."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Cuboid
     from ..model.samples import Int64Array
-    from .recorded_layout import Blueprint
+    from .blueprint import Blueprint
 
 
 class StampNumbers:

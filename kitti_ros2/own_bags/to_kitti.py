@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..exporter.to_bag import ShowProgress
     from ..importer.report import ImportReport
     from ..options.importing import ImportOptions
-    from .recorded_layout import Blueprint
+    from .blueprint import Blueprint
 
 
 @dataclass(frozen=True)

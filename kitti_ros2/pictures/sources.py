@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ..importer.survey import Survey
     from ..options.read import ReadOptions
-    from ..own_bags.recorded_layout import Blueprint
+    from ..own_bags.blueprint import Blueprint
     from .frame import FrameSource
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ..kitti.recording import KittiRecording
     from ..model.losses import Loss
     from ..model.recording import FrameOrigin
+    from ..own_bags.blueprint import Blueprint
     from ..own_bags.numbering import NumberedBag
-    from ..own_bags.recorded_layout import Blueprint
     from .glances import CameraGlance, LinkGlance
 
 
