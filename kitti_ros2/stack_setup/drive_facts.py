@@ -45,6 +45,7 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
         scan_hz=_rate(recording, Stream.SCAN),
         lowest_deg=lowest,
         highest_deg=highest,
+        deskew=not recording.layout.traits.compensated_scans,
     )
     nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
     return facts, (*nominal, *calibration.missing.values())
