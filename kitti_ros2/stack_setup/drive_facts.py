@@ -47,6 +47,7 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
         scan_hz=_rate(recording, Stream.SCAN) or _NOMINAL_HZ,
         lowest_deg=lowest,
         highest_deg=highest,
+        deskew=not recording.layout.traits.compensated_scans,
     )
     nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
     return facts, (*nominal, *calibration.missing.values())

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _KISS = ('PRBonn/kiss-icp', '07020e8c0311')
 _KISS_LAUNCH = Citation('PRBonn/kiss-icp', '0090cce64baf', 'ros/launch/odometry.launch.py', 66)
+_GENZ_CLOUDS = ('leedongzheo/mode-hybric', '86c122c4b963', 'ros/ros2/Utils.hpp')  # a copy
 _GENZ = ('cocel-postech/genz-icp', '03cf3e59f0ab', 'ros/ros2/OdometryServer.cpp')
 _RTABMAP = ('introlab/rtabmap_ros', '2477bc21c32b', 'rtabmap_examples/launch/lidar3d.launch.py')
 _RTABMAP_CLOUDS = (
@@ -59,7 +60,7 @@ def _genz_icp(rig: RigFacts) -> Mapping[str, str]:
         'base_frame': 'base_link',
         'publish_odom_tf': True,
         'visualize': False,
-        'deskew': False,
+        'deskew': rig.deskew,
         'max_range': min(100.0, rig.most_range),
         'min_range': 0.3,
         'voxel_size': 0.3,
@@ -134,7 +135,7 @@ GENZ_ICP = Stack(
     title='GenZ-ICP, POSTECH',
     what='lidar odometry',
     version='03cf3e5',
-    points='x y z',
+    points='x y z + time',
     demands=(
         Demand(
             'cloud',
@@ -149,6 +150,10 @@ GENZ_ICP = Stack(
         Demand('qos', 'its subscription is reliable, depth 1: the publisher must be reliable',
                Citation(*_GENZ, 143)),
         Demand('xyz', 'x, y, z are float32', Citation(*_GENZ, symbol='RegisterFrame')),
+        Demand('time-field', 'to deskew, a field t, timestamp or time of uint32, float32 or'
+               ' float64; without one it stops', Citation(*_GENZ_CLOUDS, symbol='GetTimestamps')),
+        Demand('time-span', 'times are scaled to the lowest and the highest of the scan, which must'
+               ' differ', Citation(*_GENZ_CLOUDS, symbol='NormalizeTimestamps')),
         Demand('one-parent', 'it moves base_frame, or else the frame of the cloud, on /tf',
                Citation(*_GENZ, 221)),
     ),
@@ -164,8 +169,10 @@ GENZ_ICP = Stack(
     notes=(
         'Without base_frame it moves velo_link, which has a parent already.',
         'Its Odometry has no child_frame_id (OdometryServer.cpp:235), so the score names it.',
-        ('Deskewing is off by default. The file that reads the times (Utils.hpp) was not found, so'
-        ' what deskew:=true asks of the time field is not known; time is there.'),
+        ('Deskewing is off by default. --config switches it on where points have times; without'
+         ' them its node stops.'),
+        ('The reader of its Python package 0.3.2 does not scale times (tools/point_cloud2.py'
+         ' read_point_cloud), so that deskewing has no effect there.'),
     ),
 )  # fmt: skip
 RTABMAP_LIDAR = Stack(

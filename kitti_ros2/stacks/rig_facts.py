@@ -45,6 +45,8 @@ class RigFacts:
         rings: Lasers of the scanner.
         lowest_deg, highest_deg: Elevations of the lasers, or of points beyond them.
         columns: Firings of a laser in a turn.
+        most_range: Range of the scanner, metres.
+        deskew: Whether points have times; scans of odometry sequences are compensated.
     """
 
     base_T_imu: Transform
@@ -57,6 +59,7 @@ class RigFacts:
     highest_deg: float = 2.0
     columns: int = 2083
     most_range: float = 120.0
+    deskew: bool = True
 
     @property
     def velo_T_imu(self) -> Transform:

@@ -42,12 +42,17 @@ def measure(
     c, s = np.cos(forward_yaw), np.sin(forward_yaw)
     street_x, street_y = forward_x + c * x - s * y, forward_y + s * x + c * y
     times = np.full(len(points), forward_s)
+    before = times.copy()
+    changing = np.arange(len(points))
     for _ in range(_ROUNDS):
-        at_x, at_y, yaw = (np.interp(times, knots, column) for column in poses)
+        at_x, at_y, yaw = (np.interp(times[changing], knots, column) for column in poses)
         c, s = np.cos(yaw), np.sin(yaw)
-        x = c * (street_x - at_x) + s * (street_y - at_y)
-        y = c * (street_y - at_y) - s * (street_x - at_x)
-        before, times = times, forward_s - np.arctan2(y, x) / np.pi * half_turn_s
+        away_x, away_y = street_x[changing] - at_x, street_y[changing] - at_y
+        x[changing] = c * away_x + s * away_y
+        y[changing] = c * away_y - s * away_x
+        before[changing] = times[changing]
+        times[changing] = forward_s - np.arctan2(y[changing], x[changing]) / np.pi * half_turn_s
+        changing = changing[times[changing] != before[changing]]
     measured = points.copy()
     measured[:, 0], measured[:, 1] = x, y
     settled: Float32Array = measured[np.abs(times - before) < _SETTLED_S]

@@ -177,6 +177,8 @@ CHECKERS = {
         'cloud': cloud_on(OWN_SCAN),
         'qos': reliable(OWN_SCAN),
         'xyz': xyz(OWN_SCAN),
+        'time-field': one_time(OWN_SCAN, ('t', 'timestamp', 'time'), UINT32, FLOAT32, FLOAT64),
+        'time-span': times(OWN_SCAN, a_turn, 'times do not differ'),
         'one-parent': one_parent(('odom', 'base_link')),
     },
     'rko_lio': {

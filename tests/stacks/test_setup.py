@@ -111,6 +111,13 @@ def test_rko_lio_maps_both_sensors_to_base_link(written, imu_places):
     np.testing.assert_allclose(found[0], imu_places + BASE_T_IMU, atol=1e-6)
 
 
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY])
+def test_genz_icp_deskews_scans_with_times_only(layout, recordings, tmp_path):
+    options = {'options': ReadOptions(), 'source': {}, 'overwrite': False}
+    write_setup(STACKS['genz-icp'], recordings[layout], tmp_path, **options)
+    assert parameters_of(tmp_path, 'genz-icp')['deskew'] is (layout is Layout.RAW)
+
+
 def test_orb_slam3_has_the_rectified_grey_pair(written, recordings):
     text = (written['orb-slam3'] / 'orb-slam3.yaml').read_text('utf-8')
     assert text.startswith('%YAML:1.0\n---\n')
