@@ -116,6 +116,7 @@ class FrameChecks:
             stream: frozenset(listing.numbers.tolist())
             for stream, listing in recording.listings.items()
         }
+        self._images = [stream for stream in self._numbers if stream.camera is not None]
         self._known: dict[str, Calibration] = {}
 
     @property
@@ -144,9 +145,8 @@ class FrameChecks:
     def _check(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
         result = FrameResult(number)
         points = self._check_scan(number, result)
-        for stream in self._numbers:
-            if stream.camera is not None:
-                self._check_image(stream, number, result)
+        for stream in self._images:
+            self._check_image(stream, number, result)
         self._check_packet(number, result)
         calibration, calibration_path = self._check_calibration(number, result)
         lines, cuboids, label_path = self._check_labels(number, result)
@@ -214,11 +214,7 @@ class FrameChecks:
         known = self._known.get(text or '')
         if known is not None or text is None:
             return known, path
-        cameras = [
-            stream.camera
-            for stream in self._numbers
-            if stream.camera is not None and number in self._numbers[stream]
-        ]
+        cameras = [stream.camera or 0 for stream in self._images if number in self._numbers[stream]]
         try:
             calibration = parse_calibration(text, path, path.name)
         except BadFileError as error:

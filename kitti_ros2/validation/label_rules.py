@@ -124,15 +124,19 @@ def _find_far(file: LabelFile) -> Iterator[Breach]:
 
 
 def _find_classes(file: LabelFile) -> Iterator[Breach]:
-    known = {_plain(name): name for name in (*CLASSES, *_ALSO)}
     for line, box in file.lines:
-        meant = known.get(_plain(box.class_name), box.class_name)
+        if box.class_name in CLASSES:
+            continue
+        meant = _BY_PLAIN_NAME.get(_plain(box.class_name), box.class_name)
         if meant != box.class_name:
             yield Breach(f'{box.class_name}: did you mean {meant}?', file.path, line)
 
 
 def _plain(name: str) -> str:
     return ''.join(filter(str.isalnum, name)).lower()
+
+
+_BY_PLAIN_NAME = {_plain(name): name for name in (*CLASSES, *_ALSO)}
 
 
 def _find_repeated(file: LabelFile) -> Iterator[Breach]:
