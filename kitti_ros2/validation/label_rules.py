@@ -125,6 +125,8 @@ def _find_far(file: LabelFile) -> Iterator[Breach]:
 
 def _find_classes(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
+        if box.class_name in CLASSES:
+            continue
         meant = _KNOWN.get(_plain(box.class_name), box.class_name)
         if meant != box.class_name:
             yield Breach(f'{box.class_name}: did you mean {meant}?', file.path, line)
