@@ -93,10 +93,11 @@ def _write(
         files = [str(path) for path in setup.files]
         print_json({'files': files, 'commands': asdict(setup.commands), 'notes': setup.notes})
         return
-    if not quiet:
-        for path in setup.files:
-            say(format_path(path))
-        _show_commands(setup.commands)
+    if quiet:
+        return
+    for path in setup.files:
+        say(format_path(path))
+    _show_commands(setup.commands)
     for note in setup.notes:
         complain(f'note: {note}')
 

@@ -48,6 +48,10 @@ _AFFECTED = {
 
 _CAMERA_PART = re.compile(r'P\d')
 
+_NO_ANNOTATIONS = (
+    'no annotations can be made: the recording has neither labels nor predictions of its frames'
+)
+
 
 class Encoder:
     """Encodes schedule entries as messages; thread-safe.
@@ -71,11 +75,10 @@ class Encoder:
         self._unmatched = unmatched([row.topic for row in table], selection)
         due = {stream for stream in Stream if schedule.count(stream)}
         self._recording = recording
-        if options.annotations and not (self._labelled or self._predicted):
-            raise UsageError(
-                f'{recording.name}: no annotations can be made: the recording has neither labels'
-                f' nor predictions of its frames'
-            )
+        boxed = bool(self._labelled or self._predicted)
+        self._unmade = [] if boxed or not options.annotations else [_NO_ANNOTATIONS]
+        if self._unmade and options.stack is None:
+            raise UsageError(f'{recording.name}: {_NO_ANNOTATIONS}')
         self.table: list[Topic] = [
             row for row in selected if row.stream in due and self._has_needs(row)
         ]
@@ -175,7 +178,7 @@ class Encoder:
         if options.stack is not None:
             from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
 
-            notes += stack_notes(options, self.table, self._images, self._schedule)
+            notes += stack_notes(options, self.table, self._images, self._schedule) + self._unmade
         return (*notes, *self._unmatched)
 
     def _missing_source(self) -> list[str]:

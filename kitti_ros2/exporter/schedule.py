@@ -15,7 +15,7 @@ from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, STREAM_ALIASES, UNNUMBERED, Stream
 from ..model.text import either
-from ..model.time_span import around, time_span
+from ..model.time_span import around, numbers_around, time_span
 from .window import UNLIMITED, nothing_selected, numbered, select_window
 
 if TYPE_CHECKING:
@@ -236,13 +236,14 @@ def _span(
     rows: Sequence[_Row], stream: Stream, recording: ReadableRecording, window: Window
 ) -> tuple[int, int] | None:
     """Return the first and last selected file number of a stream, None if unknown."""
-    if window.stamps_ns == UNLIMITED and stream not in UNNUMBERED:
+    own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
+    if stream in UNNUMBERED:
+        return numbers_around(recording.streams[stream].numbers, own[0]) if own else None
+    if window.stamps_ns == UNLIMITED:
         return window.numbers
     indexed = recording.streams.keys() - UNNUMBERED
     taken = [row[1] for row in rows if len(row[1]) and row[0] in indexed]
-    own = [row[1] for row in rows if len(row[1]) and row[0] is stream]
-    shared = recording.common_numbers and stream not in UNNUMBERED
-    basis = own or (taken if shared else [])
+    basis = own or (taken if recording.common_numbers else [])
     if not basis:
         return None
     return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)

@@ -20,7 +20,7 @@ from ..model.recording import StreamIndex
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import UNNUMBERED, Clock, Stream
 from ..model.text import format_count
-from ..model.time_span import around, time_span
+from ..model.time_span import around, numbers_around, time_span
 from ..options.imu import ImuStamps
 from . import names
 from .packet_files import PacketFiles
@@ -173,8 +173,8 @@ def _clip(recording: KittiRecording, extract: _ExtractIndex) -> StreamIndex:
 
 def _losses(extract: _ExtractIndex, numbers: Int64Array, order: PacketOrder) -> list[Loss]:
     """Return the losses of packets among those of a time, which have these numbers."""
-    first, last = int(numbers.min()), int(numbers.max())
-    found = [part for loss in extract.losses if (part := loss.within(first, last))]
+    span = numbers_around(extract.streams[Stream.OXTS_EXTRACT].numbers, numbers)
+    found = [part for loss in extract.losses if (part := loss.within(*span))]
     if order.clashes:
         lost = tuple(numbers[list(order.clashes)].tolist())
         reason = f'{extract.folder}: packets {{}} have the stamp of another one, but other values'

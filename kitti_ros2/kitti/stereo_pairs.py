@@ -22,6 +22,7 @@ from ..model.cameras import LEFT_OF
 from ..model.losses import format_numbers
 from ..model.recording import StreamIndex
 from ..model.streams import IMAGE_STREAMS
+from ..model.text import format_count
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -107,9 +108,10 @@ def _stamp(recording: KittiRecording, left: Stream, right: Stream) -> None:
     for stream, numbers in lone.items():
         if numbers:
             frames = format_numbers(sorted(numbers))
+            count = format_count(len(numbers), 'image')
             other = left if stream is right else right
             recording.notes.append(
-                f'{stream.value} of frames {frames} ({len(numbers)} images) has no {other.value}:'
+                f'{stream.value} of frames {frames} ({count}) has no {other.value}:'
                 f' written with its own stamp, without a pair'
             )
 

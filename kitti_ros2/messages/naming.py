@@ -129,11 +129,15 @@ def make_frames(preset: Preset, cameras: Mapping[int, str]) -> FrameNames:
     return PRESETS[preset].frames_of(cameras)
 
 
+_OF_STACKS = {'map', 'odom'}  # REP 105
+
+
 def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> FrameNames:
     """Return the frame names with the ground truth's own ones, if the options request them.
 
     Raises:
-        UsageError: One of these is a frame of the sensors, which would join both trees.
+        UsageError: One of these is a frame of the sensors, which would join both trees, or the
+            moving one is a stack's, which would have two parents.
     """
     if not options.ground_truth.tree:
         return frames
@@ -143,6 +147,8 @@ def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> Frame
     for name in own:
         if name in sensors:
             raise UsageError(f'{name} is a frame of the sensors; ground_truth_tree needs another')
+    if own[1] in {frames.map, *_OF_STACKS}:
+        raise UsageError(f'{own[1]} is left to a stack; ground_truth_base needs another name')
     return replace(frames, map=own[0], truth=own[1])
 
 

@@ -24,6 +24,8 @@ LIO-SAM (src/imageProjection.cpp, deskewInfo) and FAST-LIO2 (src/laserMapping.cp
 wait until the packets reach beyond both ends of a turn, which begins half a turn before its stamp.
 """
 
+_HIGHEST = 10**10 - 1  # KITTI's names have ten digits
+
 
 def time_span(
     streams: Mapping[Stream, StreamIndex],
@@ -59,3 +61,18 @@ def around(stamps_ns: Int64Array, span: tuple[int, int]) -> npt.NDArray[np.bool_
         stamps_ns <= span[1] + MARGIN_NS
     )
     return within
+
+
+def numbers_around(numbers: Int64Array, taken: Int64Array) -> tuple[int, int]:
+    """Return the lowest and highest file number that may be of the time of some samples.
+
+    Samples without a file or a stamp have no known time: those next to taken ones count.
+
+    Args:
+        numbers: (N,) of a stream.
+        taken: (M,) of its samples in that time, M > 0.
+    """
+    first, last = int(taken.min()), int(taken.max())
+    before, after = numbers[numbers < first], numbers[numbers > last]
+    lowest = int(before.max()) + 1 if len(before) else 0
+    return lowest, int(after.min()) - 1 if len(after) else _HIGHEST

@@ -124,6 +124,9 @@ def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
     return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
 
 
+_OTHER_NAMES = {'for': 'stack'}  # --for: the word is a keyword of Python
+
+
 def check_names(values: Iterable[str], known: Collection[str], where: str = '') -> None:
     """Check the names of options.
 
@@ -131,7 +134,9 @@ def check_names(values: Iterable[str], known: Collection[str], where: str = '') 
         UsageError: A name is unknown.
     """
     for name in sorted(set(values) - set(known)):
-        hint = did_you_mean(name, known) or f'; known are {", ".join(known)}'
+        other = _OTHER_NAMES.get(name)
+        close = f'; did you mean {other}?' if other in known else did_you_mean(name, known)
+        hint = close or f'; known are {", ".join(known)}'
         raise UsageError(f'{where}unknown option {name!r}{hint}')
 
 

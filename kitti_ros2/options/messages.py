@@ -17,7 +17,7 @@ from ..stacks.stack_names import StackName
 from .declare import choice, option
 from .ground_truth import GroundTruthOptions
 from .markers import MarkerOptions
-from .parsers import parse_class_map, parse_flag, parse_place
+from .parsers import parse_flag, parse_labels, parse_place
 
 
 class Preset(str, Enum):
@@ -143,7 +143,7 @@ class MessageOptions:
     autoware_labels: tuple[tuple[str, str], ...] = option(
         (),
         "Autoware's label of a class, where another one is wanted: Van=TRUCK Tram=BUS",
-        parse_class_map,
+        parse_labels,
         unset='the table in the documentation',
         metavar='CLASS=LABEL...',
     )
@@ -209,3 +209,5 @@ class MessageOptions:
         if len(place) != 3 or not all(math.isfinite(value) for value in place):
             raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
         check_labels(dict(self.autoware_labels))
+        if self.autoware_labels and self.objects is Objects.VISION:
+            raise UsageError('autoware_labels is for objects autoware or both; give both')

@@ -63,6 +63,16 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
 
     The last = divides a pair; with nothing after it the class is left out.
     """
+    return _parse_pairs(name, value, 'NAME=CLASS, such as car=Car 3=Pedestrian')
+
+
+def parse_labels(name: str, value: object) -> tuple[tuple[str, str], ...]:
+    """Parse KITTI's classes with labels of Autoware, such as Van=TRUCK Tram=BUS, or a mapping."""
+    return _parse_pairs(name, value, 'CLASS=LABEL, such as Van=TRUCK Tram=BUS')
+
+
+def _parse_pairs(name: str, value: object, form: str) -> tuple[tuple[str, str], ...]:
+    """Parse pairs divided by the last =; nothing may have two partners."""
     if isinstance(value, Mapping):
         pairs = [(str(own), known) for own, known in value.items()]
     else:
@@ -73,7 +83,9 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
     for own, known in pairs:
         if not own or not isinstance(known, str) or any(map(str.isspace, known)):
             given = f'{own}={known}' if own else known
-            raise UsageError(f'{name} takes NAME=CLASS, such as car=Car 3=Pedestrian, not {given}')
+            raise UsageError(f'{name} takes {form}, not {given}')
+        if dict(pairs)[own] != known:
+            raise UsageError(f'{name}: {own} is given twice, as {known} and {dict(pairs)[own]}')
     return tuple(pairs)
 
 

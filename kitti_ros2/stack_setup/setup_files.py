@@ -13,6 +13,7 @@ from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, staged_file
 from ..kitti.extract_oxts import add_extract
 from ..model.errors import MissingDataError
+from ..model.streams import Stream
 from ..stacks.stack_names import IMU
 from .commands import commands_of, play_words
 from .drive_facts import facts_of
@@ -21,6 +22,7 @@ from .launch_text import WRITTEN, launch_text
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ..model.recording import ReadableRecording
     from ..options.table import Settings
     from ..stacks.rig_facts import RigFacts
     from ..stacks.stack import Stack
@@ -69,7 +71,7 @@ def write_setup(
     recording = open_folder(drive, settings.read)
     add_extract(recording, settings.imu)
     facts, notes = facts_of(recording)
-    notes += tuple(stack.notes_of_imu(IMU, facts.imu_hz))
+    notes += tuple(_imu_notes(stack, recording, facts.imu_hz))
     play = play_words(stack, str(drive.resolve()), _absolute(source))
     texts = _parameter_texts(stack, facts, drive)
     texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
@@ -81,6 +83,14 @@ def write_setup(
             path.write_text(text, 'utf-8')
     commands = commands_of(stack, str(drive), source, str(folder))
     return Setup(tuple(folder / name for name in texts), commands, notes)
+
+
+def _imu_notes(stack: Stack, recording: ReadableRecording, rate_hz: float) -> list[str]:
+    topic = stack.topics.get(IMU, IMU)
+    if {Stream.OXTS, Stream.OXTS_EXTRACT} & recording.streams.keys():
+        return stack.notes_of_imu(topic, rate_hz)
+    missing = f'{stack.name} reads {topic}: {recording.name} has no packets of the GPS/IMU unit'
+    return [missing] if stack.imu_hz else []
 
 
 def _absolute(source: Mapping[str, object]) -> dict[str, object]:

@@ -12,11 +12,14 @@ from mcap_ros2.reader import read_ros2_messages
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.messages.naming import naming_of, with_ground_truth_tree
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import CAMERA_NAMES
 from kitti_ros2.options.ground_truth import GroundTruthOptions
 from kitti_ros2.options.markers import MarkerOptions
 from kitti_ros2.options.messages import MessageOptions, Preset
+from kitti_ros2.stacks.stack_names import StackName
 
 from builders import convert_recording, files_of, one_line  # isort: skip
 
@@ -157,3 +160,11 @@ def test_a_frame_of_the_sensors_would_join_the_trees(recordings, tmp_path, capsy
     assert main([*words, option, frame]) == 2
     assert frame in one_line(capsys.readouterr().err)
     assert not bag.exists()
+
+
+@pytest.mark.parametrize('stack', [None, StackName('lio-sam')])
+@pytest.mark.parametrize('base', ['map', 'odom'])
+def test_frames_of_stacks_get_no_second_parent(base, stack):
+    options = MessageOptions(ground_truth=GroundTruthOptions(tree=True, base=base), stack=stack)
+    with pytest.raises(UsageError, match=f'{base} is left to a stack; ground_truth_base needs'):
+        with_ground_truth_tree(naming_of(options).frames_of(CAMERA_NAMES), options)

@@ -235,3 +235,15 @@ def test_frames_count_as_without_the_packets(drive):
     assert set(plain.frames.tolist()) == set(fast.frames.tolist())
     assert (np.diff(fast.stamps_ns) >= 0).all()
     assert SelectionOptions() == make_play_settings({}).selection
+
+
+def test_packets_of_one_stamp_are_losses_though_one_is_left(drive, tmp_path, capsys):
+    extract = copy_extract(drive, tmp_path)
+    stamps = extract / 'oxts' / 'timestamps.txt'
+    lines = stamps.read_text().splitlines()
+    stamps.write_text(f'{lines[len(lines) // 2]}\n' * len(lines))
+    out = tmp_path / 'one.mcap'
+    arguments = [str(drive), str(out), '--imu-from', str(extract), '-q', '--streams', 'oxts']
+    assert main(['to-bag', *arguments]) == 1
+    assert 'have the stamp of another one, but other values' in capsys.readouterr().err
+    assert len(decoded(out, IMU)) == 1

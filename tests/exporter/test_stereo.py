@@ -168,7 +168,7 @@ def test_images_without_a_partner_keep_their_stamps_and_are_counted(drive, tmp_p
     assert stamps[GREY[0]] == stamps[GREY[1]]
     notes = [note for note in report.notes if 'without a pair' in note]
     assert [note.partition(' has no')[0] for note in notes] == [
-        'image_3 of frames 1 (1 images)',
+        'image_3 of frames 1 (1 image)',
         'image_2 of frames 3-4 (2 images)',
     ]
     assert {loss.stream: loss.count for loss in report.losses} == {'image_2': 1, 'image_3': 2}

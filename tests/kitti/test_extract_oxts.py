@@ -165,12 +165,14 @@ def test_an_invalid_line_is_a_loss_of_its_packet(drive, extract):
     assert number not in damaged.streams[IMU].numbers
 
 
-def test_fewer_stamps_than_packets(drive, extract):
+def test_packets_beyond_the_last_stamp_are_losses(drive, extract):
     numbers = open_with(drive).streams[IMU].numbers
-    write_lines(extract, lines_of(extract)[: numbers[-5]])
-    (text,) = texts_of(open_with(drive, extract).losses) or ['']
-    assert text == ''  # the time ends there: what has no stamp is beyond it
-    assert open_with(drive, extract).streams[IMU].numbers[-1] == numbers[-6]
+    count, files = int(numbers[-5]), len([*(extract / 'oxts' / 'data').iterdir()])
+    write_lines(extract, lines_of(extract)[:count])
+    damaged = open_with(drive, extract)
+    (text,) = texts_of(damaged.losses)
+    assert text.endswith(f'{count} lines, so no stamp for frames {count}-{files - 1}')
+    assert damaged.streams[IMU].numbers[-1] == numbers[-6]
 
 
 @pytest.mark.parametrize('content', [b'', b'1 2 3', b'\xff\xfe', b'nan ' * 30, b'91 ' * 30])
@@ -210,6 +212,7 @@ def test_a_single_packet_is_taken(drive, extract):
             path.unlink()
     recording = open_with(drive, extract, ImuStamps.REGULAR)
     assert recording.streams[IMU].numbers.tolist() == [numbers[30]]
+    assert [loss.count for loss in recording.losses] == [len(lines_of(extract)) - 1]
 
 
 def shifted(extract, offset_ns):

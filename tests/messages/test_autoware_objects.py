@@ -209,6 +209,12 @@ def test_a_wrong_label_is_an_error_with_a_remedy():
         make_settings({'autoware_labels': 'Van=TRUK'})
 
 
+def test_labels_of_autoware_need_its_messages():
+    with pytest.raises(UsageError, match='autoware_labels is for objects autoware or both'):
+        make_settings({'autoware_labels': 'Van=TRUCK'})
+    assert make_settings({'autoware_labels': 'Van=TRUCK', 'stack': 'autoware'})
+
+
 def test_the_most_probable_class_is_used():
     message = detected(cuboid())
     kinds = [Some(label=7, probability=0.3), Some(label=6, probability=0.6)]

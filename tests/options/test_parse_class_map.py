@@ -6,7 +6,7 @@ import pytest
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.bag_results import BagResultsOptions
-from kitti_ros2.options.parsers import parse_class_map
+from kitti_ros2.options.parsers import parse_class_map, parse_labels
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,19 @@ def test_what_is_no_pair_is_refused_in_one_line(value):
     with pytest.raises(UsageError, match='class_map takes NAME=CLASS') as error:
         parse_class_map('class_map', value)
     assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('parse', [parse_class_map, parse_labels])
+def test_two_partners_of_one_name_are_refused(parse):
+    assert parse('pairs', ['Van=TRUCK', 'Van=TRUCK'])
+    with pytest.raises(UsageError, match=r'^pairs: Van is given twice, as TRUCK and BUS$'):
+        parse('pairs', ['Van=TRUCK', 'Van=BUS'])
+
+
+@pytest.mark.parametrize('value', ['Van', '=BUS', ''])
+def test_the_error_of_labels_shows_labels(value):
+    with pytest.raises(UsageError, match='takes CLASS=LABEL, such as Van=TRUCK Tram=BUS, not'):
+        parse_labels('autoware_labels', value)
 
 
 def test_a_tolerance_out_of_range_is_refused():

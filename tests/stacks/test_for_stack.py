@@ -76,6 +76,13 @@ def test_a_misspelt_stack_is_answered_with_a_name():
         make_settings({'stack': 'lio_sm'})
 
 
+def test_the_word_of_the_command_line_in_a_file_is_answered_with_the_name(tmp_path):
+    file = tmp_path / 'options.yaml'
+    file.write_text('for: kiss-icp\n', 'utf-8')
+    with pytest.raises(UsageError, match=r"yaml: unknown option 'for'; did you mean stack"):
+        add_config(file, {}, TO_BAG)
+
+
 def test_defaults_of_a_file_do_not_contradict(tmp_path):
     file = tmp_path / 'options.yaml'
     file.write_text('tf: true\nring_time: false\nimages: raw\nlayout: null\n', 'utf-8')

@@ -251,7 +251,14 @@ def test_the_imu_is_that_of_the_packets_that_are_played(tmp_path_factory, tmp_pa
     )
     launch = (tmp_path / 'with/lio-sam.launch.py').read_text('utf-8')
     assert f"'--imu-from', '{extract_of(drive).resolve()}'" in ' '.join(launch.split())
-    assert not any('needs /kitti/oxts/imu' in note for note in with_packets.notes)
+    assert not any('needs /imu/data' in note for note in with_packets.notes)
     (note,) = (note for note in without.notes if 'needs' in note)
-    assert note.startswith('lio-sam needs /kitti/oxts/imu at 100 Hz, it has 10 Hz')
+    assert note.startswith('lio-sam needs /imu/data at 100 Hz, it has 10 Hz')
     assert '--imu-from' not in with_packets.commands.score
+
+
+def test_a_recording_without_packets_is_not_said_to_have_slow_ones(recordings, tmp_path):
+    options = {'settings': make_settings({}), 'source': {}, 'overwrite': False}
+    setup = write_setup(STACKS['lio-sam'], recordings[Layout.ODOMETRY], tmp_path, **options)
+    assert not any('Hz' in each for each in setup.notes)
+    assert 'lio-sam reads /imu/data: 00 has no packets of the GPS/IMU unit' in setup.notes

@@ -69,3 +69,10 @@ def test_a_mistake_is_one_line(words, message, capsys):
     error = capsys.readouterr().err
     assert message in error
     assert error.count('\n') == 1
+
+
+def test_quiet_writes_the_files_and_prints_nothing(recordings, tmp_path, capsys):
+    words = ['stacks', 'lio-sam', '--config', str(recordings[Layout.RAW]), '-o', str(tmp_path)]
+    assert main([*words, '-q']) == 0
+    assert capsys.readouterr() == ('', '')
+    assert (tmp_path / 'lio-sam.yaml').is_file()

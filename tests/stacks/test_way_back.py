@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 
 from kitti_ros2.cli import main
@@ -48,3 +50,13 @@ def test_a_stack_is_told_what_the_drive_does_not_have(recordings, tmp_path, caps
     assert main(words) == 0
     shown = capsys.readouterr()
     assert 'note: lio-sam reads /imu/data: no messages' in shown.out + shown.err
+
+
+def test_a_viewer_of_boxes_takes_a_drive_without_labels(recordings, tmp_path, capsys):
+    source = recordings[Layout.RAW].parent
+    drive = tmp_path / source.name / recordings[Layout.RAW].name
+    shutil.copytree(source, drive.parent, ignore=shutil.ignore_patterns('tracklet_labels.xml'))
+    words = ['to-bag', str(drive), str(tmp_path / 'bag'), '--streams', 'image_2', '--end', '1']
+    assert main([*words, '--for', 'foxglove']) == 0
+    assert 'note: no annotations can be made: the recording has' in capsys.readouterr().out
+    assert main([*words, '--annotations', '--overwrite']) == 2

@@ -114,6 +114,7 @@ def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
         parsers.parse_texts: Optional[list[str]],
         parsers.parse_boxes: Optional[list[str]],
         parsers.parse_class_map: Optional[list[str]],
+        parsers.parse_labels: Optional[list[str]],
         parsers.parse_class_overlaps: Optional[list[str]],
         parsers.parse_paths: Optional[list[str]],
         parsers.parse_shares: Optional[list[str]],
