@@ -47,7 +47,7 @@ from kitti_ros2.synthetic.write import DATE, extract_of, write_extract
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from kitti_ros2.model.geometry import Float64Array
 
@@ -255,31 +255,39 @@ def main() -> None:
     programs = {name: PROGRAMS[name] for name in given.stacks or PROGRAMS}
     if given.unscaled and 'genz-icp' in programs:
         programs['genz-icp'] = replace(PROGRAMS['genz-icp'], run=_GENZ_ICP_UNSCALED)
-    street = make_street(given.frames, given.columns, given.seed)
-    failed = []
-    with tempfile.TemporaryDirectory(dir=given.dir) as name:
+    failed = [stack for stack, program in programs.items() if version_of(program) is None]
+    for stack in failed:
+        print(f'{stack} is not installed: pip install {programs.pop(stack).distribution}')
+    if programs:
+        street = make_street(given.frames, given.columns, given.seed)
+        failed += _print_table(programs, street, given.dir)
+    if failed:
+        limits = f'drift under {LIMIT_PERCENT} %, and {RATIO:.0f} times less than without deskewing'
+        raise SystemExit(f'not shown for {", ".join(failed)}: {limits}')
+
+
+def _print_table(
+    programs: Mapping[str, Program], street: SyntheticDrive, place: Path | None
+) -> list[str]:
+    """Print a row for each stack; return those beyond the limits."""
+    beyond = []
+    with tempfile.TemporaryDirectory(dir=place) as name:
         folder = Path(name)
         drive = write_drive(folder, street)
         print('drift in % of the way      deskew on  off   ratio   least off (part)  ratio')
         for stack, program in programs.items():
-            version = version_of(program)
-            if version is None:
-                failed.append(stack)
-                print(f'{stack:<10} not installed: pip install {program.distribution}', flush=True)
-                continue
             bag = write_bag(drive, stack, folder / f'{stack}_bag')
             found = measure(program, street, bag, folder / stack)
-            if not found.is_within:
-                failed.append(stack)
             print(
-                f'{stack:<10} {version:<8} turn {program.part:.2f}{found.on:11.2f}{found.off:6.2f}'
-                f'{found.off / found.on:7.1f}{found.least_off:10.2f} ({found.least_part:.2f})'
+                f'{stack:<10} {version_of(program):<8} turn {program.part:.2f}'
+                f'{found.on:11.2f}{found.off:6.2f}{found.off / found.on:7.1f}'
+                f'{found.least_off:10.2f} ({found.least_part:.2f})'
                 f'{found.least_off / found.on:9.1f}',
                 flush=True,
             )
-    if failed:
-        limits = f'drift under {LIMIT_PERCENT} %, and {RATIO:.0f} times less than without deskewing'
-        raise SystemExit(f'not shown for {", ".join(failed)}: {limits}')
+            if not found.is_within:
+                beyond.append(stack)
+    return beyond
 
 
 if __name__ == '__main__':

@@ -128,6 +128,10 @@ KISS_ICP = Stack(
             'Its launch file inverts the transform (base_link -> odom_lidar); the parameters of'
             ' --config do not.'
         ),
+        (
+            'It stamps poses like the cloud, at the start of the turn (OdometryServer.cpp'
+            ' PublishOdometry); deskewed ones are of its end (cpp/kiss_icp/core/Preprocessing.cpp).'
+        ),
     ),
 )
 GENZ_ICP = Stack(
