@@ -113,7 +113,7 @@ def test_rko_lio_maps_both_sensors_to_base_link(written, imu_places):
 
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY])
 def test_genz_icp_deskews_scans_with_times_only(layout, recordings, tmp_path):
-    options = {'options': ReadOptions(), 'source': {}, 'overwrite': False}
+    options = {'settings': make_settings({}), 'source': {}, 'overwrite': False}
     write_setup(STACKS['genz-icp'], recordings[layout], tmp_path, **options)
     assert parameters_of(tmp_path, 'genz-icp')['deskew'] is (layout is Layout.RAW)
 
