@@ -27,7 +27,8 @@ def test_a_stack_is_shown_with_its_sources_and_commands(name, capsys):
     shown = capsys.readouterr().out
     for each in STACKS[name].demands:
         assert str(each.source) in shown
-    assert f'kitti-ros2 play DRIVE --for {name}' in shown
+    packets = '--imu-from DRIVE_extract ' if STACKS[name].imu_hz else ''
+    assert f'kitti-ros2 play DRIVE {packets}--for {name}' in shown
     for own, renamed in STACKS[name].topics.items():
         assert f'{own} -> {renamed}' in ' '.join(shown.split())
 
