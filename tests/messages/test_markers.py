@@ -275,7 +275,7 @@ def test_unknown_classes_have_the_same_colours_in_every_run():
     kinds = ['my-robot', 'Bus', 'Straßenbahn']
     program = (
         'from kitti_ros2.drawing.palette import color_of; '
-        'from kitti_ros2.options.messages import MarkerColors; '
+        'from kitti_ros2.options.markers import MarkerColors; '
         f'print([color_of(kind, 0, MarkerColors.CLASS) for kind in {kinds}])'
     )
     said = subprocess.run(
