@@ -16,9 +16,20 @@ class Ending:
     """A latch that signal handlers may set; a pipe, because a lock could already be held."""
 
     def __init__(self) -> None:
-        self._reader, self._writer = os.pipe()
-        os.set_blocking(self._writer, False)
+        self._reader, self._writer = _pipe()
+        self._woken, self._waker = _pipe()
         self._abandoned = False
+
+    def watch(self, *numbers: signal.Signals) -> None:
+        """Let signals set the latch from now on.
+
+        Python runs their handlers in the main thread, between two of its instructions. A signal
+        that another thread takes, or that comes just before the main thread blocks, would be
+        handled only when the wait ends; the wakeup file ends it.
+        """
+        signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
+        for number in numbers:
+            signal.signal(number, lambda *_: self.set())
 
     def set(self) -> None:
         """Set the latch, which ends the wait."""
@@ -27,7 +38,8 @@ class Ending:
 
     def wait(self) -> None:
         """Block until the latch is set."""
-        select.select([self._reader], [], [])
+        while self._reader not in select.select([self._reader, self._woken], [], [])[0]:
+            os.read(self._woken, select.PIPE_BUF)
 
     def abandon(self) -> None:
         """Make leave end the process at once, because something cannot be closed."""
@@ -45,6 +57,12 @@ class Ending:
 def end_by_signal() -> Ending:
     """Return the latch of this process, which SIGINT and SIGTERM set from now on."""
     ending = Ending()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
+    ending.watch(signal.SIGINT, signal.SIGTERM)
     return ending
+
+
+def _pipe() -> tuple[int, int]:
+    """Return both ends of a pipe; writing to a full one is refused."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    return reader, writer
