@@ -138,7 +138,8 @@ def _check_drive(recording: KittiRecording, drive: Path) -> None:
         UsageError: It is of another kind, date or number, or no folder.
     """
     if not drive.is_dir():
-        raise UsageError(f'{drive}: no such folder; {_EXPECTED}')
+        what = 'is not a folder' if drive.exists() else 'no such folder'
+        raise UsageError(f'{drive}: {what}; {_EXPECTED}')
     known = names.RAW_DRIVE.fullmatch(recording.name)
     given = names.RAW_DRIVE.fullmatch(drive.resolve().name)
     expected = known and recording.name.removesuffix(known[2]) + 'extract'

@@ -233,7 +233,7 @@ def without(extract, *parts):
 
 REFUSED = {
     'no folder': (lambda e: e / 'nowhere', 'no such folder'),
-    'a file': (lambda e: e / 'oxts' / 'timestamps.txt', 'no such folder'),
+    'a file': (lambda e: e / 'oxts' / 'timestamps.txt', 'is not a folder'),
     'another number': (
         lambda e: rename(e, '2011_09_26_drive_0002_extract'),
         'is not the drive of 2011_09_26_drive_0001_sync; expected 2011_09_26_drive_0001_extract',
