@@ -62,7 +62,9 @@ class Viewer:
 
     def __init__(self, url, queue=None):
         self._open = ExitStack()
-        options = {'max_size': None, 'max_queue': queue, 'compression': None}
+        # Pings are answered by a thread that a full queue stops: a viewer that does not read would
+        # close its connection itself after 40 s.
+        options = {'max_size': None, 'max_queue': queue, 'compression': None, 'ping_interval': None}
         connection = connect(url, subprotocols=['foxglove.sdk.v1'], **options)
         self.socket = self._open.enter_context(connection)
         self.messages, self.states, self.times, self.statuses = [], [], [], []
