@@ -199,19 +199,19 @@ class _Builder:
         return int(self._frames.stamps_ns[number - self._first])
 
     def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
-        scan, dropped = self._rigging.scan(cloud)
+        scan, dropped = self._rigging.scans.scan(cloud)
         self._points_dropped += dropped
         self._writer.write_scan(number, stamp_ns, scan)
         return scan.points.nbytes
 
     def _write_image(self, camera: int, number: int, stamp_ns: int, image: Any) -> int:  # noqa: ANN401
-        png = self._rigging.png(camera, image)
+        png = self._rigging.images.png(camera, image)
         self._writer.write_image(camera, number, stamp_ns, png)
         return len(png)
 
     def _write_labels(self, number: int, message: Any) -> int:  # noqa: ANN401 - of the bag's types
         stamp_ns = int(self._frames.stamps_ns[number - self._first])
-        boxes = self._rigging.boxes(message, stamp_ns)
+        boxes = self._rigging.labels.boxes(message, stamp_ns)
         self._writer.write_labels(number, boxes)
         return 0
 
@@ -252,7 +252,7 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*damaged, *undecoded, *lost, *self._rigging.losses()),
+            losses=(*damaged, *undecoded, *lost, *self._rigging.labels.losses()),
             notes=tuple(notes),
         )
 

@@ -56,6 +56,11 @@ def keeps_distortion(survey: Survey, cameras: dict[int, CameraPlan]) -> bool:
     return False
 
 
+def main_camera(cameras: dict[int, CameraPlan]) -> int:
+    """Return the left colour camera, that of KITTI's labels, or else the first."""
+    return 2 if 2 in cameras else min(cameras)
+
+
 def _info_of(survey: Survey, name: str, topic: TopicSurvey) -> str:
     infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
     for candidate in (f'{name}/camera_info', f'{_base(topic.name)}/camera_info'):

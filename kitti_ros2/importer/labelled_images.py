@@ -102,7 +102,7 @@ class LabelledImages:
         """
         camera = self.topics[topic]
         if self._plan.cameras[camera].rectify:
-            pixels = self._rigging.pixels(camera, image)
+            pixels = self._rigging.images.pixels(camera, image)
         picture = np.array(colour_pixels(pixels))
         place = self._labels.place_at(stamp_ns, log_ns)
         calibration = self._rigging.calibrations.at(log_ns)
@@ -118,7 +118,7 @@ class LabelledImages:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
             return labels_of_text(decode_text(message))
-        cuboids, _ = self._rigging.cuboids(message)
+        cuboids, _ = self._rigging.labels.cuboids(message)
         return FrameLabels(
             cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]
         )
@@ -219,7 +219,7 @@ def _rigged(path: Path, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, 
         rigging = Rigging(plan, survey)
         for look in topic_of(survey, labels).looks:
             if labels != LABEL_LINES:
-                rigging.cuboids(look)
+                rigging.labels.cuboids(look)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
             raise _impossible(path, _ADVICE.sub('', str(error))) from None

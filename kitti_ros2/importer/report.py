@@ -13,7 +13,7 @@ from ..model.msgtypes import TF_TYPES
 from .frames import frame_topics
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from ..model.layouts import Layout
     from .plan import Plan
@@ -105,3 +105,9 @@ def undecoded(topic: TopicSurvey) -> Loss:
     count = max(topic.failures, len(topic.headless))
     reason = topic.failure or 'a header cannot be decoded'
     return Loss(topic.name, count, f'{topic.name}: {every}{reason}')
+
+
+def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
+    """Return a note of the topics that were not chosen for a stream; empty without any."""
+    others = ', '.join(each.name for each in topics if each is not best)
+    return [f'passed over for {what}: {others}'] if others else []

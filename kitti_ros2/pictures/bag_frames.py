@@ -16,7 +16,8 @@ from ..drawing.pixels import colour_pixels
 from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
 from ..importer.frames import choose_frames, frame_topics, topic_of
-from ..importer.guess import guess_plan, guess_pose
+from ..importer.guess import guess_plan
+from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
@@ -184,7 +185,7 @@ class BagFrames:
 
     def pixels(self, camera: int, number: int) -> Pixels | None:
         """See FrameSource."""
-        decode = partial(self._rigging.pixels, camera)
+        decode = partial(self._rigging.images.pixels, camera)
         pixels = self._converted(IMAGE_STREAMS[camera], number, decode)
         return None if pixels is None else colour_pixels(pixels)
 
@@ -204,7 +205,7 @@ class BagFrames:
             raise KittiRos2Error(what) from error
 
     def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
-        scan, _ = self._rigging.scan(message)
+        scan, _ = self._rigging.scans.scan(message)
         if self._velo_t_scan is not None:
             scan.points[:, :3] = self._velo_t_scan.apply(scan.points[:, :3])
         return scan
@@ -212,7 +213,7 @@ class BagFrames:
     def _labels(self, message: Any) -> FrameLabels:  # noqa: ANN401 - of the bag's types
         if self._own_lines:
             return labels_of_text(decode_text(message))
-        cuboids, left_out = self._rigging.cuboids(message)
+        cuboids, left_out = self._rigging.labels.cuboids(message)
         missing = {}
         if ABSURD in left_out:
             topic = frame_topics(self._plan)[Stream.LABELS]
@@ -220,7 +221,7 @@ class BagFrames:
         return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
 
     def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
-        return parse_image(self._rigging.png(camera, message), 'the message')
+        return parse_image(self._rigging.images.png(camera, message), 'the message')
 
     def _path(self, stamp_ns: int) -> Float64Array | None:
         """Return (N, 3) positions up to a time, None without any."""
@@ -297,7 +298,7 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
     """Read the poses that the odometry layout would be made from, if any."""
-    pose, losses = guess_pose(survey), LossTally()
+    pose, losses = guess_pose(survey, []), LossTally()
     if pose is None:
         return None
     try:

@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Choice of the topic of the labels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..messages.source import LABEL_LINES
+from ..messages.topics import prediction_topics
+from ..model import msgtypes as types
+from .guess_cameras import main_camera
+from .guess_names import is_truth
+from .plan import LabelPlan
+from .report import pass_over
+
+if TYPE_CHECKING:
+    from .plan import CameraPlan
+    from .survey import Survey, TopicSurvey
+
+
+def guess_labels(
+    survey: Survey, cameras: dict[int, CameraPlan], notes: list[str]
+) -> LabelPlan | None:
+    """Choose labels: detections, objects of Autoware, then markers.
+
+    In a bag written by to-bag, markers have the classes of KITTI, and objects have not.
+    """
+    own = survey.topics.get(LABEL_LINES)
+    if own is not None and own.count and survey.calibrations:
+        return LabelPlan(own.name, main_camera(cameras)) if cameras else None
+    detections = _of_labels(survey, types.DETECTIONS_3D)
+    objects = _of_labels(survey, types.TRACKED_OBJECTS) or _of_labels(
+        survey, types.DETECTED_OBJECTS
+    )
+    markers = [each for each in _of_labels(survey, types.MARKERS) if _has_cubes(each)]
+    topics = detections or (markers if survey.calibrations else objects)
+    topics = topics or objects or markers
+    if not topics or not cameras:
+        notes.append(
+            'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'
+            ' in a MarkerArray)'
+        )
+        return None
+    best = max(topics, key=lambda each: (is_truth(each.name), each.count))
+    notes += pass_over('labels', best, topics)
+    return LabelPlan(best.name, main_camera(cameras))
+
+
+def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
+    """Return the topics of a type without those of predictions by to-bag."""
+    found = survey.of_type(msgtype)
+    return [each for each in found if each.name not in prediction_topics()]
+
+
+def _has_cubes(topic: TopicSurvey) -> bool:
+    cube = 1  # visualization_msgs/Marker.CUBE
+    return any(marker.type == cube for look in topic.looks for marker in look.markers)
