@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from .locate import BagFiles
     from .message_source import BagMessage
+    from .reading import BagMessage
     from .writer import BagWriter
 
 
