@@ -80,8 +80,8 @@ def _moved(
     data: npt.NDArray[np.uint8], layout: np.dtype[np.void], pose: Transform
 ) -> npt.NDArray[np.uint8]:
     """Return the bytes of points, their coordinates moved by a pose."""
-    moved = data.copy()
-    points: npt.NDArray[np.void] = moved.view(layout)
+    moved: npt.NDArray[np.uint8] = data.copy()
+    points = moved.view(layout)
     xyz = np.column_stack([points[name].astype(np.float64) for name in 'xyz'])
     for name, column in zip('xyz', pose.apply(xyz).T, strict=True):
         if points[name].dtype.kind != 'f':
