@@ -47,7 +47,7 @@ class MissingLibraryError(KittiRos2Error):
 
 @dataclass(frozen=True)
 class FoxgloveChannel(StoredChannel):
-    """A channel with a schema of Foxglove, as it appears: with the type of a ROS message.
+    """A channel with a schema of Foxglove, as it appears: as ROS messages in CDR.
 
     Attributes:
         original: As stored in the file.
@@ -58,7 +58,7 @@ class FoxgloveChannel(StoredChannel):
     @property
     def is_ros(self) -> bool:
         """Whether its stored messages are of a ROS type, which the bag defines."""
-        return self.encoding in _ROS
+        return self.original.encoding in _ROS
 
 
 def appearing(channel: StoredChannel) -> StoredChannel:
@@ -69,7 +69,7 @@ def appearing(channel: StoredChannel) -> StoredChannel:
     return FoxgloveChannel(
         channel.topic,
         translation.msgtype,
-        channel.encoding,
+        'cdr',
         original=channel,
         latched=channel.latched,
         depth=channel.depth,
@@ -118,9 +118,9 @@ def translator(channel: FoxgloveChannel, typestore: Callable[[], Typestore]) -> 
         ValueError: The channel's schema is damaged.
     """
     translation = TRANSLATIONS[_schema_of(channel.original)]
-    if channel.encoding == 'json':
+    if channel.original.encoding == 'json':
         return _from_json(translation)
-    if channel.encoding == 'protobuf':
+    if channel.original.encoding == 'protobuf':
         return _from_protobuf(channel.original, translation)
     return _from_ros(channel.original, translation, typestore)
 

@@ -14,7 +14,6 @@ from .bag_files import opened, path_of
 from .definitions import Definitions
 from .findings import Findings
 from .foxglove_channels import (
-    FoxgloveChannel,
     MissingLibraryError,
     described,
     stored,
@@ -48,6 +47,7 @@ class BagMessages:
         topics: The topics to read; all of them by default.
         as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
             and the typestore returns the original texts of definitions.
+        as_ros: Whether messages with Foxglove's schemas are converted; by default unless as_stored.
 
     Attributes:
         channels: Topic and type of each channel that is read, sorted by topic.
@@ -68,11 +68,13 @@ class BagMessages:
         topics: Collection[str] | None = None,
         *,
         as_stored: bool = False,
+        as_ros: bool | None = None,
     ) -> None:
         self._path = path_of(bags[0])
         self._findings = Findings()
         self._topics = topics
         self._as_stored = as_stored
+        as_ros = not as_stored if as_ros is None else as_ros
         self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}
@@ -85,7 +87,7 @@ class BagMessages:
             ]
             self._files = [file for _, _, file in found]
             self._readings = [
-                Reading(number, channel_id, bag, path, stored(channel) if as_stored else channel)
+                Reading(number, channel_id, bag, path, channel if as_ros else stored(channel))
                 for number, (bag, path, file) in enumerate(found)
                 for channel_id, channel in file.channels.items()
                 if topics is None or channel.topic in topics
@@ -182,7 +184,7 @@ class BagMessages:
         found: set[str] = set()
         for reading in list(self._readings):
             channel = reading.channel
-            if channel.encoding not in READ and not isinstance(channel, FoxgloveChannel):
+            if channel.encoding not in READ:
                 found.add(channel.encoding)
                 self._leave_out(reading, why_unread(channel))
         if found and not self._readings:
@@ -257,8 +259,8 @@ class BagMessages:
             try:
                 self._to_cdr.prepare(reading.channel, self._definitions)
             except MissingLibraryError as error:
-                encodings = {each.channel.encoding for each in self._readings}
-                if self._topics is not None or encodings == {reading.channel.encoding}:
+                encodings = {stored(each.channel).encoding for each in self._readings}
+                if self._topics is not None or encodings == {'protobuf'}:
                     raise
                 self._lose_channel(reading, str(error))
             except ValueError as error:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .pieces import Buffer, StoredChannel
 
 READ = frozenset({'cdr', 'ros1'})
-"""Encodings of channels that are read, beside those of FoxgloveChannel."""
+"""Encodings of channels that are read."""
 
 
 class ToCdr:

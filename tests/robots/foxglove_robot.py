@@ -173,6 +173,7 @@ def records(world: list[Frame]) -> list[tuple[str, int, str, dict[str, Any]]]:
             }
             for box in frame.boxes
         ]
+        image = jpeg(frame)
         cloud = {'point_stride': POINT.itemsize, 'fields': fields, 'data': frame.points.tobytes()}
         camera = {**head, 'frame_id': 'cam_front'}
         projection = np.column_stack([K, np.zeros(3)])
@@ -188,7 +189,7 @@ def records(world: list[Frame]) -> list[tuple[str, int, str, dict[str, Any]]]:
         messages = [
             ('/tf', 'FrameTransforms', {'transforms': transforms}),
             ('/lidar_top', 'PointCloud', {**head, 'frame_id': 'lidar_top', **cloud}),
-            ('/cam_front/image', 'CompressedImage', {**camera, 'format': 'jpeg', 'data': jpeg(frame)}),
+            ('/cam_front/image', 'CompressedImage', {**camera, 'format': 'jpeg', 'data': image}),
             ('/cam_front/camera_info', 'CameraCalibration', calibration),
             ('/markers/annotations', 'SceneUpdate', {'entities': entities}),
             ('/gps', 'LocationFix', place),

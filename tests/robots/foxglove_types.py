@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: Foxglove Technologies Inc
 # SPDX-License-Identifier: MIT
-"""Definitions of foxglove_msgs for the tests: https://github.com/foxglove/foxglove-sdk, schemas/ros2.
+"""Definitions of foxglove_msgs for the tests, without comments and constants.
 
-Fields only, without comments and constants.
+Source: https://github.com/foxglove/foxglove-sdk, schemas/ros2.
 """
 
 from __future__ import annotations
