@@ -121,7 +121,7 @@ def label_corners(height, width, length, x, y, z, rotation_y):
     cos, sin = np.cos(rotation_y), np.sin(rotation_y)
     turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
     signs = np.array(np.meshgrid([-0.5, 0.5], [-1, 0], [-0.5, 0.5])).reshape(3, -1)
-    return (turn @ (signs * [[length], [height], [width]])).T + [x, y, z]
+    return (turn @ (signs * [[length], [height], [width]])).T + np.array([x, y, z])
 
 
 def test_the_summary_names_the_types_of_ros(tmp_path):
@@ -336,9 +336,12 @@ def test_schemas_that_are_no_ros_messages_are_named(tmp_path):
     ]
     path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
     with open_messages(path) as messages:
-        assert messages.findings == (
+        video = (
             f'{path}: /video is foxglove.CompressedVideo in protobuf, which is not read: single'
-            f' images of a video cannot be read; write them as CompressedImage (JPEG or PNG)',
+            ' images of a video cannot be read; write them as CompressedImage (JPEG or PNG)'
+        )
+        assert messages.findings == (
+            video,
             f'{path}: /map is foxglove.Grid in protobuf, which is not read',
         )
         assert [loss.count for _, loss in messages.left_out] == [1, 1]
