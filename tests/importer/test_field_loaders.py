@@ -229,7 +229,11 @@ SEQUENCE_FAULTS = {
     'scan absent': (Layout.RAW, '*/*_drive_*/velodyne_points/data/0000000003.bin', None),
     'no times': (Layout.RAW, '*/*_drive_*/oxts/timestamps.txt', None),
     'no calibration': (Layout.RAW, '*/calib_imu_to_velo.txt', None),
-    'short packet': (Layout.RAW, '*/*_drive_*/oxts/data/0000000003.txt', lambda text: text.rsplit(' ', 3)[0]),
+    'short packet': (
+        Layout.RAW,
+        '*/*_drive_*/oxts/data/0000000003.txt',
+        lambda text: text.rsplit(' ', 3)[0],
+    ),
     'image absent': (Layout.ODOMETRY, 'sequences/00/image_2/000003.png', None),
     'times short': (Layout.ODOMETRY, 'sequences/00/times.txt', lambda text: text[:26]),
     'no Tr': (Layout.ODOMETRY, 'sequences/00/calib.txt', lambda text: text.replace('Tr', 'tr')),
