@@ -64,8 +64,9 @@ def read_points(
     if not message.width * message.height:
         return np.empty((0, 4), dtype=np.float32)
     cloud = _fields_of(message, _chosen(message))
-    if intensity_scale == 1.0 and cloud.dtype == _KITTI_POINT and cloud.flags.c_contiguous:
-        return cloud.reshape(-1).view('<f4').reshape(-1, 4)
+    if cloud.dtype == _KITTI_POINT and cloud.flags.c_contiguous:
+        stored = cloud.reshape(-1).view('<f4').reshape(-1, 4)
+        return stored if intensity_scale == 1.0 else _scaled(stored, intensity_scale)
     reflectance = _intensity_of(cloud)
     points = np.empty((*cloud.shape, 4), dtype=np.float32)
     with np.errstate(over='ignore', invalid='ignore'):
@@ -74,6 +75,14 @@ def read_points(
         points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
     points = points.reshape(-1, 4)
     return points if order is None else points.take(order, axis=0)
+
+
+def _scaled(stored: Float32Array, intensity_scale: float) -> Float32Array:
+    """Return a copy of (N, 4) points with their intensities divided: one copy, not one a field."""
+    points = stored.astype(np.float32)
+    with np.errstate(over='ignore', invalid='ignore'):
+        points[:, 3] /= intensity_scale
+    return points
 
 
 def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
