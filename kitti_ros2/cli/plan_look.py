@@ -50,10 +50,9 @@ class Look:
 
 
 class Seen(NamedTuple):
-    """The result of a look: the plan, what it makes of the bags, and the preview, if requested."""
+    """The result of a look: the plan, and the preview if one is requested."""
 
     outlook: Outlook
-    overview: PlanOverview
     drawn: Preview | None
 
 
@@ -84,7 +83,6 @@ def see(look: Look, bags: Sequence[OpenBag], *, any_layout: bool = False) -> See
         bags: Those of one recording.
         any_layout: Whether a missing layout is chosen by the content of the bags.
     """
-    from ..importer.plan_overview import overlook_plan
     from ..own_bags.outlook import make_outlook
 
     with ExitStack() as stack:
@@ -96,7 +94,6 @@ def see(look: Look, bags: Sequence[OpenBag], *, any_layout: bool = False) -> See
             # Entered first: an existing file is refused before bags are read.
             place = stack.enter_context(staged_file(look.preview, refusal))
         outlook = make_outlook(bags, look.options, look.plan_file, any_layout=any_layout)
-        overview = overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
         drawn = None
         if place is not None:
             from ..pictures.output import write_picture
@@ -104,15 +101,23 @@ def see(look: Look, bags: Sequence[OpenBag], *, any_layout: bool = False) -> See
 
             drawn = draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
             write_picture(place, drawn.picture)
-    return Seen(outlook, overview, drawn)
+    return Seen(outlook, drawn)
 
 
-def print_table(bags: Sequence[OpenBag], seen: Seen) -> None:
+def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
     """Print which topic becomes which stream."""
     from .plan_table import print_plan
 
     names = ', '.join(format_path(path_of(bag)) for bag in bags)
-    print_plan(names, seen.outlook, seen.overview)
+    overview = _overlook(bags, outlook)
+    print_plan(names, outlook, overview)
+    return overview
+
+
+def _overlook(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+    from ..importer.plan_overview import overlook_plan
+
+    return overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
 
 
 def print_look(look: Look, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
@@ -122,32 +127,34 @@ def print_look(look: Look, bags: Sequence[OpenBag], *, quiet: bool, json: bool) 
     if json:
         from .plan_table import plan_values
 
-        values = plan_values([path_of(bag) for bag in bags], seen.outlook, seen.overview)
+        overview = _overlook(bags, seen.outlook)
+        values = plan_values([path_of(bag) for bag in bags], seen.outlook, overview)
         print_json(values | drawn_values(look, seen.drawn))
-    elif seen.drawn is not None:
-        if not quiet:
-            say_drawn(look, seen.drawn)
-    else:
+    elif look.preview is None:
         from .plan_table import print_next, print_remarks
 
-        print_table(bags, seen)
-        print_remarks(seen.outlook, seen.overview)
-        print_next(_commands(look, bags, seen))
+        overview = print_table(bags, seen.outlook)
+        print_remarks(seen.outlook, overview)
+        print_next(_commands(look, bags, seen.outlook, overview))
+    elif not quiet:
+        say_drawn(look, seen)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-def say_drawn(look: Look, drawn: Preview) -> None:
-    """Print what the preview shows, and what it could not."""
-    if look.preview is None:
+def say_drawn(look: Look, seen: Seen) -> None:
+    """Print what the preview shows, if there is one, and what could not be drawn."""
+    drawn = seen.drawn
+    if look.preview is None or drawn is None:
         return
     for reason in drawn.missing:
         say(f'note: {reason}')
     numbers = ', '.join(map(str, drawn.numbers))
     height, width = drawn.picture.shape[:2]
     size = format_bytes(look.preview.stat().st_size)
-    noun = 'frame' if len(drawn.numbers) == 1 else 'frames'
-    say(f'{format_path(look.preview)}: preview of {noun} {numbers}, {width}x{height}, {size}')
+    layout = seen.outlook.plan.layout.value
+    what = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
+    say(f'{format_path(look.preview)}: preview, {what}')
 
 
 def drawn_values(look: Look, drawn: Preview | None) -> dict[str, object]:
@@ -158,21 +165,23 @@ def drawn_values(look: Look, drawn: Preview | None) -> dict[str, object]:
     return {'preview': shown | {'losses': losses_json(drawn.losses)}}
 
 
-def _commands(look: Look, bags: Sequence[OpenBag], seen: Seen) -> Iterator[tuple[str, str]]:
+def _commands(
+    look: Look, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
+) -> Iterator[tuple[str, str]]:
     """Yield the purpose and the words of commands that may follow."""
     given = dict(look.given)
     plan_file = [] if look.plan_file is None else ['--plan-file', str(look.plan_file)]
-    if not plan_file and not seen.outlook.restored:
-        given['layout'] = seen.outlook.plan.layout.value
+    if not plan_file and not outlook.restored:
+        given['layout'] = outlook.plan.layout.value
     start = ['kitti-ros2', 'to-kitti', *(str(path_of(bag)) for bag in bags)]
     of_the_plan = _words({name: given[name] for name in _OF_THE_PLAN if name in given})
-    if not seen.overview.faults:
+    if not overview.faults and (outlook.plan.scan or outlook.plan.cameras):
         preview = [*start, *plan_file, *_words(given), '--preview', 'preview.png']
         yield 'see points and boxes of three frames on the images', shlex.join(preview)
     if not plan_file:
         plan = shlex.join([*start, *of_the_plan, '--plan'])
         yield 'edit the plan, then pass it with --plan-file plan.yaml', f'{plan} > plan.yaml'
-    if not seen.overview.faults:
+    if not overview.faults:
         yield 'convert', shlex.join([*start, 'OUT', *plan_file, *_words(given)])
 
 

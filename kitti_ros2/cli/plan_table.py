@@ -29,7 +29,7 @@ _SHORT = {Stream.CALIBRATION.value: 'calib'}
 
 
 def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
-    """Print which topic becomes which stream, what is passed over, and why a conversion fails.
+    """Print which topic becomes which stream, and what is passed over.
 
     Args:
         names: Of the bags.
@@ -41,8 +41,8 @@ def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
     console = Console(highlight=False, soft_wrap=True)
     console.print(one_line(f'{names}: {_head(outlook, overview)}'), style='bold', markup=False)
     console.print(_topic_table(overview), soft_wrap=False)
-    for fault in overview.faults:
-        console.print(one_line(f'cannot be converted: {fault}'), style='red', markup=False)
+    if overview.passed_over:
+        say(f'{_PASSED_OVER}: passed over in this layout')
 
 
 def _head(outlook: Outlook, overview: PlanOverview) -> str:
@@ -78,11 +78,11 @@ def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
 
 
 def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
-    """Print the meaning of the table's last rows, the notes, and the layouts to choose from."""
+    """Print why a conversion would fail, the notes, and the layouts to choose from."""
     from rich.console import Console
 
-    if overview.passed_over:
-        say(f'{_PASSED_OVER}: passed over in this layout')
+    for fault in overview.faults:
+        say(f'cannot be converted: {fault}')
     for note in dict.fromkeys((*outlook.notes, *overview.notes)):
         say(f'note: {note}')
     if outlook.layouts:

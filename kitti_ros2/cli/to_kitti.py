@@ -120,9 +120,9 @@ def _convert(
     if shown or look.preview is not None:
         seen = see(look, bags)
         if shown:
-            print_table(bags, seen)
-        if seen.drawn is not None and not (quiet or json):
-            say_drawn(look, seen.drawn)
+            print_table(bags, seen.outlook)
+        if not (quiet or json):
+            say_drawn(look, seen)
     started = time.monotonic()
     notes: list[str] = []
     tell = _note if not (quiet or json) else notes.append

@@ -131,11 +131,11 @@ def _choose_layout(plans: Mapping[Layout, Plan]) -> tuple[Layout, str]:
     if boxes is not None and boxes.labels is not None:
         return Layout.OBJECT, 'the bag has 3D boxes'
     if drive is not None and drive.fix:
-        return Layout.RAW, 'the bag has GPS, and no 3D boxes'
+        return Layout.RAW, 'the bag has GPS'
     if route is not None and route.pose is not None:
-        return Layout.ODOMETRY, 'the bag has poses, but neither 3D boxes nor GPS'
+        return Layout.ODOMETRY, 'the bag has poses'
     layout = Layout.OBJECT if Layout.OBJECT in plans else next(iter(plans))
-    return layout, 'the bag has neither 3D boxes nor GPS nor poses'
+    return layout, 'chosen where a bag has neither 3D boxes nor GPS nor poses'
 
 
 def _streams(plan: Plan, survey: Survey) -> tuple[str, ...]:

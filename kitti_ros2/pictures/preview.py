@@ -54,6 +54,7 @@ _TILE = (960, 600)
 _GAP = 6
 _BIRD = PictureOptions(bird=BirdOptions((-10.0, 50.0), (-30.0, 30.0), 10.0))
 _OPTIONS = PictureOptions()
+_UNCALIBRATED = 'no calibration in the plan: no points on images, no labels'
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,8 @@ def draw_preview(
                 found = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
             except KittiRos2Error:
                 raise error from None
-            return replace(found, missing=(f'no calibration: {error}', *found.missing))
+            others = (each for each in found.missing if each != _UNCALIBRATED)
+            return replace(found, missing=(f'no calibration: {error}', *others))
 
 
 def _drawn(
@@ -136,7 +138,7 @@ class _Page:
             if absent:
                 self._lack(f'no {part} in the plan')
         if plan.calibration == NONE:
-            self._lack('no calibration in the plan: no points on images, no labels')
+            self._lack(_UNCALIBRATED)
 
     @property
     def missing(self) -> tuple[str, ...]:
