@@ -33,8 +33,8 @@ _SPELLINGS = {'train_fraction': 'split'}
 
 
 @dataclass(frozen=True)
-class Look:
-    """A requested look at a plan.
+class PlanRequest:
+    """What a user wants to see of a plan.
 
     Attributes:
         given: Options by name, as the user gave them.
@@ -75,11 +75,11 @@ def check_preview(preview: Path, bags: Sequence[Path], out: Path | None) -> None
         )
 
 
-def see(look: Look, bags: Sequence[OpenBag], *, any_layout: bool = False) -> Seen:
+def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = False) -> Seen:
     """Survey bags, make or read their plan, and write the preview if there is one.
 
     Args:
-        look: The request.
+        request: What is wanted.
         bags: Those of one recording.
         any_layout: Whether a missing layout is chosen by the content of the bags.
     """
@@ -87,13 +87,13 @@ def see(look: Look, bags: Sequence[OpenBag], *, any_layout: bool = False) -> See
 
     with ExitStack() as stack:
         place = None
-        if look.preview is not None:
+        if request.preview is not None:
             from ..pictures.output import keep_all_but_pictures
 
-            refusal = keep_all_but_pictures if look.options.overwrite else keep_all
+            refusal = keep_all_but_pictures if request.options.overwrite else keep_all
             # Entered first: an existing file is refused before bags are read.
-            place = stack.enter_context(staged_file(look.preview, refusal))
-        outlook = make_outlook(bags, look.options, look.plan_file, any_layout=any_layout)
+            place = stack.enter_context(staged_file(request.preview, refusal))
+        outlook = make_outlook(bags, request.options, request.plan_file, any_layout=any_layout)
         drawn = None
         if place is not None:
             from ..pictures.output import write_picture
@@ -120,57 +120,57 @@ def _overlook(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
     return overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
 
 
-def print_look(look: Look, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
+def print_look(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
     """Show the plan of bags without an output, or write the preview; return the exit code."""
-    seen = see(look, bags, any_layout=True)
+    seen = see(request, bags, any_layout=True)
     losses = () if seen.drawn is None else seen.drawn.losses
     if json:
         from .plan_table import plan_values
 
         overview = _overlook(bags, seen.outlook)
         values = plan_values([path_of(bag) for bag in bags], seen.outlook, overview)
-        print_json(values | drawn_values(look, seen.drawn))
-    elif look.preview is None:
+        print_json(values | drawn_values(request, seen.drawn))
+    elif request.preview is None:
         from .plan_table import print_next, print_remarks
 
         overview = print_table(bags, seen.outlook)
         print_remarks(seen.outlook, overview)
-        print_next(_commands(look, bags, seen.outlook, overview))
+        print_next(_commands(request, bags, seen.outlook, overview))
     elif not quiet:
-        say_drawn(look, seen)
+        say_drawn(request, seen)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-def say_drawn(look: Look, seen: Seen) -> None:
+def say_drawn(request: PlanRequest, seen: Seen) -> None:
     """Print what the preview shows, if there is one, and what could not be drawn."""
     drawn = seen.drawn
-    if look.preview is None or drawn is None:
+    if request.preview is None or drawn is None:
         return
     for reason in drawn.missing:
         say(f'note: {reason}')
     numbers = ', '.join(map(str, drawn.numbers))
     height, width = drawn.picture.shape[:2]
-    size = format_bytes(look.preview.stat().st_size)
+    size = format_bytes(request.preview.stat().st_size)
     layout = seen.outlook.plan.layout.value
     what = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
-    say(f'{format_path(look.preview)}: preview, {what}')
+    say(f'{format_path(request.preview)}: preview, {what}')
 
 
-def drawn_values(look: Look, drawn: Preview | None) -> dict[str, object]:
+def drawn_values(request: PlanRequest, drawn: Preview | None) -> dict[str, object]:
     """Return what the preview shows, for JSON; nothing without one."""
     if drawn is None:
         return {}
-    shown = {'path': look.preview, 'frames': drawn.numbers, 'missing': drawn.missing}
+    shown = {'path': request.preview, 'frames': drawn.numbers, 'missing': drawn.missing}
     return {'preview': shown | {'losses': losses_json(drawn.losses)}}
 
 
 def _commands(
-    look: Look, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
+    request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
 ) -> Iterator[tuple[str, str]]:
     """Yield the purpose and the words of commands that may follow."""
-    given = dict(look.given)
-    plan_file = [] if look.plan_file is None else ['--plan-file', str(look.plan_file)]
+    given = dict(request.given)
+    plan_file = [] if request.plan_file is None else ['--plan-file', str(request.plan_file)]
     if not plan_file and not outlook.restored:
         given['layout'] = outlook.plan.layout.value
     start = ['kitti-ros2', 'to-kitti', *(str(path_of(bag)) for bag in bags)]

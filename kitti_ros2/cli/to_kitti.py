@@ -21,7 +21,7 @@ from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
 from .plan_look import (
-    Look,
+    PlanRequest,
     check_preview,
     drawn_values,
     print_look,
@@ -85,12 +85,12 @@ def run_to_kitti(
     if preview is not None:
         check_preview(preview, bags, out)
     keep_freed_memory()
-    look = Look(given, options, plan_file, preview)
+    request = PlanRequest(given, options, plan_file, preview)
     with ExitStack() as stack:
         opened = _open(bags, stack)
         if out is None:
-            return print_look(look, opened, quiet=quiet, json=json)
-        return _convert(look, opened, out, shown=shown, quiet=quiet, json=json)
+            return print_look(request, opened, quiet=quiet, json=json)
+        return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)
 
 
 def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path | None]:
@@ -112,30 +112,36 @@ def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path 
 
 
 def _convert(
-    look: Look, bags: Sequence[OpenBag], out: Path, *, shown: bool, quiet: bool, json: bool
+    request: PlanRequest,
+    bags: Sequence[OpenBag],
+    out: Path,
+    *,
+    shown: bool,
+    quiet: bool,
+    json: bool,
 ) -> int:
     """Convert, after a look at the plan where one is wanted, and print a summary."""
-    shown = shown and look.plan_file is None and not _restores(bags, look.options)
+    shown = shown and request.plan_file is None and not _restores(bags, request.options)
     seen = None
-    if shown or look.preview is not None:
-        seen = see(look, bags)
+    if shown or request.preview is not None:
+        seen = see(request, bags)
         if shown:
             print_table(bags, seen.outlook)
         if not (quiet or json):
-            say_drawn(look, seen)
+            say_drawn(request, seen)
     started = time.monotonic()
     notes: list[str] = []
     tell = _note if not (quiet or json) else notes.append
     progress = partial(conversion_progress, show=not (quiet or json))
     survey = None if seen is None else seen.outlook.survey
-    conversion = Conversion(bags, out, look.options, look.plan_file, tell, progress, survey)
+    conversion = Conversion(bags, out, request.options, request.plan_file, tell, progress, survey)
     reports = conversion.run()
     elapsed = time.monotonic() - started
     losses = tuple(loss for report in reports for loss in report.losses)
     if json:
         values = [{**asdict(each), 'losses': losses_json(each.losses)} for each in reports]
         result = {'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed}
-        print_json(result | drawn_values(look, None if seen is None else seen.drawn))
+        print_json(result | drawn_values(request, None if seen is None else seen.drawn))
     elif not quiet:
         for report in reports:
             _summarize(report, out, elapsed)

@@ -13,12 +13,12 @@ from ..importer.plan_overview import streams_of_topics
 from ..importer.survey import look
 from ..kitti.store import STORE
 from ..model.errors import MissingDataError, UsageError
-from ..model.layouts import Layout
+from ..model.layouts import Layout, LayoutTraits
 from ..model.streams import Stream
 from .to_kitti import is_restored, own_bags, selected
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.reader import OpenBag
@@ -125,17 +125,27 @@ def _every_plan(
     return found
 
 
+_PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan], bool], str]] = (
+    (lambda traits, plan: traits.frame_set and plan.labels is not None, 'the bag has 3D boxes'),
+    (lambda traits, plan: traits.dated and bool(plan.fix), 'the bag has GPS'),
+    (
+        lambda traits, plan: Stream.POSE in traits.streams and plan.pose is not None,
+        'the bag has poses',
+    ),
+    (lambda traits, _: traits.frame_set, 'the bag has neither 3D boxes nor GPS nor poses'),
+    (lambda _traits, _plan: True, 'the first that is possible'),
+)
+"""What a bag has, and which layout most programs expect for it: the first that is possible."""
+
+
 def _choose_layout(plans: Mapping[Layout, Plan]) -> tuple[Layout, str]:
     """Return the layout that most programs expect for the content of a bag, and the reason."""
-    boxes, drive, route = (plans.get(each) for each in (Layout.OBJECT, Layout.RAW, Layout.ODOMETRY))
-    if boxes is not None and boxes.labels is not None:
-        return Layout.OBJECT, 'the bag has 3D boxes'
-    if drive is not None and drive.fix:
-        return Layout.RAW, 'the bag has GPS'
-    if route is not None and route.pose is not None:
-        return Layout.ODOMETRY, 'the bag has poses'
-    layout = Layout.OBJECT if Layout.OBJECT in plans else next(iter(plans))
-    return layout, 'chosen where a bag has neither 3D boxes nor GPS nor poses'
+    return next(
+        (layout, reason)
+        for fits, reason in _PREFERENCES
+        for layout, plan in plans.items()
+        if fits(layout.traits, plan)
+    )
 
 
 def _streams(plan: Plan, survey: Survey) -> tuple[str, ...]:
