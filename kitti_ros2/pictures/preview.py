@@ -10,6 +10,7 @@ a bird's-eye view.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -54,6 +55,8 @@ _TILE = (960, 600)
 _GAP = 6
 _BIRD = PictureOptions(bird=BirdOptions((-10.0, 50.0), (-30.0, 30.0), 10.0))
 _OPTIONS = PictureOptions()
+_BLANK = (640, 60)
+_PATH = re.compile(r'^/\S*: ')
 _UNCALIBRATED = 'no calibration in the plan: no points on images, no labels'
 
 
@@ -99,7 +102,11 @@ def draw_preview(
         except KittiRos2Error as error:
             if plan.calibration == NONE:
                 raise
-            bare = replace(plan, calibration=NONE, labels=None)
+            cameras = {
+                index: replace(camera, info='', rectify=False)
+                for index, camera in plan.cameras.items()
+            }
+            bare = replace(plan, calibration=NONE, labels=None, cameras=cameras)
             try:
                 found = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
             except KittiRos2Error:
@@ -122,7 +129,8 @@ def _drawn(
     for place, number in enumerate(excerpt.numbers.tolist()):
         title = f'frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
         if place in source.numbers:
-            page.add(source.frame(place, frozenset(wanted)), title)
+            frame = source.frame(place, frozenset(wanted))
+            page.add(frame, title, f'frame {number}')
     return Preview(page.picture(), tuple(excerpt.numbers.tolist()), page.missing, report.losses)
 
 
@@ -148,11 +156,18 @@ class _Page:
     def _lack(self, reason: str) -> None:
         self._missing[reason] = None
 
-    def add(self, frame: FrameData, title: str) -> None:
-        """Add the row of a frame."""
-        for name, reason in frame.missing.items():
-            if self._plan.calibration != NONE or not name.startswith(Stream.CALIBRATION.value):
-                self._lack(f'{name}: {reason}')
+    def add(self, frame: FrameData, title: str, name: str) -> None:
+        """Add the row of a frame.
+
+        Args:
+            frame: As it was read back.
+            title: Of its images.
+            name: Of the frame, for what is missing.
+        """
+        for part, reason in frame.missing.items():
+            if self._plan.calibration != NONE or not part.startswith(Stream.CALIBRATION.value):
+                # Without the path of the file, which is gone when it is read.
+                self._lack(f'{name}: no {part}: {_PATH.sub("", reason)}')
         row = [self._image(frame, camera, title) for camera in self._cameras]
         if frame.points is not None and not _is_projected(frame, self._cameras):
             text = f"{title}: bird's-eye view{_labels(frame, self._plan)}"
@@ -166,7 +181,7 @@ class _Page:
         text = f'{title}: image_{camera} {source.topic}{", rectified" if source.rectify else ""}'
         image = frame.images.get(camera)
         if image is None:
-            return captioned(new_picture(_TILE, BACKGROUND), f'{text}: no image')
+            return captioned(new_picture(_BLANK, BACKGROUND), f'{text}: no image')
         most = min(_TILE[0], image.shape[1]), min(_TILE[1], image.shape[0])
         shown = fit_image(camera, image, most)
         for paint in (paint_scan, paint_boxes_3d):
