@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import shlex
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -97,11 +97,26 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
         drawn = None
         if place is not None:
             from ..pictures.output import write_picture
-            from ..pictures.preview import draw_preview
 
-            drawn = draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
+            drawn = _draw(request, bags, outlook)
             write_picture(place, drawn.picture)
     return Seen(outlook, drawn)
+
+
+def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
+    """Draw what a conversion would write: by the plan, or the original files."""
+    from ..importer.survey import look
+    from ..pictures.preview import draw_preview, draw_recorded
+    from ..pictures.recording_frames import RecordingFrames
+    from ..pictures.sources import open_own_recording
+
+    if outlook.restored:
+        survey = outlook.survey if len(bags) == 1 else look(bags[:1])
+        recording = open_own_recording(bags[0], survey)
+        if recording is not None:
+            with closing(RecordingFrames(recording, path_of(bags[0]).name)) as source:
+                return draw_recorded(source, request.options.selection)
+    return draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
 
 
 def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:

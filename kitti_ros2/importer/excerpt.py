@@ -51,9 +51,7 @@ class Excerpt:
         present = np.zeros(len(frames), np.int64)
         for places in frames.samples.values():
             present += places != NONE
-        best = np.flatnonzero(present == present.max())
-        steps = np.linspace(0, len(best) - 1, min(self._most, len(best)))
-        self.numbers = best[np.rint(steps).astype(np.int64)]
+        self.numbers = spread(present, self._most)
         self.stamps_ns = frames.stamps_ns[self.numbers]
         samples = {stream: places[self.numbers] for stream, places in frames.samples.items()}
         return Frames(self.stamps_ns, samples, frames.stamps, frames.notes)
@@ -87,6 +85,19 @@ class Excerpt:
                     break
                 yield seen[message.topic], message
                 seen[message.topic] += 1
+
+
+def spread(present: Int64Array, most: int) -> Int64Array:
+    """Return the positions of the first and the last frame, and of those evenly between them.
+
+    Args:
+        present: (N,) number of streams that have a sample in each frame; only frames with the most
+            are taken.
+        most: Number of frames.
+    """
+    best = np.flatnonzero(present == present.max())
+    steps = np.linspace(0, len(best) - 1, min(most, len(best)))
+    return np.asarray(best[np.rint(steps).astype(np.int64)], np.int64)
 
 
 def numbered(messages: Iterable[BagMessage]) -> Iterator[tuple[int, BagMessage]]:

@@ -18,11 +18,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..drawing.birds_eye import BACKGROUND
 from ..drawing.strokes import new_picture
 from ..drawing.text import captioned
 from ..importer.convert import build_excerpt
-from ..importer.excerpt import Excerpt
+from ..importer.excerpt import Excerpt, spread
 from ..importer.plan import NONE
 from ..kitti.layouts import open_recording
 from ..model.errors import KittiRos2Error, MissingDataError
@@ -34,9 +36,10 @@ from ..options.read import ReadOptions
 from .frame_parts import frame_projection
 from .painters import draw_bird, fit_image, paint_boxes_3d, paint_scan
 from .recording_frames import RecordingFrames
+from .series import select_frames
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from ..bags.reader import BagSource
     from ..drawing.pixels import Pixels
@@ -44,7 +47,8 @@ if TYPE_CHECKING:
     from ..importer.survey import Survey
     from ..model.losses import Loss
     from ..options.importing import ImportOptions
-    from .frame import FrameData
+    from ..options.selection import SelectionOptions
+    from .frame import FrameData, FrameSource
 
 _FRAMES = 3
 _CAMERAS = (2, 3, 0, 1, 4)
@@ -115,6 +119,30 @@ def draw_preview(
             return replace(found, missing=(f'no calibration: {error}', *others))
 
 
+def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
+    """Draw the first, the middle and the last complete frame of a recording that comes back.
+
+    Args:
+        source: The recording in a bag written by to-bag.
+        selection: Of its frames.
+
+    Raises:
+        UsageError: The selection takes no frame.
+        MissingDataError: The frames have neither an image nor a scan.
+    """
+    numbers = np.array(select_frames(source, selection), np.int64)
+    wanted = [Stream.SCAN.value, *(f'image_{camera}' for camera in source.cameras)]
+    present = [np.isin(numbers, source.streams[name]) for name in wanted if name in source.streams]
+    chosen: list[int] = numbers[spread(np.sum(present, axis=0), _FRAMES)].tolist()
+    page = _Page(
+        {camera: f'image_{camera} {name}' for camera, name in source.cameras.items()},
+        labelled=Stream.LABELS.value in source.streams,
+    )
+    for number in chosen:
+        page.add(source.frame(number, page.streams), f'frame {number}', f'frame {number}')
+    return Preview(page.picture(), tuple(chosen), page.missing, ())
+
+
 def _drawn(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, stage: Path
 ) -> Preview:
@@ -122,38 +150,56 @@ def _drawn(
     excerpt = Excerpt(_FRAMES)
     report = build_excerpt(bags, plan, survey, stage, options, excerpt)
     source = RecordingFrames(open_recording(stage, ReadOptions(layout=plan.layout)))
-    cameras = [each for each in _CAMERAS if each in source.cameras][:_MOST_CAMERAS]
-    wanted = {Stream.SCAN.value, Stream.LABELS.value, *(f'image_{each}' for each in cameras)}
+    page = _Page(
+        {
+            index: f'image_{index} {camera.topic}{", rectified" if camera.rectify else ""}'
+            for index, camera in plan.cameras.items()
+        },
+        labelled=plan.labels is not None,
+        calibrated=plan.calibration != NONE,
+    )
+    if plan.scan is None:
+        page.lack('no scan in the plan')
+    if not plan.cameras:
+        page.lack('no camera in the plan')
+    if plan.calibration == NONE:
+        page.lack(_UNCALIBRATED)
     seconds = ((excerpt.stamps_ns - excerpt.stamps_ns[:1]) / NS_PER_S).tolist()
-    page = _Page(plan, cameras)
     for place, number in enumerate(excerpt.numbers.tolist()):
         title = f'frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
         if place in source.numbers:
-            frame = source.frame(place, frozenset(wanted))
-            page.add(frame, title, f'frame {number}')
+            page.add(source.frame(place, page.streams), title, f'frame {number}')
     return Preview(page.picture(), tuple(excerpt.numbers.tolist()), page.missing, report.losses)
 
 
 class _Page:
-    """Collects the pictures of frames, row by row."""
+    """Collects the pictures of frames, row by row.
 
-    def __init__(self, plan: Plan, cameras: Sequence[int]) -> None:
-        self._plan = plan
-        self._cameras = cameras
+    Args:
+        cameras: By KITTI's index the title of the images of each camera.
+        labelled: Whether there are labels.
+        calibrated: Whether there is a calibration.
+    """
+
+    def __init__(
+        self, cameras: Mapping[int, str], *, labelled: bool, calibrated: bool = True
+    ) -> None:
+        shown = [each for each in _CAMERAS if each in cameras][:_MOST_CAMERAS]
+        self._cameras = {camera: cameras[camera] for camera in shown}
+        self._labelled = labelled
+        self._calibrated = calibrated
         self._rows: list[list[Pixels]] = []
         self._missing: dict[str, None] = {}
-        for part, absent in (('scan', plan.scan is None), ('camera', not plan.cameras)):
-            if absent:
-                self._lack(f'no {part} in the plan')
-        if plan.calibration == NONE:
-            self._lack(_UNCALIBRATED)
+        streams = Stream.SCAN.value, Stream.LABELS.value, *(f'image_{each}' for each in shown)
+        self.streams = frozenset(streams)
 
     @property
     def missing(self) -> tuple[str, ...]:
         """What could not be drawn; a reason that frames have in common is there once."""
         return tuple(self._missing)
 
-    def _lack(self, reason: str) -> None:
+    def lack(self, reason: str) -> None:
+        """Enter what could not be drawn."""
         self._missing[reason] = None
 
     def add(self, frame: FrameData, title: str, name: str) -> None:
@@ -165,20 +211,19 @@ class _Page:
             name: Of the frame, for what is missing.
         """
         for part, reason in frame.missing.items():
-            if self._plan.calibration != NONE or not part.startswith(Stream.CALIBRATION.value):
+            if self._calibrated or not part.startswith(Stream.CALIBRATION.value):
                 # Without the path of the file, which is gone when it is read.
-                self._lack(f'{name}: no {part}: {_PATH.sub("", reason)}')
+                self.lack(f'{name}: no {part}: {_PATH.sub("", reason)}')
         row = [self._image(frame, camera, title) for camera in self._cameras]
         if frame.points is not None and not _is_projected(frame, self._cameras):
-            text = f"{title}: bird's-eye view{_labels(frame, self._plan)}"
+            text = f"{title}: bird's-eye view{self._labels(frame)}"
             row.append(captioned(draw_bird(frame, _BIRD), text))
         if row:
             self._rows.append(row)
 
     def _image(self, frame: FrameData, camera: int, title: str) -> Pixels:
         """Draw the scan and the boxes on the image of a camera."""
-        source = self._plan.cameras[camera]
-        text = f'{title}: image_{camera} {source.topic}{", rectified" if source.rectify else ""}'
+        text = f'{title}: {self._cameras[camera]}'
         image = frame.images.get(camera)
         if image is None:
             return captioned(new_picture(_BLANK, BACKGROUND), f'{text}: no image')
@@ -187,7 +232,12 @@ class _Page:
         for paint in (paint_scan, paint_boxes_3d):
             with suppress(MissingDataError):  # it is among the missing data of the plan or frame
                 paint(shown.picture, shown, frame, _OPTIONS)
-        return captioned(shown.picture, text + _labels(frame, self._plan))
+        return captioned(shown.picture, text + self._labels(frame))
+
+    def _labels(self, frame: FrameData) -> str:
+        """Format the number of labels with a 3D box in a title."""
+        count = sum(each.cuboid is not None for each in frame.objects)
+        return f', {format_count(count, "label")}' if self._labelled else ''
 
     def picture(self) -> Pixels:
         """Return the rows below each other.
@@ -215,15 +265,10 @@ class _Page:
         return page
 
 
-def _is_projected(frame: FrameData, cameras: Sequence[int]) -> bool:
+def _is_projected(frame: FrameData, cameras: Iterable[int]) -> bool:
     """Whether points can be shown on the image of any camera."""
     for camera in cameras:
         with suppress(MissingDataError):
             frame_projection(frame, camera)
             return True
     return False
-
-
-def _labels(frame: FrameData, plan: Plan) -> str:
-    """Format the number of labels in a title, where the plan has labels."""
-    return '' if plan.labels is None else f', {format_count(len(frame.objects), "label")}'

@@ -23,6 +23,7 @@ from builders import files_of, one_line
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import find_command
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from terminals import read_to_the_end  # isort: skip
 
@@ -191,12 +192,28 @@ def test_a_bag_of_our_own_comes_back_as_it_was(recordings, on_terminal, tmp_path
     code, out, _ = on_terminal(own, tmp_path / 'out', '--preview', tmp_path / 'own.png')
     assert code == 0
     assert 'stream ' not in out
+    assert f'{tmp_path / "own.png"}: preview, layout object, frames 0, 2, 4,' in out
     assert cv2.imread(str(tmp_path / 'own.png')).shape[0] > 300
     back = tmp_path / 'out/training/velodyne/000003.bin'
     assert (
         back.read_bytes()
         == (recordings[Layout.OBJECT] / back.relative_to(tmp_path / 'out')).read_bytes()
     )
+
+
+def test_images_of_our_own_of_any_size_are_drawn(tmp_path, capsys):
+    """Frames of an object set are of several days, and so of several sizes."""
+    folder = tmp_path / 'set/training'
+    options = SyntheticOptions(frames=3, image_size=(414, 125), lidar_columns=300)
+    write_synthetic(tmp_path / 'set', Layout.OBJECT, options)
+    image = folder / 'image_2/000001.png'
+    cv2.imwrite(str(image), cv2.imread(str(image))[:100])
+    own, picture = str(tmp_path / 'own.mcap'), tmp_path / 'own.png'
+    assert main(['to-bag', str(folder), own, '-q']) == 0
+    assert main(['to-kitti', own, '--preview', str(picture)]) == 0
+    said = capsys.readouterr()
+    assert (said.err, 'frames 0, 1, 2' in said.out) == ('', True)
+    assert cv2.imread(str(picture)).shape[1] == 414
 
 
 @pytest.mark.parametrize('words', [[], ['-q'], ['--layout', 'object']])
