@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..kitti.write_object import WriteOptions
 from ..model.errors import KittiRos2Error
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .excerpt import numbered
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
@@ -27,13 +28,14 @@ from .report import ImportReport, LossTally, damage, unread
 from .sync import NONE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages, BagSource
+    from ..bags.reader import BagMessage, BagSource
     from ..kitti.writer import LayoutWriter
     from ..model.losses import Loss
     from ..options.importing import ImportOptions
+    from .excerpt import Excerpt
     from .plan import Plan
     from .pose_track import PoseTrack
     from .survey import Survey
@@ -52,6 +54,12 @@ class _Job:
     write: Callable[[], int]
 
 
+class _Target(NamedTuple):
+    stage: Path
+    first: int
+    progress: Callable[[int, int], None]
+
+
 def build(
     bags: Sequence[BagSource],
     plan: Plan,
@@ -67,16 +75,52 @@ def build(
         BadBagError, UsageError, MissingDataError: As there.
         OSError: A file cannot be written.
     """
+    return _build(bags, plan, survey, _Target(stage, first, progress), options, None)
+
+
+def build_excerpt(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    stage: Path,
+    options: ImportOptions,
+    excerpt: Excerpt,
+) -> ImportReport:
+    """Convert a few frames as build does, from number 0 on, and read only what they need.
+
+    Raises:
+        BadBagError, UsageError, MissingDataError, OSError: As build.
+    """
+    target = _Target(stage, 0, lambda _done, _bytes: None)
+    return _build(bags, plan, survey, target, options, excerpt)
+
+
+def _build(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    target: _Target,
+    options: ImportOptions,
+    excerpt: Excerpt | None,
+) -> ImportReport:
+    stage, first, progress = target
     losses = LossTally()
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = choose_frames(plan, survey, track, options.selection)
+    if excerpt is not None:
+        frames = excerpt.of(frames)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, stage, plan.name, written) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
-            outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
+            read = numbered(messages)
+            if excerpt is not None:
+                read = excerpt.read(messages, survey, frames, frame_topics(plan))
+            outcomes = ordered_map(
+                _do, builder.jobs(read, Decoder(messages.typestore)), worker_count()
+            )
             for count, (job, outcome) in enumerate(outcomes, 1):
                 builder.take(job, outcome)
                 progress(count, builder.size_bytes)
@@ -141,13 +185,14 @@ class _Builder:
                 self._writer.write_calibration(self._first + number, calibration)
                 self.counts[Stream.CALIBRATION.value] += 1
 
-    def jobs(self, messages: BagMessages) -> Iterator[_Job]:
-        """Yield the files of the samples in frames, in the order of reading."""
-        seen: Counter[str] = Counter()
-        decode = Decoder(messages.typestore)
-        for message in messages:
-            place = seen[message.topic]
-            seen[message.topic] += 1
+    def jobs(self, messages: Iterable[tuple[int, BagMessage]], decode: Decoder) -> Iterator[_Job]:
+        """Yield the files of the samples in frames, in the order of reading.
+
+        Args:
+            messages: Each with its place in its topic.
+            decode: By the types of their bags.
+        """
+        for place, message in messages:
             wanted = [
                 (stream, self._numbers[stream][place])
                 for stream in self._streams.get(message.topic, ())
