@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
     from .plan import Plan
     from .pose_track import PoseTrack
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
     from .sync import StreamMatch
+    from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'

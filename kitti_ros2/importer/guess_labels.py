@@ -16,7 +16,8 @@ from .report import pass_over
 
 if TYPE_CHECKING:
     from .plan import CameraPlan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 def guess_labels(

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from ..model.layouts import Layout
     from .plan import Plan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 @dataclass(frozen=True)

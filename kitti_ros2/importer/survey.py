@@ -7,12 +7,9 @@ Of large messages only the header is parsed, so the pass is as fast as reading t
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
@@ -39,7 +36,7 @@ from ..model.msgtypes import (
     TWIST,
 )
 from ..rig.tf_tree import LinkTally
-from .sync import usable_stamps
+from .topic_survey import TopicSurvey
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -47,7 +44,7 @@ if TYPE_CHECKING:
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..model.losses import Loss
-    from ..model.samples import Int64Array, TextFile
+    from ..model.samples import TextFile
     from ..rig.tf_tree import Link
 
 
@@ -56,78 +53,6 @@ _HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOM
 _DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
-
-
-@dataclass
-class TopicSurvey:
-    """One topic.
-
-    Attributes:
-        name, msgtype: As the bag has them.
-        log_ns: Log times in the order of reading, nanoseconds.
-        header_ns: Header stamps of the same messages; empty where the type has no header.
-        frames: Header frames, with the number of messages of each.
-        looks: A few decoded messages, at doubling distances.
-        failures: Number of messages that failed to decode.
-        failure: The reason of the first failure, empty without one.
-        headless: Indices of the messages without a readable header.
-        changes: Of CameraInfo: number of changes of its content.
-        size_bytes: Of its messages as CDR.
-        forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
-    """
-
-    name: str
-    msgtype: str
-    log_ns: list[int] = field(default_factory=list)
-    header_ns: list[int] = field(default_factory=list)
-    frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
-    looks: list[Any] = field(default_factory=list)
-    failures: int = 0
-    failure: str = ''
-    headless: list[int] = field(default_factory=list)
-    changes: int = 0
-    size_bytes: int = 0
-    forward_ns: Mapping[int, int] = field(default_factory=dict)
-
-    def fail(self, error: ValueError) -> None:
-        """Count a message that failed to decode."""
-        self.failures += 1
-        self.failure = self.failure or str(error)
-
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return len(self.log_ns)
-
-    @property
-    def is_readable(self) -> bool:
-        """Whether a message can be decoded, or was not tried."""
-        return self.count > self.failures
-
-    @property
-    def frame(self) -> str:
-        """The frame of most messages, without a leading slash."""
-        return max(self.frames, key=lambda name: self.frames[name]) if self.frames else ''
-
-    def stamps(self) -> tuple[Int64Array, str | None]:
-        """Select the stamps to use, (N,) nanoseconds in the order of reading.
-
-        Header stamps of 0 or out of order are invalid; log times are used instead, and the reason
-        is returned.
-        """
-        log = np.array(self.log_ns, dtype=np.int64)
-        if len(self.header_ns) != len(self.log_ns) or len(self.headless) == len(log):
-            return log, None
-        header = np.array(self.header_ns, dtype=np.int64)
-        if self.headless:
-            # A damaged one gets the distance to its neighbour in the log.
-            headed = np.setdiff1d(np.arange(len(log)), self.headless)
-            nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
-            header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
-        used, reason = usable_stamps(header, log)
-        if reason is None and self.forward_ns:
-            used = np.array([self.forward_ns.get(stamp, stamp) for stamp in used.tolist()])
-        return used, reason
 
 
 @dataclass(frozen=True)

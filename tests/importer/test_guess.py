@@ -12,7 +12,8 @@ import pytest
 
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
-from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.importer.survey import Survey
+from kitti_ros2.importer.topic_survey import TopicSurvey
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform
