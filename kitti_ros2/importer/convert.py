@@ -16,14 +16,16 @@ from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map, worker_count
 from ..kitti.layout_files import make_writer
 from ..kitti.write_object import WriteOptions
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, UnsynchronisedError
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .clocks import clocked
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
 from .poses import read_track
 from .report import ImportReport, LossTally, damage, unread
+from .stream_gaps import unit_losses
 from .sync import NONE
 
 if TYPE_CHECKING:
@@ -68,8 +70,11 @@ def build(
         OSError: A file cannot be written.
     """
     losses = LossTally()
+    survey = clocked(survey, plan)
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = choose_frames(plan, survey, track, options.selection)
+    if frames.unsynchronised:
+        raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, stage, plan.name, written) as writer:
@@ -252,7 +257,14 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*damaged, *undecoded, *lost, *self._rigging.labels.losses()),
+            losses=(
+                *damaged,
+                *undecoded,
+                *lost,
+                *self._frames.losses,
+                *unit_losses(survey, self._plan, self._frames),
+                *self._rigging.labels.losses(),
+            ),
             notes=tuple(notes),
         )
 

@@ -15,7 +15,8 @@ from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
-from ..messages.source import CALIBRATION, decode_text
+from ..messages.point_spans import turn_of
+from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import (
     CAMERA_INFO,
@@ -159,6 +160,8 @@ class _Pass:
         for topic in self._topics.values():
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
+                if RECORDING not in self._topics:  # scans of to-bag are stamped facing forward
+                    topic.turn_ns = turn_of(topic.looks)
         found = *self._links.sorted(), self._calibrations, notes, losses, left_out
         return Survey(self._topics, *found)
 
