@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..model.errors import KittiRos2Error, UnsynchronisedError
 from ..model.streams import Stream
 from .apply_calibration import Rigging
 from .clocks import clocked
+from .convert_scans import dropped_notes
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
@@ -126,7 +128,8 @@ class _Builder:
         }
         self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
         self._losses = losses
-        self._points_dropped = 0
+        self._lock = Lock()  # scans are written by several threads
+        self._points_dropped: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.size_bytes = 0
 
@@ -205,7 +208,8 @@ class _Builder:
 
     def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
         scan, dropped = self._rigging.scans.scan(cloud)
-        self._points_dropped += dropped
+        with self._lock:
+            self._points_dropped.update(dropped)
         self._writer.write_scan(number, stamp_ns, scan)
         return scan.points.nbytes
 
@@ -246,9 +250,8 @@ class _Builder:
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
-        if self._points_dropped:
-            missing = f'{self._points_dropped} points without a return (x y z not finite, or 0 0 0)'
-            notes.append(f'{missing} were dropped')
+        if self._plan.scan is not None:
+            notes += dropped_notes(self._plan.scan.topic, self._points_dropped)
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(
