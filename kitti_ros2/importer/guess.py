@@ -11,7 +11,8 @@ from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
-from .clocks import clocked, estimate_offsets
+from .clock_offsets import estimate_offsets
+from .clocks import clocked
 from .guess_cameras import guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose

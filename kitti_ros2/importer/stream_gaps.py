@@ -10,7 +10,8 @@ import numpy as np
 
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S
-from .clocks import find_corrections, planned_streams
+from .clock_offsets import find_corrections
+from .clocks import planned_streams
 
 if TYPE_CHECKING:
     from ..model.samples import Int64Array

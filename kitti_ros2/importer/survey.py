@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
-from ..messages.header import body_after_header, peek_header
+from ..messages.header import body_after_header, peek_first_header, peek_header
 from ..messages.point_spans import turn_of
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
@@ -194,6 +194,8 @@ class _Pass:
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in _HEADED:
             _enter_header(topic, message)
+        elif topic.msgtype == MARKERS:
+            _enter_first_stamp(topic, message)
         is_due = topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS
         changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
         if is_due or changed or not topic.looks:
@@ -226,3 +228,13 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
         return
     topic.header_ns.append(stamp_ns)
     topic.frames[frame.lstrip('/')] += 1
+
+
+def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
+    """Enter the stamp of the first marker; without one that of the log, as late as those before."""
+    try:
+        stamp_ns, _ = peek_first_header(message.data)
+    except ValueError:
+        stamp_ns = 0
+    lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
+    topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)

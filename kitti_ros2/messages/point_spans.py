@@ -39,22 +39,19 @@ _FIELDS = (
 _UNITS_NS = (1_000_000_000, 1_000_000, 1_000, 1)
 _LEAST_SPAN_NS = 15_000_000
 _MOST_SPAN_NS = 350_000_000
-_LEAST_MIDDLE_NS = 5_000_000
-"""Stamps are precise to a few milliseconds, and the turn of a scanner is not even."""
 
 
 def turn_of(clouds: Iterable[PointCloud2]) -> tuple[int, int] | None:
     """Return when the first and last points were measured, nanoseconds from the stamp.
 
     Returns:
-        Medians over clouds with a time for each point; None if there are none, or if the stamp is
-        the middle of the turn.
+        Medians over clouds with a time for each point; None if there are none.
     """
     spans = [span for cloud in clouds if (span := point_span_ns(cloud)) is not None]
     if not spans:
         return None
     start, end = (int(each) for each in np.median(np.array(spans), axis=0))
-    return (start, end) if abs(start + end) > 2 * _LEAST_MIDDLE_NS else None
+    return start, end
 
 
 def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
