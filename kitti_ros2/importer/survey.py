@@ -7,6 +7,7 @@ Of large messages only the header is parsed, so the pass is as fast as reading t
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_header, peek_header
 from ..messages.point_spans import turn_of
+from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import (
@@ -50,10 +52,13 @@ if TYPE_CHECKING:
 
 
 _BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
+_BOXES_OR_MARKERS = _BOXES | {MARKERS}
 _HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
 _DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
+_ALL_OF_FIRST = 64
+_EVERY = 16
 
 
 @dataclass(frozen=True)
@@ -203,6 +208,11 @@ class _Pass:
             if look is not None:
                 topic.changes += changed and bool(topic.looks)
                 topic.looks = [*topic.looks, look][:_LOOKS]
+                _count_classes(topic, look)
+        elif topic.msgtype in _BOXES_OR_MARKERS and _is_sampled(topic):
+            look = self._decoded(topic, message)
+            if look is not None:
+                _count_classes(topic, look)
 
     def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
         """Whether a message differs from the one before, header apart."""
@@ -238,3 +248,14 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
         stamp_ns = 0
     lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
     topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
+
+
+def _is_sampled(topic: TopicSurvey) -> bool:
+    """Whether the classes of the last message are counted: decoding all takes too long."""
+    return topic.count <= _ALL_OF_FIRST or topic.count % _EVERY == 0
+
+
+def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
+    if topic.msgtype in _BOXES_OR_MARKERS:
+        with suppress(ValueError):
+            topic.classes.update(classes_in(look))

@@ -33,7 +33,8 @@ KITTI_CLASSES = (
 """The classes of label files (readme.txt of the object devkit)."""
 
 OTHERS = 'Misc'
-"""KITTI's class of all other objects, such as trailers."""
+"""KITTI's class of all other objects, such as trailers. Buses, motorcycles, animals and barriers,
+which KITTI's labels do not tell apart, have no name below: users may want to keep theirs."""
 
 _SEPARATORS = re.compile(r'[\W_]+')
 
@@ -59,20 +60,7 @@ _NAMES = {
         vehicle_cyclist
         """,
     'Tram': 'tram train streetcar railed_vehicle vehicle_train vehicle_tram',
-    'Misc': """
-        misc unknown other others
-        bus vehicle_bus vehicle_bus_bendy vehicle_bus_rigid articulated_bus school_bus
-        trailer vehicle_trailer vehicular_trailer message_board_trailer traffic_light_trailer
-        construction_vehicle vehicle_construction construction_zone
-        motorcycle motorbike motorcyclist vehicle_motorcycle wheeled_rider wheeled_device
-        human_pedestrian_personal_mobility human_pedestrian_stroller human_pedestrian_wheelchair
-        stroller wheelchair animal dog cat
-        traffic_cone construction_cone construction_barrel barrier bollard sign stop_sign
-        mobile_pedestrian_crossing_sign traffic_sign traffic_light
-        movable_object movable_object_barrier movable_object_debris movable_object_pushable_pullable
-        movable_object_trafficcone static_object static_object_bicycle_rack
-        hazard over_drivable under_drivable
-        """,
+    'Misc': 'misc unknown other others',
     'DontCare': 'dontcare dont_care ignore',
 }
 _CLASS_OF = {name: kind for kind, names in _NAMES.items() for name in names.split()}
