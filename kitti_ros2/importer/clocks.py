@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..model.stamps import NS_PER_S
-from .plan import Stamps
+from .plan import StampSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,7 +89,7 @@ def clocked(survey: Survey, plan: Plan) -> Survey:
     the turn on, or up to its end, would be paired with the images of another moment.
     """
     topics = dict(survey.topics)
-    by_log = plan.stamps is Stamps.LOG
+    by_log = plan.stamps is StampSource.LOG
     if by_log:
         topics = {name: replace(topic, by_log=True) for name, topic in topics.items()}
     for stream in planned_streams(plan).values():

@@ -265,7 +265,7 @@ class _Builder:
                 *undecoded,
                 *lost,
                 *self._frames.losses,
-                *unit_losses(survey, self._plan, self._frames),
+                *unit_losses(survey, self._plan, self._frames.stamps_ns),
                 *self._rigging.labels.losses(),
             ),
             notes=tuple(notes),

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import Enum
 from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -13,7 +13,7 @@ from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line
-from .plan_checks import check_parts
+from .plan_classes import check_classes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,7 +32,7 @@ class Incomplete(str, Enum):
     KEEP = 'keep'
 
 
-class Stamps(str, Enum):
+class StampSource(str, Enum):
     """The stamps of all streams: of the messages' headers, or their log times."""
 
     HEADER = 'header'
@@ -164,7 +164,7 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
-    stamps: Stamps = Stamps.HEADER
+    stamps: StampSource = StampSource.HEADER
     imu_offset_s: float = 0.0
     fix_offset_s: float = 0.0
     velocity_offset_s: float = 0.0
@@ -185,7 +185,7 @@ def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
-    values['stamps'] = '' if plan.stamps is Stamps.HEADER else plan.stamps.value
+    values['stamps'] = '' if plan.stamps is StampSource.HEADER else plan.stamps.value
     kept = {
         name: _without_defaults(value)
         for name, value in values.items()
@@ -230,12 +230,28 @@ def parse_plan(text: str, path: Path) -> Plan:
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
-    made |= check_parts(made, path)
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', Stamps)):
+    _check_parts(made, path)
+    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', StampSource)):
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
     return plan
+
+
+def _check_parts(made: dict[str, Any], path: Path) -> None:
+    """Check the values of scan and labels; classes get KITTI's spelling."""
+    scan, labels = made.get('scan'), made.get('labels')
+    if scan is not None and scan.minimum_range_m < 0:
+        raise UsageError(
+            f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
+        )
+    if labels is None:
+        return
+    if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
+        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
+    where = f'{path}: labels: classes'
+    classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
+    made['labels'] = replace(labels, classes=classes)
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:

@@ -15,7 +15,6 @@ from .clocks import planned_streams
 
 if TYPE_CHECKING:
     from ..model.samples import Int64Array
-    from .frames import Frames
     from .plan import Plan
     from .survey import Survey
 
@@ -69,22 +68,22 @@ def describe_gap(
     return f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan'
 
 
-def unit_losses(survey: Survey, plan: Plan, frames: Frames) -> tuple[Loss, ...]:
+def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss, ...]:
     """Return the topics of the GPS/IMU unit that have no message near any frame.
 
     Args:
         survey: The result of clocked.
         plan: Names them.
-        frames: The frames.
+        frames_ns: (N,) stamps of the frames.
     """
     losses = []
     for name, stream in planned_streams(plan).items():
         topic = survey.topics.get(stream.topic) if name in _ROLES else None
-        if topic is None or not topic.count or not len(frames):
+        if topic is None or not topic.count or not len(frames_ns):
             continue
         stamps = topic.stamps()[0]
-        if abs(nearest_gap_ns(frames.stamps_ns, stamps)) > _MAX_UNIT_GAP_NS:
-            text = describe_gap(survey, plan, name, frames.stamps_ns, stamps)
+        if abs(nearest_gap_ns(frames_ns, stamps)) > _MAX_UNIT_GAP_NS:
+            text = describe_gap(survey, plan, name, frames_ns, stamps)
             losses.append(Loss(topic.name, topic.count, f'{topic.name}: {text}'))
     return tuple(losses)
 

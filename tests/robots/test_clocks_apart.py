@@ -13,7 +13,7 @@ import pytest
 from kitti_ros2.cli import main
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import Incomplete, Stamps, format_plan, parse_plan
+from kitti_ros2.importer.plan import Incomplete, StampSource, format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import UnsynchronisedError
@@ -176,7 +176,9 @@ def test_log_times_pair_what_was_recorded_together(tmp_path):
     robot = replace(CLOCKS['camera of TAI'][0], latency_ns=(12_000_000, 59_000_000))
     bag = recorded(tmp_path, robot)
     _, _, recording = converted(
-        bag, tmp_path / 'out', change=lambda plan: replace(without_offsets(plan), stamps=Stamps.LOG)
+        bag,
+        tmp_path / 'out',
+        change=lambda plan: replace(without_offsets(plan), stamps=StampSource.LOG),
     )
     assert pairs(recording) == true_pairs()
 
