@@ -108,7 +108,7 @@ class LabelPlan:
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
             Label lines have their own.
         classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
-            that are not listed have a default, see docs/howto/kitti.md.
+            that are not listed have a default: see Classes of labels of the how-to.
         keep_classes: Whether classes without one of KITTI's keep their names, such as forklift;
             otherwise they become Misc.
         offset_s: As of the scan.
