@@ -52,16 +52,32 @@ class _Job:
     write: Callable[[], int]
 
 
+@dataclass(frozen=True)
+class Target:
+    """A data set to build.
+
+    Attributes:
+        stage: Its folder.
+        first: The number of the first frame.
+        frames: Its frames, None to choose them.
+        without: Streams that are placed there from another set.
+    """
+
+    stage: Path
+    first: int = 0
+    frames: Frames | None = None
+    without: frozenset[Stream] = frozenset()
+
+
 def build(
     bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
-    stage: Path,
+    target: Target,
     options: ImportOptions,
-    first: int,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
-    """Convert bags as apply_plan.convert_by_plan does, into the folder stage, from number first on.
+    """Convert bags as apply_plan.convert_by_plan does, into the folder of a target.
 
     Raises:
         BadBagError, UsageError, MissingDataError: As there.
@@ -69,11 +85,13 @@ def build(
     """
     losses = LossTally()
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
-    frames = choose_frames(plan, survey, track, options.selection)
+    frames = target.frames
+    if frames is None:
+        frames = choose_frames(plan, survey, track, options.selection)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
-    with make_writer(plan.layout, stage, plan.name, written) as writer:
-        builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
+    with make_writer(plan.layout, target.stage, plan.name, written) as writer:
+        builder = _Builder(plan, survey, frames, rigging, writer, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
             outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
@@ -102,20 +120,20 @@ class _Builder:
         frames: Frames,
         rigging: Rigging,
         writer: LayoutWriter,
-        first: int,
+        target: Target,
         losses: LossTally,
     ) -> None:
         self._plan = plan
         self._frames = frames
         self._rigging = rigging
         self._writer = writer
-        self._first = first
+        self._first = target.first
         self._streams: dict[str, list[Stream]] = defaultdict(list)
         for stream, topic in frame_topics(plan).items():
-            if stream in writer.accepts:
+            if stream in writer.accepts and stream not in target.without:
                 self._streams[topic].append(stream)
         self._numbers = {
-            stream: _numbers(frames.samples[stream], first)
+            stream: _numbers(frames.samples[stream], target.first)
             for streams in self._streams.values()
             for stream in streams
         }

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+import re
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, get_type_hints
 
@@ -21,6 +22,11 @@ TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
 UNKNOWN_OCCLUSION = 3
+_SET_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,99}')
+
+
+_UNPRINTED: Mapping[str, object] = {'unprinted': True}
+"""Of fields that a printed plan leaves out at their default."""
 
 
 class Incomplete(str, Enum):
@@ -39,11 +45,16 @@ class ScanPlan:
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
+        forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
+            orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
+            -y (up is z) or z (up is -y, an optical frame). The origin stays that of the frame.
+            Empty: the frame as it is.
     """
 
     topic: str
     frame: str
     intensity_scale: float = 1.0
+    forward: str = field(default='', metadata=_UNPRINTED)
 
 
 @dataclass(frozen=True)
@@ -118,6 +129,9 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
+        camera_sets: The sources of images of one data set a camera, by the sets' names: each has
+            its camera as camera 2, and scans and labels in common (--all-cameras). Excludes
+            cameras.
     """
 
     layout: Layout
@@ -134,19 +148,33 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
+    camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict)
 
 
 def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
     """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
     import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
 
-    values = asdict(plan)
+    values = {each.name: _values(getattr(plan, each.name)) for each in fields(plan)}
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
     kept = {name: value for name, value in values.items() if value not in (None, '', {})}
     comments = ''.join(f'# {one_line(note)}\n' for note in notes)
     return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def _values(part: Any) -> Any:  # noqa: ANN401 - a part of a plan
+    """Return a part of a plan as plain values, without unprinted defaults."""
+    if isinstance(part, dict):
+        return {name: _values(value) for name, value in part.items()}
+    if not is_dataclass(part) or isinstance(part, type):
+        return part
+    return {
+        each.name: getattr(part, each.name)
+        for each in fields(part)
+        if 'unprinted' not in each.metadata or getattr(part, each.name) != each.default
+    }
 
 
 def parse_plan(text: str, path: Path) -> Plan:
@@ -164,12 +192,10 @@ def parse_plan(text: str, path: Path) -> Plan:
     if not isinstance(values, dict):
         raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
     made = dict(values)
-    cameras = made.pop('cameras', None) or {}
-    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
-        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
-    made['cameras'] = {
-        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
-    }
+    made['cameras'] = cameras = _parse_cameras(made.pop('cameras', None) or {}, path)
+    made['camera_sets'] = _parse_sets(made.pop('camera_sets', None) or {}, path)
+    if made['camera_sets'] and cameras:
+        raise UsageError(f'{path}: camera_sets: each has its own camera; expected no cameras')
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
@@ -181,6 +207,30 @@ def parse_plan(text: str, path: Path) -> Plan:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
     return plan
+
+
+def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
+    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
+        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
+    return {
+        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
+    }
+
+
+def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
+    place = f'{path}: camera_sets'
+    if not isinstance(sets, dict):
+        raise UsageError(f'{place}: {sets!r}; expected names of sets, each with a camera')
+    for name in sets:
+        if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
+            raise UsageError(
+                f'{place}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
+            )
+    if len({name.lower() for name in sets}) < len(sets):
+        raise UsageError(f'{place}: names of sets must differ by more than case')
+    return {
+        name: _make(CameraPlan, value, path, f'camera_sets: {name}') for name, value in sets.items()
+    }
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:
