@@ -58,7 +58,7 @@ def find_heading(
     return (
         known_heading(tree, scan_frame)
         or _camera_heading(tree, scan_frame, cameras)
-        or Heading(scan_frame, AXES['x'], f'x of {scan_frame}')
+        or Heading(scan_frame, AXES['x'], f'x of {scan_frame}', assumed=True)
     )
 
 

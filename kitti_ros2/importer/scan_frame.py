@@ -63,6 +63,12 @@ def face_forward(
         heading: The robot's forward; None where it is unknown.
         notes: A note is added.
     """
+    if heading is not None and heading.assumed:
+        notes.append(
+            f'x of {scan.frame} is taken as forward: no static transform joins it to base_link or a'
+            f' front camera; scan.forward of the plan corrects it'
+        )
+        return scan
     axes = None if heading is None else heading.axes_of(tree, scan.frame)
     if heading is None or axes is None or _is_forward(axes):
         return scan

@@ -47,12 +47,14 @@ class Heading:
         rotation: (3, 3), columns forward, left, up in that frame.
         source: The reason, for notes.
         body: Whether the frame is the robot's body, with x forward.
+        assumed: Whether nothing but the scanner's own x is known.
     """
 
     frame: str
     rotation: Float64Array
     source: str
     body: bool = False
+    assumed: bool = False
 
     def axes_of(self, tree: FrameTree, frame: str) -> Float64Array | None:
         """Return (3, 3) the axes of a frame as columns in forward, left, up; None if not joined."""
