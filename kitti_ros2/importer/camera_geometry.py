@@ -109,8 +109,8 @@ def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
 
 def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
     """Whether two cameras are a stereo pair, in this order."""
-    (f_left, *size_left), (f_right, *size_right) = left.lens, right.lens
-    if size_left != size_right or abs(f_left - f_right) > _SAME_FOCAL * max(f_left, f_right):
+    longest = max(left.focal, right.focal)
+    if left.size != right.size or abs(left.focal - right.focal) > _SAME_FOCAL * longest:
         return False
     baseline = _baseline(tree, left, right)
     if baseline is None:

@@ -65,12 +65,16 @@ class RigCamera:
         return np.asarray(np.linalg.solve(p[:, :3], p[:, 3]), np.float64)
 
     @cached_property
-    def lens(self) -> tuple[float, int, int]:
-        """Focal length of the rectified image in pixels, width and height; 0 where unknown."""
-        look = self.info.looks[0] if self.info is not None and self.info.looks else None
+    def focal(self) -> float:
+        """Focal length of the rectified image, pixels; 0 where the camera is not calibrated."""
         p, k = self._matrix('p', (3, 4)), self._matrix('k', (3, 3))
-        focal = next((float(m[0, 0]) for m in (p, k) if m is not None and m[0, 0] > 0), 0.0)
-        return focal, int(getattr(look, 'width', 0)), int(getattr(look, 'height', 0))
+        return next((float(m[0, 0]) for m in (p, k) if m is not None and m[0, 0] > 0), 0.0)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height by the CameraInfo, 0 where unknown."""
+        look = self.info.looks[0] if self.info is not None and self.info.looks else None
+        return int(getattr(look, 'width', 0)), int(getattr(look, 'height', 0))
 
     @property
     def is_grey(self) -> bool:

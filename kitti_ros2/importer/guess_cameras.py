@@ -89,16 +89,17 @@ def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
 
 
 def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
-    """Return the cameras with a CameraInfo, or all where none has one."""
+    """Return the cameras with a calibrated CameraInfo, or with any, or all without."""
     known = [each for each in rig if each.info is not None]
     if not known:
         return list(rig)
-    notes += [
-        f'passed over: {each.topic.name}; it has no camera_info'
-        for each in rig
-        if each.info is None
-    ]
-    return known
+    found = [each for each in known if each.focal] or known
+    for each in rig:
+        if each.info is None:
+            notes.append(f'passed over: {each.topic.name}; it has no camera_info')
+        elif each not in found:
+            notes.append(f'passed over: {each.topic.name}; {each.info.name} is not calibrated')
+    return found
 
 
 def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
@@ -113,8 +114,10 @@ def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
 
 
 def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
-    info = '' if camera.info is None else camera.info.name
-    return CameraPlan(camera.topic.name, info, _rectify(layout, camera))
+    if camera.info is None:
+        return CameraPlan(camera.topic.name)
+    frame = '' if camera.info.frame else camera.topic.frame
+    return CameraPlan(camera.topic.name, camera.info.name, _rectify(layout, camera), frame)
 
 
 def _rectify(layout: Layout, camera: RigCamera) -> bool:

@@ -32,6 +32,8 @@ AXES: dict[str, Float64Array] = {
 forward it is -y, as in an optical frame."""
 
 _BODIES = ('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base')
+_ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
+_SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)
 _OPTICAL = re.compile(r'optical(_frame|_link)?$', re.IGNORECASE)
 _OUSTER = re.compile(r'^(?P<prefix>.*)os_lidar$')
 _BACKWARD_DEG = 175
@@ -71,12 +73,13 @@ def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     """Return the heading of the robot's body, if static transforms join a sensor to it."""
     wanted = [frame for frame in sensors if frame]
     frames = sorted({*tree.frames, *wanted})
-    for name in _BODIES:
-        for frame in frames:
-            if frame.rpartition('/')[2].lower() != name:
-                continue
-            if any(tree.find(frame, sensor) is not None for sensor in wanted):
-                return Heading(frame, AXES['x'], f'x of {frame}', body=True)
+    named = [
+        frame for name in _BODIES for frame in frames if frame.rpartition('/')[2].lower() == name
+    ]
+    named += [frame for frame in frames if _ROBOT_BASE.search(frame) and not _SENSOR.search(frame)]
+    for frame in named:
+        if any(tree.find(frame, sensor) is not None for sensor in wanted):
+            return Heading(frame, AXES['x'], f'x of {frame}', body=True)
     return None
 
 

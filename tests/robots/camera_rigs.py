@@ -15,11 +15,15 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from rosbags.typesys.store import Typestore
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -157,11 +161,14 @@ def world() -> np.ndarray:
 
 
 @cache
-def store():
-    made = get_typestore(Stores.ROS2_HUMBLE)
+def store(release: Stores = Stores.ROS2_HUMBLE) -> Typestore:
+    made = get_typestore(release)
     types = {}
     for name, text in _VISION.items():
         types |= get_types_from_msg(text, name)
+    if release is Stores.ROS1_NOETIC:
+        text = 'geometry_msgs/TransformStamped[] transforms'
+        types |= get_types_from_msg(text, 'tf2_msgs/msg/TFMessage')
     made.register(types)
     return made
 
@@ -169,16 +176,19 @@ def store():
 class _Messages:
     """Makes messages of a robot with rosbags' own types."""
 
-    def __init__(self, stamp_ns: int) -> None:
+    def __init__(self, stamp_ns: int, release: Stores = Stores.ROS2_HUMBLE) -> None:
         self.stamp_ns = stamp_ns
+        self.is_ros1 = release is Stores.ROS1_NOETIC
+        self._types = store(release).types
 
     def make(self, kind: str, **values: object) -> object:
-        return store().types[kind](**values)
+        return self._types[kind](**values)
 
     def header(self, frame: str) -> object:
         seconds, nanoseconds = divmod(self.stamp_ns, 10**9)
         stamp = self.make('builtin_interfaces/msg/Time', sec=seconds, nanosec=nanoseconds)
-        return self.make('std_msgs/msg/Header', stamp=stamp, frame_id=frame)
+        seq = {'seq': 0} if self.is_ros1 else {}
+        return self.make('std_msgs/msg/Header', **seq, stamp=stamp, frame_id=frame)
 
     def vector(self, xyz: np.ndarray, kind: str = 'Vector3') -> object:
         x, y, z = (float(each) for each in xyz)
@@ -233,15 +243,28 @@ class _Messages:
 
     def info(self, camera: Camera) -> object:
         p = np.column_stack([camera.k, camera.k @ [camera.offset_m, 0, 0]])
+        numbers = {'d': np.zeros(5), 'k': camera.k.ravel(), 'r': np.eye(3).ravel(), 'p': p.ravel()}
+        if self.is_ros1:
+            numbers = {name.upper(): values for name, values in numbers.items()}
         roi = self.make(
-            'sensor_msgs/msg/RegionOfInterest', x_offset=0, y_offset=0, height=0, width=0,
+            'sensor_msgs/msg/RegionOfInterest',
+            x_offset=0,
+            y_offset=0,
+            height=0,
+            width=0,
             do_rectify=False,
-        )  # fmt: skip
+        )
         return self.make(
-            'sensor_msgs/msg/CameraInfo', header=self.header(camera.frame), height=SIZE[1],
-            width=SIZE[0], distortion_model='plumb_bob', d=np.zeros(5), k=camera.k.ravel(),
-            r=np.eye(3).ravel(), p=p.ravel(), binning_x=0, binning_y=0, roi=roi,
-        )  # fmt: skip
+            'sensor_msgs/msg/CameraInfo',
+            header=self.header(camera.frame),
+            height=SIZE[1],
+            width=SIZE[0],
+            distortion_model='plumb_bob',
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **numbers,
+        )
 
     def detections(self, robot: Robot) -> object:
         lidar_T_base = np.linalg.inv(robot.base_T_lidar)
@@ -277,38 +300,53 @@ class _Messages:
         )
 
 
-def write(robot: Robot, path: Path, leave_out: tuple[tuple[str, int | None], ...] = ()) -> Path:
-    """Write FRAMES messages of each topic to a bag of rosbag2.
+def write(
+    robot: Robot,
+    path: Path,
+    leave_out: tuple[tuple[str, int | None], ...] = (),
+    change_info: Callable[[Camera], Camera] = lambda camera: camera,
+) -> Path:
+    """Write FRAMES messages of each topic to a bag: of ROS 1 if its name ends in .bag, else MCAP.
 
     Args:
         robot: The robot.
         path: Of the bag.
         leave_out: Messages to leave out: topic and frame, None for all.
+        change_info: Changes the camera that a CameraInfo describes.
     """
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+    is_ros1 = path.suffix == '.bag'
+    types = store(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    serialize = types.serialize_ros1 if is_ros1 else types.serialize_cdr
+    new = Writer1(path) if is_ros1 else Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    with new as bag:
         channels: dict[str, object] = {}
-
-        def add(topic: str, stamp_ns: int, message: object) -> None:
+        for topic, stamp_ns, message in _messages(robot, change_info, is_ros1=is_ros1):
+            number = (stamp_ns - START_NS) // PERIOD_NS
+            if {(topic, number), (topic, None)} & set(leave_out):
+                continue
             kind = message.__msgtype__
             if topic not in channels:
-                channels[topic] = bag.add_connection(topic, kind, typestore=store())
-            bag.write(channels[topic], stamp_ns, store().serialize_cdr(message, kind))
-
-        if robot.links:
-            add('/tf_static', START_NS, _Messages(START_NS).transforms(robot.links))
-        points = moved(np.linalg.inv(robot.base_T_lidar), world())
-        left_out = set(leave_out)
-        for number in range(FRAMES):
-            made = _Messages(START_NS + number * PERIOD_NS)
-            add(robot.lidar_topic, made.stamp_ns, made.cloud(robot.lidar, points))
-            if robot.with_boxes:
-                add('/detections', made.stamp_ns, made.detections(robot))
-            for camera in robot.cameras:
-                info = f'{camera.folder}/{camera.info}'
-                for topic, make in ((camera.topic, made.image), (info, made.info)):
-                    if not left_out & {(topic, number), (topic, None)}:
-                        add(topic, made.stamp_ns, make(camera))
+                channels[topic] = bag.add_connection(topic, kind, typestore=types)
+            bag.write(channels[topic], stamp_ns, serialize(message, kind))
     return path
+
+
+def _messages(
+    robot: Robot, change_info: Callable[[Camera], Camera], *, is_ros1: bool
+) -> Iterator[tuple[str, int, object]]:
+    release = Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE
+    if robot.links:
+        yield '/tf_static', START_NS, _Messages(START_NS, release).transforms(robot.links)
+    points = moved(np.linalg.inv(robot.base_T_lidar), world())
+    for number in range(FRAMES):
+        stamp_ns = START_NS + number * PERIOD_NS
+        made = _Messages(stamp_ns, release)
+        yield robot.lidar_topic, stamp_ns, made.cloud(robot.lidar, points)
+        if robot.with_boxes:
+            yield '/detections', stamp_ns, made.detections(robot)
+        for camera in robot.cameras:
+            yield camera.topic, stamp_ns, made.image(camera)
+            yield f'{camera.folder}/{camera.info}', stamp_ns, made.info(change_info(camera))
 
 
 def xyzw(rotation: np.ndarray) -> tuple[float, float, float, float]:

@@ -100,6 +100,61 @@ def test_a_stereo_pair_is_2_and_3(convert, joins, yaw):
     assert frame.calib['P3'][0, 3] == pytest.approx(-0.12 * frame.calib['P3'][0, 0])
 
 
+def test_a_stereo_pair_of_ros_1_is_paired_by_p(tmp_path):
+    """The frame of the right camera is joined to nothing."""
+    robot = small_rigs.stereo(joins=False)
+    right = replace(robot.cameras[1], frame='stereo_right')
+    robot = replace(robot, cameras=(robot.cameras[0], right), with_boxes=False)
+    bag = camera_rigs.write(robot, tmp_path / 'stereo.bag')
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'object']) == 0
+    for index, camera in zip((2, 3), robot.cameras, strict=True):
+        assert_true(tmp_path / 'out/training', camera, index=index)
+
+
+def test_a_camera_that_is_not_calibrated_is_passed_over(convert):
+    robot = small_rigs.sides('front', 'left')
+    bare = replace(robot.cameras[0], k=np.zeros((3, 3)))
+    plan, notes, split = convert(replace(robot, cameras=(bare, robot.cameras[1])))
+    assert topics(plan) == {2: '/left/image_rect_color'}
+    assert '/front/image_rect_color; /front/camera_info is not calibrated' in notes
+    assert_true(split, robot.cameras[1])
+
+
+def test_a_camera_info_without_a_frame_is_of_the_image_s_frame(tmp_path):
+    robot = small_rigs.sides('front')
+
+    def nameless(camera):
+        return replace(camera, frame='')
+
+    bag = camera_rigs.write(robot, tmp_path / 'bag', change_info=nameless)
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'object']) == 0
+    assert_true(tmp_path / 'out/training', robot.cameras[0])
+
+
+def test_a_body_has_a_prefix_or_a_namespace(convert):
+    robot = nuscenes_car()
+    links = tuple(('husky_base_link', child, place) for _, child, place in robot.links)
+    plan, _, split = convert(replace(robot, links=links))
+    assert plan.scan.forward == 'husky_base_link'
+    assert_true(split, robot.camera('/CAM_FRONT'))
+
+
+def test_a_set_of_one_camera_opens_in_pykitti(tmp_path):
+    pykitti = pytest.importorskip('pykitti', reason='pykitti is not installed')
+    robot = autoware_rig()
+    bag = camera_rigs.write(robot, tmp_path / 'bag')
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'odometry']) == 0
+    loaded = pykitti.odometry(str(tmp_path / 'out'), '00')
+    assert len(list(loaded.cam2)) == len(list(loaded.velo)) == camera_rigs.FRAMES
+    np.testing.assert_allclose(loaded.calib.K_cam0, camera_rigs.K)
+    np.testing.assert_allclose(loaded.calib.K_cam2, camera_rigs.K)
+    true = robot.cameras[0].pixels(camera_rigs.world())
+    seen = np.isfinite(true[:, 0])
+    rect = camera_rigs.moved(loaded.calib.T_cam2_velo, next(loaded.velo)[seen, :3])
+    pixels = rect @ loaded.calib.K_cam2.T
+    assert np.abs(pixels[:, :2] / pixels[:, 2:] - true[seen]).max() < 0.3
+
+
 def test_a_stereo_pair_without_any_transform_is_paired_by_p(convert):
     robot = replace(small_rigs.stereo(), links=(), with_boxes=False)
     bag_cameras = tuple(robot.cameras)
