@@ -165,7 +165,7 @@ def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
     """Print the plan as YAML, with missing data as comments."""
-    from ..importer.plan import format_plan
+    from ..importer.plan_text import format_plan
     from ..own_bags.outlook import make_outlook
 
     with ExitStack() as stack:

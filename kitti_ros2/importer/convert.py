@@ -8,7 +8,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
 from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,73 +58,58 @@ class _Job:
     write: Callable[[], int]
 
 
-class _Target(NamedTuple):
+@dataclass(frozen=True)
+class Target:
+    """A data set to build.
+
+    Attributes:
+        stage: Its folder.
+        first: The number of the first frame.
+        frames: Its frames, None to choose them.
+        without: Streams that are placed there from another set.
+        excerpt: The few frames to convert, None for all; only what they need is read.
+    """
+
     stage: Path
-    first: int
-    progress: Callable[[int, int], None]
+    first: int = 0
+    frames: Frames | None = None
+    without: frozenset[Stream] = frozenset()
+    excerpt: Excerpt | None = None
 
 
 def build(
     bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
-    stage: Path,
+    target: Target,
     options: ImportOptions,
-    first: int,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> ImportReport:
-    """Convert bags as apply_plan.convert_by_plan does, into the folder stage, from number first on.
+    """Convert bags as apply_plan.convert_by_plan does, into the folder of a target.
 
     Raises:
         BadBagError, UsageError, MissingDataError: As there.
         OSError: A file cannot be written.
     """
-    return _build(bags, plan, survey, _Target(stage, first, progress), options, None)
-
-
-def build_excerpt(
-    bags: Sequence[BagSource],
-    plan: Plan,
-    survey: Survey,
-    stage: Path,
-    options: ImportOptions,
-    excerpt: Excerpt,
-) -> ImportReport:
-    """Convert a few frames as build does, from number 0 on, and read only what they need.
-
-    Raises:
-        BadBagError, UsageError, MissingDataError, OSError: As build.
-    """
-    target = _Target(stage, 0, lambda _done, _bytes: None)
-    return _build(bags, plan, survey, target, options, excerpt)
-
-
-def _build(
-    bags: Sequence[BagSource],
-    plan: Plan,
-    survey: Survey,
-    target: _Target,
-    options: ImportOptions,
-    excerpt: Excerpt | None,
-) -> ImportReport:
-    stage, first, progress = target
     losses = LossTally()
     survey = clocked(survey, plan)
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
-    frames = choose_frames(plan, survey, track, options.selection)
+    frames = target.frames
+    if frames is None:
+        frames = choose_frames(plan, survey, track, options.selection)
     if frames.unsynchronised:
         raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
-    if excerpt is not None:
-        frames = excerpt.of(frames)
+    if target.excerpt is not None:
+        frames = target.excerpt.of(frames)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
-    with make_writer(plan.layout, stage, plan.name, written) as writer:
-        builder = _Builder(plan, survey, frames, rigging, writer, first, losses)
+    with make_writer(plan.layout, target.stage, plan.name, written) as writer:
+        builder = _Builder(plan, survey, frames, rigging, writer, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
             read = numbered(messages)
-            if excerpt is not None:
-                read = excerpt.read(messages, survey, frames, frame_topics(plan))
+            if target.excerpt is not None:
+                read = target.excerpt.read(messages, survey, frames, frame_topics(plan))
             outcomes = ordered_map(
                 _do, builder.jobs(read, Decoder(messages.typestore)), worker_count()
             )
@@ -153,20 +138,20 @@ class _Builder:
         frames: Frames,
         rigging: Rigging,
         writer: LayoutWriter,
-        first: int,
+        target: Target,
         losses: LossTally,
     ) -> None:
         self._plan = plan
         self._frames = frames
         self._rigging = rigging
         self._writer = writer
-        self._first = first
+        self._first = target.first
         self._streams: dict[str, list[Stream]] = defaultdict(list)
         for stream, topic in frame_topics(plan).items():
-            if stream in writer.accepts:
+            if stream in writer.accepts and stream not in target.without:
                 self._streams[topic].append(stream)
         self._numbers = {
-            stream: _numbers(frames.samples[stream], first)
+            stream: _numbers(frames.samples[stream], target.first)
             for streams in self._streams.values()
             for stream in streams
         }

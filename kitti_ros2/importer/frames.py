@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -138,6 +138,24 @@ def choose_frames(
         ),
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
     )
+
+
+def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
+    """Return the frames of a mask, (N,)."""
+    samples = {stream: indices[kept] for stream, indices in frames.samples.items()}
+    return replace(frames, stamps_ns=frames.stamps_ns[kept], samples=samples)
+
+
+def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
+    """Return the frames between the start and the end of a selection.
+
+    Raises:
+        UsageError: It takes none.
+    """
+    if selection.is_whole:
+        return frames
+    every = np.ones(len(frames), dtype=np.bool_)
+    return pick_frames(frames, _span(frames.stamps_ns, every, selection))
 
 
 def _span(

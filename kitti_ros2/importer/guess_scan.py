@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of the scans' topic, and of the frame that becomes KITTI's velodyne frame."""
+"""Choice of the scans' topic; scan_frame chooses the frame that becomes KITTI's."""
 
 from __future__ import annotations
 
@@ -28,11 +28,6 @@ def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
         return None
     best = max(clouds, key=_lidar_rank)
     notes += pass_over('scans', best, clouds)
-    if best.frame.endswith('optical_frame'):
-        notes.append(
-            f'{best.name} is in {best.frame}, z forward; KITTI has x forward: set scan.frame'
-            f' to such a frame of the static tree'
-        )
     return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
 
 

@@ -4,25 +4,25 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from enum import Enum
-from math import isfinite
-from typing import TYPE_CHECKING, Any, get_type_hints
-
-from ..model.errors import UsageError
-from ..model.layouts import Layout
-from ..model.spelling import did_you_mean
-from ..model.text import one_line
-from .plan_classes import check_classes
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+
+    from ..model.layouts import Layout
 
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
 UNKNOWN_OCCLUSION = 3
+QUIET = 'quiet'
+"""Metadata of the fields that a printed plan leaves out at their default."""
+
+
+def _quiet(value: Any) -> Any:  # noqa: ANN401 - of the field
+    return field(default=value, metadata={QUIET: True})
 
 
 class Incomplete(str, Enum):
@@ -50,13 +50,18 @@ class ScanPlan:
         intensity_scale: Divisor that scales intensities to 0..1.
         minimum_range_m: Returns nearer to the scanner are dropped, metres.
         offset_s: Added to the stamps, seconds, where a clock is wrong.
+        forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
+            orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
+            -y (up is z) or z (up is -y, an optical frame). The origin stays that of the frame.
+            Empty: the frame as it is.
     """
 
     topic: str
     frame: str
     intensity_scale: float = 1.0
-    minimum_range_m: float = 0.0
-    offset_s: float = 0.0
+    minimum_range_m: float = _quiet(0.0)
+    offset_s: float = _quiet(0.0)
+    forward: str = _quiet('')
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class CameraPlan:
     info: str = ''
     rectify: bool = False
     frame: str = ''
-    offset_s: float = 0.0
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ class PosePlan:
     topic: str
     body: str
     world: str = ''
-    offset_s: float = 0.0
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -118,9 +123,9 @@ class LabelPlan:
     camera: int = 2
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
-    classes: Mapping[str, str] = field(default_factory=dict)
-    keep_classes: bool = False
-    offset_s: float = 0.0
+    classes: Mapping[str, str] = field(default_factory=dict, metadata={QUIET: True})
+    keep_classes: bool = _quiet(value=False)
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -148,6 +153,9 @@ class Plan:
         imu_offset_s: As offset_s of the scan, for imu.
         fix_offset_s: The same for fix.
         velocity_offset_s: The same for velocity.
+        camera_sets: The sources of images of one data set a camera, by the sets' names: each has
+            its camera as camera 2, and scans and labels in common (--all-cameras). Excludes
+            cameras.
     """
 
     layout: Layout
@@ -164,134 +172,8 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
-    stamps: StampSource = StampSource.HEADER
-    imu_offset_s: float = 0.0
-    fix_offset_s: float = 0.0
-    velocity_offset_s: float = 0.0
-
-
-_QUIET = frozenset(
-    {'stamps', 'offset_s', 'imu_offset_s', 'fix_offset_s', 'velocity_offset_s'}
-    | {'minimum_range_m', 'classes', 'keep_classes'}
-)
-"""Keys that a plan has only where their values are not the default."""
-
-
-def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
-    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
-    import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
-
-    values = asdict(plan)
-    values['layout'] = plan.layout.value
-    values['incomplete'] = plan.incomplete.value
-    values['cameras'] = dict(sorted(values['cameras'].items()))
-    values['stamps'] = '' if plan.stamps is StampSource.HEADER else plan.stamps.value
-    kept = {
-        name: _without_defaults(value)
-        for name, value in values.items()
-        if value not in (None, '', {}) and not (name in _QUIET and not value)
-    }
-    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
-    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
-
-
-def _without_defaults(value: Any) -> Any:  # noqa: ANN401 - of YAML
-    """Leave out the quiet keys whose values are the default: 0, false or nothing."""
-    if not isinstance(value, dict):
-        return value
-    return {
-        name: each if name == 'classes' else _without_defaults(each)
-        for name, each in value.items()
-        if not (name in _QUIET and not each)
-    }
-
-
-def parse_plan(text: str, path: Path) -> Plan:
-    """Parse a plan from YAML.
-
-    Raises:
-        UsageError: It is not a valid plan; the error names the key.
-    """
-    import yaml  # noqa: PLC0415 - as above
-
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
-    if not isinstance(values, dict):
-        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
-    made = dict(values)
-    cameras = made.pop('cameras', None) or {}
-    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
-        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
-    made['cameras'] = {
-        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
-    }
-    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
-        if made.get(name) is not None:
-            made[name] = _make(kind, made[name], path, name)
-    _check_parts(made, path)
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', StampSource)):
-        if name in made:
-            made[name] = _choose(choice, made[name], f'{path}: {name}')
-    plan: Plan = _make(Plan, made, path, '')
-    return plan
-
-
-def _check_parts(made: dict[str, Any], path: Path) -> None:
-    """Check the values of scan and labels; classes get KITTI's spelling."""
-    scan, labels = made.get('scan'), made.get('labels')
-    if scan is not None and scan.minimum_range_m < 0:
-        raise UsageError(
-            f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
-        )
-    if labels is None:
-        return
-    if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
-        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
-    where = f'{path}: labels: classes'
-    classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
-    made['labels'] = replace(labels, classes=classes)
-
-
-def _choose(kind: type[Enum], value: object, where: str) -> Enum:
-    try:
-        return kind(value)
-    except ValueError:
-        known = [str(each.value) for each in kind]
-        hint = did_you_mean(str(value), known)
-        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
-
-
-def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
-    """Make a dataclass from a mapping, its values checked against the types of the fields."""
-    place = f'{path}: {where}: ' if where else f'{path}: '
-    if not isinstance(values, dict):
-        raise UsageError(f'{place}expected {", ".join(f.name for f in fields(kind))}')
-    known = {each.name: each for each in fields(kind)}
-    unknown = [str(key) for key in values if key not in known]
-    if unknown:
-        hint = did_you_mean(unknown[0], known)
-        keys = ', '.join(known)
-        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
-    hints = get_type_hints(kind, localns={'Mapping': dict})
-    checked = {}
-    for name, value in values.items():
-        wanted = hints[name]
-        if wanted is float and type(value) is int:
-            checked[name] = float(value)
-        elif wanted is float and type(value) is float and not isfinite(value):
-            raise UsageError(f'{place}{name}: {value}; expected a finite number')
-        elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
-        else:
-            checked[name] = value
-    try:
-        return kind(**checked)
-    except TypeError:
-        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
-        missing = [name for name in needed if name not in checked]
-        raise UsageError(f'{place}missing {", ".join(missing)}') from None
-
-
-_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}
+    stamps: StampSource = field(default=StampSource.HEADER, metadata={QUIET: True})
+    imu_offset_s: float = _quiet(0.0)
+    fix_offset_s: float = _quiet(0.0)
+    velocity_offset_s: float = _quiet(0.0)
+    camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})

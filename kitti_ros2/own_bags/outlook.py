@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..importer.apply_plan import adapt, guess
-from ..importer.plan import parse_plan
 from ..importer.plan_overview import streams_of_topics
+from ..importer.plan_text import parse_plan
 from ..importer.survey import look
 from ..kitti.store import STORE
 from ..model.errors import MissingDataError, UsageError

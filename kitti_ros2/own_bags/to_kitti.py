@@ -62,7 +62,7 @@ class Conversion:
         options = self.options
         own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
         if not is_restored(own, options) or self.plan_file is not None:
-            return [self._convert_by_plan(own, losses)]
+            return self._convert_by_plan(own, losses)
         selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
         files = sum(blueprint.files for _, blueprint in selected)
         frames = sum(_count_frames(*each) for each in selected)
@@ -71,7 +71,7 @@ class Conversion:
 
     def _convert_by_plan(
         self, recordings: Sequence[tuple[OpenBag, Blueprint]], losses: tuple[Loss, ...]
-    ) -> ImportReport:
+    ) -> list[ImportReport]:
         """Convert by a plan.
 
         Args:
@@ -79,10 +79,11 @@ class Conversion:
             losses: Their damaged descriptions.
         """
         from ..importer.append import mend  # noqa: PLC0415
-        from ..importer.apply_plan import adapt, convert_by_plan, guess  # noqa: PLC0415
+        from ..importer.apply_plan import adapt, convert, guess  # noqa: PLC0415
+        from ..importer.camera_sets import plans_of  # noqa: PLC0415
         from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
         from ..importer.passed_over import passed_over  # noqa: PLC0415
-        from ..importer.plan import parse_plan  # noqa: PLC0415
+        from ..importer.plan_text import parse_plan  # noqa: PLC0415
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
@@ -101,14 +102,19 @@ class Conversion:
                 self.note(remark)
         for remark in mend(self.out) if self.options.append else ():
             self.note(remark)
-        topics = frame_topics(plan)
+        plans = plans_of(plan).values()
         options = replace(self.options, selection=selected(recordings, plan, self.options))
-        samples = sum(topic_of(survey, topic).count for topic in topics.values())
+        samples = sum(
+            topic_of(survey, topic).count for each in plans for topic in frame_topics(each).values()
+        )
         with self.progress(samples, samples) as show:
-            report = convert_by_plan(self.bags, plan, survey, self.out, options, show)
+            reports = convert(self.bags, plan, survey, self.out, options, show)
         reported = {loss.text() for loss in losses}
-        notes = tuple(each for each in report.notes if each not in reported)
-        return replace(report, losses=(*losses, *report.losses), notes=notes)
+        for place, report in enumerate(reports):
+            notes = tuple(each for each in report.notes if each not in reported)
+            before = losses if place == 0 else ()
+            reports[place] = replace(report, losses=(*before, *report.losses), notes=notes)
+        return reports
 
 
 def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:

@@ -23,7 +23,7 @@ import numpy as np
 from ..drawing.birds_eye import BACKGROUND
 from ..drawing.strokes import new_picture
 from ..drawing.text import captioned
-from ..importer.convert import build_excerpt
+from ..importer.convert import Target, build
 from ..importer.excerpt import Excerpt, spread
 from ..importer.plan import NONE
 from ..kitti.layouts import open_recording
@@ -148,7 +148,7 @@ def _drawn(
 ) -> Preview:
     stage.mkdir()
     excerpt = Excerpt(_FRAMES)
-    report = build_excerpt(bags, plan, survey, stage, options, excerpt)
+    report = build(bags, plan, survey, Target(stage, excerpt=excerpt), options)
     source = RecordingFrames(open_recording(stage, ReadOptions(layout=plan.layout)))
     page = _Page(
         {

@@ -23,7 +23,7 @@ from code_blocks import PAGES, ROOT, Block, blocks_in, page_name
 from page_data import BAGS, bags_needed, write_sets
 from shared_files import made_once
 
-from kitti_ros2.importer.plan import parse_plan
+from kitti_ros2.importer.plan_text import parse_plan
 from kitti_ros2.options.table import make_settings
 
 if TYPE_CHECKING:

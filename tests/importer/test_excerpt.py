@@ -11,7 +11,7 @@ from builders import files_of
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.convert import build_excerpt
+from kitti_ros2.importer.convert import Target, build
 from kitti_ros2.importer.excerpt import Excerpt, numbered
 from kitti_ros2.importer.frames import Frames, choose_frames, frame_topics
 from kitti_ros2.importer.survey import look
@@ -69,7 +69,7 @@ def test_its_files_are_those_of_the_whole_conversion(layout, bag, tmp_path):
     convert_by_plan([bag], plan, survey, tmp_path / 'whole', options)
     (tmp_path / 'part').mkdir()
     excerpt = Excerpt(3)
-    build_excerpt([bag], plan, survey, tmp_path / 'part', options, excerpt)
+    build([bag], plan, survey, Target(tmp_path / 'part', excerpt=excerpt), options)
     assert excerpt.numbers.tolist() == [0, 6, 11]
     whole, part = files_of(tmp_path / 'whole'), files_of(tmp_path / 'part')
     compared = 0
@@ -112,7 +112,7 @@ def test_a_selection_limits_it(bag, tmp_path):
     options = ImportOptions(layout=Layout.OBJECT, selection=selection)
     excerpt = Excerpt(3)
     plan = guess([bag], survey, options).plan
-    build_excerpt([bag], plan, survey, tmp_path, options, excerpt)
+    build([bag], plan, survey, Target(tmp_path, excerpt=excerpt), options)
     assert excerpt.total == 5
     stamps, _ = survey.topics['/sensors/ouster/points'].stamps()
     assert excerpt.stamps_ns.tolist() == stamps[[4, 6, 8]].tolist()

@@ -13,7 +13,8 @@ import pytest
 from kitti_ros2.cli import main
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import Incomplete, StampSource, format_plan, parse_plan
+from kitti_ros2.importer.plan import Incomplete, StampSource
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import UnsynchronisedError

@@ -13,7 +13,7 @@ import ouster_zeros as robots
 import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.clouds import AT_ZERO, NOT_FINITE, RANGE_ZERO, decode_returns
