@@ -83,9 +83,10 @@ EXTRAS['test'] = [
     *EXTRAS['video'],
     'evo>=1.31,<2',  # trackeval brings a second OpenCV
     'foxglove-schemas-protobuf>=0.3,<0.5',
-    *EXTRAS['foxglove'],
+    *EXTRAS['foxglove'][:1],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],
+    *EXTRAS['foxglove'][1:],
     'mcap-ros2-support>=0.5.5,<0.7',
     'mypy>=1.15,<3',
     'packaging>=23,<27',

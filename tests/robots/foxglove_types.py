@@ -1,8 +1,8 @@
-# SPDX-FileCopyrightText: Foxglove Technologies Inc
-# SPDX-License-Identifier: MIT
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
 """Definitions of foxglove_msgs for the tests, without comments and constants.
 
-Source: https://github.com/foxglove/foxglove-sdk, schemas/ros2.
+The fields are those of https://github.com/foxglove/foxglove-sdk, schemas/ros2 (MIT).
 """
 
 from __future__ import annotations
