@@ -116,7 +116,7 @@ def draw_preview(
             except KittiRos2Error:
                 raise error from None
             others = (each for each in found.missing if each != _UNCALIBRATED)
-            return replace(found, missing=(f'no calibration: {error}', *others))
+            return replace(found, missing=(f'no points and boxes on images: {error}', *others))
 
 
 def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
@@ -132,8 +132,10 @@ def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
     """
     numbers = np.array(select_frames(source, selection), np.int64)
     wanted = [Stream.SCAN.value, *(f'image_{camera}' for camera in source.cameras)]
-    present = [np.isin(numbers, source.streams[name]) for name in wanted if name in source.streams]
-    chosen: list[int] = numbers[spread(np.sum(present, axis=0), _FRAMES)].tolist()
+    present = np.zeros(len(numbers), np.int64)
+    for name in wanted:
+        present += np.isin(numbers, source.streams.get(name, ()))
+    chosen: list[int] = numbers[spread(present, _FRAMES)].tolist()
     page = _Page(
         {camera: f'image_{camera} {name}' for camera, name in source.cameras.items()},
         labelled=Stream.LABELS.value in source.streams,

@@ -213,7 +213,7 @@ def test_images_of_our_own_of_any_size_are_drawn(tmp_path, capsys):
     assert main(['to-kitti', own, '--preview', str(picture)]) == 0
     said = capsys.readouterr()
     assert (said.err, 'frames 0, 1, 2' in said.out) == ('', True)
-    assert cv2.imread(str(picture)).shape[1] == 414
+    assert cv2.imread(str(picture)).shape[1] == 2 * 414 + 6
 
 
 @pytest.mark.parametrize('words', [[], ['-q'], ['--layout', 'object']])
@@ -351,7 +351,16 @@ def test_a_plan_without_calibration_is_drawn_as_far_as_it_goes(write, tmp_path, 
     picture = tmp_path / 'check.png'
     words = ['to-kitti', path, '--layout', 'object', '--preview', str(picture)]
     assert main(words) == 0
-    assert 'note: no calibration: no static transform from os_sensor' in capsys.readouterr().out
+    assert (
+        'note: no points and boxes on images: no static transform from' in capsys.readouterr().out
+    )
     assert main([*words, '--overwrite', str(tmp_path / 'out')]) == 2
     assert picture.is_file()
     assert not (tmp_path / 'out').exists()
+
+
+def test_many_topics_that_are_passed_over_are_counted(bag, on_terminal, monkeypatch):
+    monkeypatch.setattr('kitti_ros2.cli.plan_table._MOST_PASSED_OVER', 1)
+    _, out, _ = on_terminal(bag)
+    assert len([topic for topic, row in rows_of(out).items() if row[0] == '-']) == 1
+    assert '3 more; all with --json' in out

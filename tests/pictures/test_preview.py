@@ -140,7 +140,7 @@ def test_boxes_are_those_of_the_labels(write):
     [
         ((*LEFT, *RIGHT), 'no camera in the plan', 0),
         ((LEFT[1], RIGHT[1]), 'no calibration in the plan', 2),
-        (('/tf_static',), 'no calibration: no static transform from os_sensor', 2),
+        (('/tf_static',), 'no points and boxes on images: no static transform from', 2),
         ((SCANS,), 'no scan in the plan', 2),
         (RIGHT, '', 1),
     ],
@@ -175,3 +175,38 @@ def test_large_images_are_scaled_to_fit(write, monkeypatch):
     monkeypatch.setattr('kitti_ros2.pictures.preview._TILE', (320, 320))
     drawn = preview(write(LABELS))
     assert drawn.picture.shape[1] == 2 * 320 + GAP
+
+
+def test_a_damaged_message_costs_its_own_picture_and_is_a_loss(tmp_path):
+    def spoil(topic, place, message):
+        if topic == RIGHT[0] and place >= 22:  # of the last frame
+            return replace(message, data=np.zeros(50, np.uint8))
+        return message
+
+    bag = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, change=spoil)
+    drawn = preview(bag)
+    assert drawn.numbers == (0, 6, 11)
+    assert [(loss.stream, loss.count) for loss in drawn.losses] == [(RIGHT[0], 1)]
+    assert drawn.picture.shape[1] == 2 * WIDTH + GAP
+
+
+@pytest.mark.parametrize(
+    ('topic', 'change', 'missing'),
+    [
+        (SCANS, {'data': np.full(4 * 4064, 255, np.uint8)}, 'frame 0: no scan: the file is empty'),
+        (
+            LEFT[1],
+            {'k': np.zeros(9), 'p': np.zeros(12), 'd': np.zeros(5), 'r': np.zeros(9)},
+            f'no points and boxes on images: {LEFT[1]}: a CameraInfo that is not calibrated',
+        ),
+    ],
+    ids=['no point is finite', 'camera_info of zeros'],
+)
+def test_messages_without_content_are_named(topic, change, missing, tmp_path):
+    def empty(name, _place, message):
+        return replace(message, **change) if name == topic else message
+
+    bag = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, change=empty)
+    drawn = preview(bag)
+    assert drawn.missing[0].startswith(missing)
+    assert '/tmp' not in ' '.join(drawn.missing)
