@@ -15,6 +15,7 @@ from ..messages.source import LABEL_LINES
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
+from .clocks import clock_notes, clocked
 from .convert import build
 from .guess import Guess, guess_plan
 from .passed_over import passed_over
@@ -46,7 +47,7 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    notes += _label_notes(plan)
+    notes += (*clock_notes(clocked(survey, plan), plan), *_label_notes(plan))
     return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
 
 

@@ -65,7 +65,10 @@ def describe_gap(
             for each, offset in found.items()
         )
         return f'{text}; by the times of recording, set {keys} in the plan, or stamps: log'
-    return f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan'
+    return (
+        f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan, or remove the'
+        f' stream from it'
+    )
 
 
 def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss, ...]:

@@ -86,6 +86,7 @@ class Conversion:
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
+        reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
             for remark in passed_over(survey, plan):
@@ -95,6 +96,7 @@ class Conversion:
             plan, losses = found.plan, (*losses, *found.losses)
             for remark in found.notes:
                 self.note(remark)
+            reported |= set(found.notes)
         for remark in mend(self.out) if self.options.append else ():
             self.note(remark)
         topics = frame_topics(plan)
@@ -106,7 +108,7 @@ class Conversion:
         samples = sum(topic_of(survey, topic).count for topic in topics.values())
         with self.progress(samples, samples) as show:
             report = convert_by_plan(self.bags, plan, survey, self.out, options, show)
-        reported = {loss.text() for loss in losses}
+        reported |= {loss.text() for loss in losses}
         notes = tuple(each for each in report.notes if each not in reported)
         return replace(report, losses=(*losses, *report.losses), notes=notes)
 

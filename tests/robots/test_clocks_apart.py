@@ -81,6 +81,10 @@ CLOCKS = {
         ),
         {},
     ),
+    'a whole number of periods, no jitter': (
+        robots.Robot(image=lambda ns: ns + 1_500_000_000, image_lag_ns=0),
+        {'image_2': -1.5},
+    ),
     'odd': (robots.Robot(image=lambda ns: ns + 2_734_000_000), {'image_2': -2.734}),
     'alike': (robots.Robot(), {}),
     'slow drivers': (robots.Robot(latency_ns=(300_000_000, 20_000_000)), {}),
