@@ -53,10 +53,12 @@ def describe_gap(
     if not len(reference_ns) or not len(stamps_ns):
         return f'{stream} has no sample'
     gap = nearest_gap_ns(reference_ns, stamps_ns)
+    starts = int(stamps_ns.min()) - int(reference_ns.min())
     side = 'after' if gap > 0 else 'before'
     text = (
         f'{stream} has no sample within {plan.tolerance_s * 1000:.0f} ms of {_of(plan)}: the'
-        f' nearest is {_distance(gap)} {side} it'
+        f' nearest is {_distance(gap)} {side} it, and the first stamps are'
+        f' {_distance(starts)} apart'
     )
     found = find_corrections(survey, streams, plan.reference)
     if found:

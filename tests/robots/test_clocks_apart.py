@@ -286,3 +286,19 @@ def test_repeated_stamps_and_steps_back_are_told_with_counts(tmp_path):
         note.startswith('/camera/image: 2 of 20 header stamps are earlier than the one before')
         for note in report.notes
     )
+
+
+def test_where_log_times_do_not_help_the_distance_of_the_first_stamps_is_named(tmp_path):
+    def log_is_stamp(found):
+        return sorted(
+            (
+                (topic, at + LEAP_NS if topic.startswith('/camera') else at, each)
+                for topic, at, each in found
+            ),
+            key=lambda each: each[1],
+        )
+
+    bag = recorded(tmp_path, CLOCKS['camera of TAI'][0], log_is_stamp)
+    with pytest.raises(UnsynchronisedError) as caught:
+        converted(bag, tmp_path / 'out')
+    assert 'the first stamps are 37.003 s apart; set cameras.2.offset_s' in str(caught.value)
