@@ -302,3 +302,21 @@ def test_where_log_times_do_not_help_the_distance_of_the_first_stamps_is_named(t
     with pytest.raises(UnsynchronisedError) as caught:
         converted(bag, tmp_path / 'out')
     assert 'the first stamps are 37.003 s apart; set cameras.2.offset_s' in str(caught.value)
+
+
+def test_arrays_without_a_marker_keep_their_place_among_the_labels(tmp_path):
+    def emptied(found):
+        boxes = [message for topic, _, message in found if topic == '/boxes']
+        boxes[5].markers.clear()
+        boxes[9].markers[0].header.stamp.sec = 0
+        boxes[9].markers[0].header.stamp.nanosec = 0
+        return found
+
+    bag = recorded(tmp_path, robots.Robot(labels=True), emptied)
+    _, report, recording = converted(bag, tmp_path / 'out')
+    assert pairs(recording) == true_pairs()
+    for number in range(robots.FRAMES):
+        boxes = recording.read(Stream.LABELS, number).boxes
+        lengths = [round((box.size_hwl[2] - 4) * 100) for box in boxes]
+        assert lengths == ([] if number == 5 else [number])
+    assert report.losses == ()
