@@ -15,7 +15,7 @@ import numpy as np
 
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
-from .clocks import clocked, planned_streams, share_stamps, with_offset
+from .clocks import LATENCY_NS, clocked, planned_streams, share_stamps, with_offset
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .survey import Survey
     from .topic_survey import TopicSurvey
-
-_LATENCY_NS = NS_PER_S
-"""Detectors and video encoders take up to a second; a larger difference is one of clocks."""
 
 _EXACT_NS = 150_000_000
 """Latencies that the estimate of an exact offset may have in it."""
@@ -85,18 +82,18 @@ def find_corrections(
     ahead = {name: _ahead_of(topics[reference], topic) for name, topic in topics.items()}
     known = {name: value for name, value in ahead.items() if value is not None}
     base = 0
-    if abs(_lead_ns(topics[reference])) > _LATENCY_NS:
+    if abs(_lead_ns(topics[reference])) > LATENCY_NS:
         right = [
             name
             for name in known
-            if topics[name].has_own_stamps and abs(_lead_ns(topics[name])) <= _LATENCY_NS
+            if topics[name].has_own_stamps and abs(_lead_ns(topics[name])) <= LATENCY_NS
         ]
         if right:
             base = known[max(right, key=lambda name: topics[name].count)]
     found = {
         name: _rounded(base - value)
         for name, value in known.items()
-        if abs(base - value) > _LATENCY_NS
+        if abs(base - value) > LATENCY_NS
     }
     return _with_images_of_their_scans(found, topics, reference) if found else found
 

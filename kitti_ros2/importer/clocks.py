@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 _EVEN_NS = 5_000_000
 """Turns of scanners, and their stamps, are uneven by a few milliseconds."""
 
+LATENCY_NS = NS_PER_S
+"""Drivers and video encoders take up to a second; a larger difference is one of clocks."""
+
+_DETECTION_NS = 10 * NS_PER_S
+
 _ROLES = ('imu', 'fix', 'velocity')
 
 
@@ -126,14 +131,26 @@ def scan_middle_ns(survey: Survey, plan: Plan) -> int:
 
 
 def share_stamps(first: TopicSurvey, second: TopicSurvey) -> bool:
-    """Whether most header stamps of the smaller topic are also those of the other."""
-    ours, theirs = set(first.header_ns), set(second.header_ns)
-    least = min(len(ours), len(theirs))
-    return 2 * len((ours & theirs) - {0}) > least > 0
+    """Whether most header stamps of the smaller topic are also those of the other.
+
+    Messages of one stamp are also recorded within moments, where detectors take up to ten seconds:
+    clocks that differ by a whole number of periods have the same stamps at other times.
+    """
+    least = min(len(set(first.header_ns)), len(set(second.header_ns)))
+    if not least or len(first.header_ns) != first.count or len(second.header_ns) != second.count:
+        return False
+    within_ns = _DETECTION_NS if first.classes or second.classes else LATENCY_NS
+    logs = dict(zip(first.header_ns, first.log_ns, strict=True))
+    same = {
+        stamp
+        for stamp, log in zip(second.header_ns, second.log_ns, strict=True)
+        if stamp and abs(logs.get(stamp, log + 2 * within_ns) - log) <= within_ns
+    }
+    return 2 * len(same) > least
 
 
 def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
-    """Yield notes on the stamps of a plan's streams: where they repeat, and middles of turns.
+    """Yield notes on the stamps of a plan's streams: faults, and middles of turns.
 
     Args:
         survey: The result of clocked.

@@ -94,9 +94,7 @@ def choose_frames(
     notes = list(clock_notes(survey, plan))
     stamps = {}
     for name in topics.values():
-        stamps[name], reason = topic_of(survey, name).stamps()
-        if reason is not None:
-            notes.append(f'{name}: {reason}')
+        stamps[name], _ = topic_of(survey, name).stamps()
     reference = _reference(plan, topics, stamps, track)
     others = {
         stream: stamps[name] for stream, name in topics.items() if stream.value != plan.reference

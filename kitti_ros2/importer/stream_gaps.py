@@ -53,10 +53,12 @@ def describe_gap(
     if not len(reference_ns) or not len(stamps_ns):
         return f'{stream} has no sample'
     gap = nearest_gap_ns(reference_ns, stamps_ns)
+    starts = int(stamps_ns.min()) - int(reference_ns.min())
     side = 'after' if gap > 0 else 'before'
     text = (
         f'{stream} has no sample within {plan.tolerance_s * 1000:.0f} ms of {_of(plan)}: the'
-        f' nearest is {_distance(gap)} {side} it'
+        f' nearest is {_distance(gap)} {side} it, and the first stamps are'
+        f' {_distance(starts)} apart'
     )
     found = find_corrections(survey, streams, plan.reference)
     if found:
@@ -65,7 +67,10 @@ def describe_gap(
             for each, offset in found.items()
         )
         return f'{text}; by the times of recording, set {keys} in the plan, or stamps: log'
-    return f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan'
+    return (
+        f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan, or remove the'
+        f' stream from it'
+    )
 
 
 def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss, ...]:

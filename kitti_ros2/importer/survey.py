@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
-from ..messages.header import body_after_header, peek_first_header, peek_header
+from ..messages.header import body_after_header, peek_first_stamp, peek_header
 from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
@@ -242,10 +242,7 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
 
 def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
     """Enter the stamp of the first marker; without one that of the log, as late as those before."""
-    try:
-        stamp_ns, _ = peek_first_header(message.data)
-    except ValueError:
-        stamp_ns = 0
+    stamp_ns = peek_first_stamp(message.data)
     lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
     topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
 

@@ -97,7 +97,10 @@ class TopicSurvey:
         return (used + self.offset_ns if self.offset_ns else used), reason
 
     def oddities(self) -> Iterator[str]:
-        """Yield a note where header stamps repeat."""
+        """Yield notes where header stamps are not used, and where they repeat."""
+        _, reason = self.stamps()
+        if reason is not None:
+            yield f'{self.name}: {reason}'
         if self.by_log or len(self.header_ns) != self.count:
             return
         header = np.array(self.header_ns, dtype=np.int64)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 _ENCAPSULATION = 4
 _HEADER_HEAD = 12
-_COUNT = 4
-_LONGEST_FRAME = 256
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:
@@ -52,19 +50,17 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
     return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
 
 
-def peek_first_header(data: bytes | memoryview) -> tuple[int, str]:
-    """Read as peek_header from the first element of a message that is a sequence of such.
+def peek_first_stamp(data: bytes | memoryview) -> int:
+    """Read the stamp (nanoseconds) of the first element of a serialised array of stamped messages.
 
-    Raises:
-        ValueError: The sequence is empty, or the message is too short.
+    0 without an element, or if the message is too short.
     """
-    order: Literal['little', 'big'] = 'little' if data[1:2] == b'\1' else 'big'
-    first = _ENCAPSULATION + _COUNT
-    if not int.from_bytes(data[_ENCAPSULATION:first], order):
-        raise ValueError('an empty sequence has no header')
-    # A frame name is a few bytes long.
-    head = bytes(data[first : first + _HEADER_HEAD + _LONGEST_FRAME])
-    return peek_header(bytes(data[:_ENCAPSULATION]) + head)
+    order = '<' if data[1:2] == b'\1' else '>'
+    try:
+        count, sec, nanosec = struct.unpack_from(f'{order}IiI', data, _ENCAPSULATION)
+    except struct.error:
+        return 0
+    return sec * NS_PER_S + nanosec if count else 0
 
 
 def body_after_header(data: bytes | memoryview) -> bytes:

@@ -91,6 +91,7 @@ class Conversion:
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
+        reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
             for remark in passed_over(survey, plan):
@@ -100,6 +101,7 @@ class Conversion:
             plan, losses = found.plan, (*losses, *found.losses)
             for remark in found.notes:
                 self.note(remark)
+            reported |= set(found.notes)
         for remark in mend(self.out) if self.options.append else ():
             self.note(remark)
         plans = plans_of(plan).values()
@@ -109,7 +111,7 @@ class Conversion:
         )
         with self.progress(samples, samples) as show:
             reports = convert(self.bags, plan, survey, self.out, options, show)
-        reported = {loss.text() for loss in losses}
+        reported |= {loss.text() for loss in losses}
         for place, report in enumerate(reports):
             notes = tuple(each for each in report.notes if each not in reported)
             before = losses if place == 0 else ()

@@ -82,6 +82,10 @@ CLOCKS = {
         ),
         {},
     ),
+    'a whole number of periods, no jitter': (
+        robots.Robot(image=lambda ns: ns + 1_500_000_000, image_lag_ns=0),
+        {'image_2': -1.5},
+    ),
     'odd': (robots.Robot(image=lambda ns: ns + 2_734_000_000), {'image_2': -2.734}),
     'alike': (robots.Robot(), {}),
     'slow drivers': (robots.Robot(latency_ns=(300_000_000, 20_000_000)), {}),
@@ -283,3 +287,37 @@ def test_repeated_stamps_and_steps_back_are_told_with_counts(tmp_path):
         note.startswith('/camera/image: 2 of 20 header stamps are earlier than the one before')
         for note in report.notes
     )
+
+
+def test_where_log_times_do_not_help_the_distance_of_the_first_stamps_is_named(tmp_path):
+    def log_is_stamp(found):
+        return sorted(
+            (
+                (topic, at + LEAP_NS if topic.startswith('/camera') else at, each)
+                for topic, at, each in found
+            ),
+            key=lambda each: each[1],
+        )
+
+    bag = recorded(tmp_path, CLOCKS['camera of TAI'][0], log_is_stamp)
+    with pytest.raises(UnsynchronisedError) as caught:
+        converted(bag, tmp_path / 'out')
+    assert 'the first stamps are 37.003 s apart; set cameras.2.offset_s' in str(caught.value)
+
+
+def test_arrays_without_a_marker_keep_their_place_among_the_labels(tmp_path):
+    def emptied(found):
+        boxes = [message for topic, _, message in found if topic == '/boxes']
+        boxes[5].markers.clear()
+        boxes[9].markers[0].header.stamp.sec = 0
+        boxes[9].markers[0].header.stamp.nanosec = 0
+        return found
+
+    bag = recorded(tmp_path, robots.Robot(labels=True), emptied)
+    _, report, recording = converted(bag, tmp_path / 'out')
+    assert pairs(recording) == true_pairs()
+    for number in range(robots.FRAMES):
+        boxes = recording.read(Stream.LABELS, number).boxes
+        lengths = [round((box.size_hwl[2] - 4) * 100) for box in boxes]
+        assert lengths == ([] if number == 5 else [number])
+    assert report.losses == ()
