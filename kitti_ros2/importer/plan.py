@@ -129,9 +129,9 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
-        camera_sets: The sources of images of one data set a camera, by the sets' names: each has
-            its camera as camera 2, and scans and labels in common (--all-cameras). Excludes
-            cameras.
+        camera_sets: The sources of images of one data set a camera, by the sets' names, with the
+            keys of a camera: it is camera 2 of its set, and scans and labels are in common
+            (--all-cameras). Excludes cameras.
     """
 
     layout: Layout
