@@ -153,9 +153,9 @@ class Plan:
         imu_offset_s: As offset_s of the scan, for imu.
         fix_offset_s: The same for fix.
         velocity_offset_s: The same for velocity.
-        camera_sets: The sources of images of one data set a camera, by the sets' names: each has
-            its camera as camera 2, and scans and labels in common (--all-cameras). Excludes
-            cameras.
+        camera_sets: The sources of images of one data set a camera, by the sets' names, with the
+            keys of a camera: it is camera 2 of its set, and scans and labels are in common
+            (--all-cameras). Excludes cameras.
     """
 
     layout: Layout

@@ -72,13 +72,14 @@ def face_forward(
     axes = None if heading is None else heading.axes_of(tree, scan.frame)
     if heading is None or axes is None or _is_forward(axes):
         return scan
-    optical = ', z forward' if is_optical(scan.frame) else ''
-    looks = (
-        f'{scan.topic} is in {scan.frame}{optical}, whose x looks {describe_direction(axes[:, 0])}'
-    )
-    if not _is_up(axes) and not optical:
-        looks += ' and z not up'
-    looks += f' (forward is {heading.source}); KITTI has x forward'
+    looks = f'{scan.topic} is in {scan.frame}, '
+    if is_optical(scan.frame):
+        looks += 'z forward'
+    else:
+        looks += f'whose x looks {describe_direction(axes[:, 0])}'
+        looks += '' if _is_up(axes) else ' and z not up'
+        looks += f' (forward is {heading.source})'
+    looks += '; KITTI has x forward'
     near = _near_frame(scan.frame, tree, heading)
     if near:
         notes.append(f'{looks}: scan.frame is {near}')
