@@ -104,7 +104,7 @@ def test_points_boxes_and_dots_are_true(tmp_path):
         expected_pixels = robot.pixels_of(frame.dots)
         assert np.abs(seen[:, :2] / seen[:, 2:] - expected_pixels).max() < 0.01
         lines = (tmp_path / 'out/training/label_2' / f'{number:06}.txt').read_text().splitlines()
-        labels = {line.split()[0]: np.array(line.split()[8:15], float) for line in lines}
+        labels = {line.split()[0].lower(): np.array(line.split()[8:15], float) for line in lines}
         assert set(labels) == {box.name for box in frame.boxes}
         signs = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1)
         for box in frame.boxes:
