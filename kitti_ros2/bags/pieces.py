@@ -38,16 +38,18 @@ class StoredChannel(Channel):
     """A topic as stored in a file.
 
     Attributes:
-        encoding: Of the messages: cdr, ros1, or an unsupported one.
+        encoding: Of the messages: cdr, ros1, protobuf, json, or an unsupported one.
         definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
         profiles: rosbag2's text of the offered QoS profiles, empty if missing.
+        schema: The definition of a protobuf type, a serialised FileDescriptorSet; empty for others.
     """
 
     encoding: str
     definition: str = ''
     definition_encoding: str = ''
     profiles: str = field(default='', kw_only=True)
+    schema: bytes = field(default=b'', kw_only=True, repr=False)
 
 
 class Piece(NamedTuple):

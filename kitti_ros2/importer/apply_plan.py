@@ -17,6 +17,7 @@ from ..model.layouts import Layout
 from .append import appended
 from .convert import build
 from .guess import Guess, guess_plan
+from .passed_over import passed_over
 from .plan import NONE
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    return replace(found, plan=plan, notes=notes + _label_notes(plan))
+    notes += _label_notes(plan)
+    return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
 
 
 def _label_notes(plan: Plan) -> tuple[str, ...]:

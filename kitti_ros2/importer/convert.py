@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,15 +17,18 @@ from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map, worker_count
 from ..kitti.layout_files import make_writer
 from ..kitti.write_object import WriteOptions
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, UnsynchronisedError
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .clocks import clocked
+from .convert_scans import dropped_notes
 from .excerpt import numbered
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
 from .poses import read_track
 from .report import ImportReport, LossTally, damage, unread
+from .stream_gaps import unit_losses
 from .sync import NONE
 
 if TYPE_CHECKING:
@@ -105,8 +109,11 @@ def _build(
 ) -> ImportReport:
     stage, first, progress = target
     losses = LossTally()
+    survey = clocked(survey, plan)
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = choose_frames(plan, survey, track, options.selection)
+    if frames.unsynchronised:
+        raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
     if excerpt is not None:
         frames = excerpt.of(frames)
     rigging = Rigging(plan, survey)
@@ -165,7 +172,8 @@ class _Builder:
         }
         self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
         self._losses = losses
-        self._points_dropped = 0
+        self._lock = Lock()  # scans are written by several threads
+        self._points_dropped: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.size_bytes = 0
 
@@ -245,7 +253,8 @@ class _Builder:
 
     def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
         scan, dropped = self._rigging.scans.scan(cloud)
-        self._points_dropped += dropped
+        with self._lock:
+            self._points_dropped.update(dropped)
         self._writer.write_scan(number, stamp_ns, scan)
         return scan.points.nbytes
 
@@ -286,9 +295,8 @@ class _Builder:
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
-        if self._points_dropped:
-            missing = f'{self._points_dropped} points without a return (x y z not finite, or 0 0 0)'
-            notes.append(f'{missing} were dropped')
+        if self._plan.scan is not None:
+            notes += dropped_notes(self._plan.scan.topic, self._points_dropped)
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(
@@ -297,7 +305,14 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*damaged, *undecoded, *lost, *self._rigging.labels.losses()),
+            losses=(
+                *damaged,
+                *undecoded,
+                *lost,
+                *self._frames.losses,
+                *unit_losses(survey, self._plan, self._frames.stamps_ns),
+                *self._rigging.labels.losses(),
+            ),
             notes=tuple(notes),
         )
 

@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
+from .clock_offsets import estimate_offsets
+from .clocks import clocked
 from .guess_cameras import guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
@@ -63,9 +65,10 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
     unit = guess_unit(survey, notes) if Stream.OXTS in traits.streams else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
+    extract = keeps_distortion(survey, cameras)
     plan = Plan(
         layout=layout,
-        name=_name(layout, int(stamps[0]), extract=keeps_distortion(survey, cameras)),
+        name=_name(layout, int(stamps[0]), extract=extract),
         reference=reference,
         tolerance_s=tolerance,
         incomplete=Incomplete.KEEP if traits.stamps_per_stream else Incomplete.DROP,
@@ -75,8 +78,15 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
         labels=guess_labels(survey, cameras, notes) if Stream.LABELS in traits.streams else None,
         imu_frame=imu_frame,
         calibration=_calibration(survey, cameras, notes),
-        **unit,
+        imu=unit.get('imu', ''),
+        fix=unit.get('fix', ''),
+        velocity=unit.get('velocity', ''),
     )
+    plan, offsets = estimate_offsets(survey, plan)
+    if offsets:
+        stamps, _ = clocked(survey, plan).topics[topic].stamps()
+        plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
+        notes += offsets
     return Guess(plan, tuple(notes), _unreadable(survey, layout))
 
 

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import Enum
+from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line
+from .plan_classes import check_classes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,6 +32,13 @@ class Incomplete(str, Enum):
     KEEP = 'keep'
 
 
+class StampSource(str, Enum):
+    """The stamps of all streams: of the messages' headers, or their log times."""
+
+    HEADER = 'header'
+    LOG = 'log'
+
+
 @dataclass(frozen=True)
 class ScanPlan:
     """The source of the scans.
@@ -39,11 +48,15 @@ class ScanPlan:
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
+        minimum_range_m: Returns nearer to the scanner are dropped, metres.
+        offset_s: Added to the stamps, seconds, where a clock is wrong.
     """
 
     topic: str
     frame: str
     intensity_scale: float = 1.0
+    minimum_range_m: float = 0.0
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,12 +68,14 @@ class CameraPlan:
         info: Its CameraInfo, empty for none.
         rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
+        offset_s: As of the scan.
     """
 
     topic: str
     info: str = ''
     rectify: bool = False
     frame: str = ''
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,11 +86,13 @@ class PosePlan:
         topic: An Odometry, PoseStamped, Path or TFMessage.
         body: The frame whose poses they are.
         world: The frame they are given in.
+        offset_s: As of the scan.
     """
 
     topic: str
     body: str
     world: str = ''
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,12 +107,20 @@ class LabelPlan:
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
             Label lines have their own.
+        classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
+            that are not listed have a default: see Classes of labels of the how-to.
+        keep_classes: Whether classes without one of KITTI's keep their names, such as forklift;
+            otherwise they become Misc.
+        offset_s: As of the scan.
     """
 
     topic: str
     camera: int = 2
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
+    classes: Mapping[str, str] = field(default_factory=dict)
+    keep_classes: bool = False
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +143,11 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
+        stamps: The stamps of all streams: header, or log (the times of recording) where the clocks
+            of the sensors cannot be used.
+        imu_offset_s: As offset_s of the scan, for imu.
+        fix_offset_s: The same for fix.
+        velocity_offset_s: The same for velocity.
     """
 
     layout: Layout
@@ -134,6 +164,17 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
+    stamps: StampSource = StampSource.HEADER
+    imu_offset_s: float = 0.0
+    fix_offset_s: float = 0.0
+    velocity_offset_s: float = 0.0
+
+
+_QUIET = frozenset(
+    {'stamps', 'offset_s', 'imu_offset_s', 'fix_offset_s', 'velocity_offset_s'}
+    | {'minimum_range_m', 'classes', 'keep_classes'}
+)
+"""Keys that a plan has only where their values are not the default."""
 
 
 def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
@@ -144,9 +185,25 @@ def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
-    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
+    values['stamps'] = '' if plan.stamps is StampSource.HEADER else plan.stamps.value
+    kept = {
+        name: _without_defaults(value)
+        for name, value in values.items()
+        if value not in (None, '', {}) and not (name in _QUIET and not value)
+    }
     comments = ''.join(f'# {one_line(note)}\n' for note in notes)
     return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def _without_defaults(value: Any) -> Any:  # noqa: ANN401 - of YAML
+    """Leave out the quiet keys whose values are the default: 0, false or nothing."""
+    if not isinstance(value, dict):
+        return value
+    return {
+        name: each if name == 'classes' else _without_defaults(each)
+        for name, each in value.items()
+        if not (name in _QUIET and not each)
+    }
 
 
 def parse_plan(text: str, path: Path) -> Plan:
@@ -173,14 +230,28 @@ def parse_plan(text: str, path: Path) -> Plan:
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
-    labels = made.get('labels')
-    if labels is not None and labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
-        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete)):
+    _check_parts(made, path)
+    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', StampSource)):
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
     return plan
+
+
+def _check_parts(made: dict[str, Any], path: Path) -> None:
+    """Check the values of scan and labels; classes get KITTI's spelling."""
+    scan, labels = made.get('scan'), made.get('labels')
+    if scan is not None and scan.minimum_range_m < 0:
+        raise UsageError(
+            f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
+        )
+    if labels is None:
+        return
+    if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
+        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
+    where = f'{path}: labels: classes'
+    classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
+    made['labels'] = replace(labels, classes=classes)
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:
@@ -209,6 +280,8 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
         wanted = hints[name]
         if wanted is float and type(value) is int:
             checked[name] = float(value)
+        elif wanted is float and type(value) is float and not isfinite(value):
+            raise UsageError(f'{place}{name}: {value}; expected a finite number')
         elif wanted in _WORDS and type(value) is not wanted:
             raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
         else:

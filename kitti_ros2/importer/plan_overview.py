@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from ..bags.reader import BagSource
     from ..options.selection import SelectionOptions
     from .plan import Plan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 _UNIT = ('imu', 'fix', 'velocity')
 _STREAMS = {

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _ENCAPSULATION = 4
 _HEADER_HEAD = 12
+_COUNT = 4
+_LONGEST_FRAME = 256
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:
@@ -48,6 +50,21 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
     start = _ENCAPSULATION + _HEADER_HEAD
     frame = bytes(data[start : start + length]).rstrip(b'\0')
     return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
+
+
+def peek_first_header(data: bytes | memoryview) -> tuple[int, str]:
+    """Read as peek_header from the first element of a message that is a sequence of such.
+
+    Raises:
+        ValueError: The sequence is empty, or the message is too short.
+    """
+    order: Literal['little', 'big'] = 'little' if data[1:2] == b'\1' else 'big'
+    first = _ENCAPSULATION + _COUNT
+    if not int.from_bytes(data[_ENCAPSULATION:first], order):
+        raise ValueError('an empty sequence has no header')
+    # A frame name is a few bytes long.
+    head = bytes(data[first : first + _HEADER_HEAD + _LONGEST_FRAME])
+    return peek_header(bytes(data[:_ENCAPSULATION]) + head)
 
 
 def body_after_header(data: bytes | memoryview) -> bytes:

@@ -81,6 +81,7 @@ class Conversion:
         from ..importer.append import mend  # noqa: PLC0415
         from ..importer.apply_plan import adapt, convert_by_plan, guess  # noqa: PLC0415
         from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
+        from ..importer.passed_over import passed_over  # noqa: PLC0415
         from ..importer.plan import parse_plan  # noqa: PLC0415
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
@@ -91,6 +92,8 @@ class Conversion:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
+            for remark in passed_over(survey, plan):
+                self.note(remark)
         else:
             found = guess(self.bags, survey, self.options)
             plan, losses = found.plan, (*losses, *found.losses)
