@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .frames import Frames
 from .sync import NONE
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagMessages
     from ..model.samples import Int64Array
     from ..model.streams import Stream
+    from .frames import Frames
     from .survey import Survey
 
 _MARGIN_NS = 100_000_000
@@ -54,7 +55,7 @@ class Excerpt:
         self.numbers = spread(present, self._most)
         self.stamps_ns = frames.stamps_ns[self.numbers]
         samples = {stream: places[self.numbers] for stream, places in frames.samples.items()}
-        return Frames(self.stamps_ns, samples, frames.stamps, frames.notes)
+        return replace(frames, stamps_ns=self.stamps_ns, samples=samples)
 
     def read(
         self,

@@ -15,6 +15,7 @@ from ..model.msgtypes import TF_TYPES
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .clocks import clocked
 from .frames import choose_frames
 from .plan import SOURCE, TF
 from .poses import read_track
@@ -111,13 +112,17 @@ def overlook_plan(
     topics = [_planned(each, streams.get(each.name, ())) for each in _with_messages(survey)]
     used = [each for each in topics if each.streams]
     used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
+    survey = clocked(survey, plan)
     faults: list[str] = []
     frames: int | None = None
     notes: tuple[str, ...] = ()
     try:
         track = None if plan.pose is None else read_track(bags, plan.pose, survey, LossTally())
         chosen = choose_frames(plan, survey, track, selection)
-        frames, notes = len(chosen), chosen.notes
+        frames = len(chosen)
+        notes = (*chosen.notes, *(loss.text() for loss in chosen.losses))
+        if chosen.unsynchronised:
+            faults.append(f'no two streams have a frame in common: {chosen.unsynchronised}')
     except KittiRos2Error as error:
         faults.append(str(error))
     try:
