@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..kitti.poses import rect_from_imu
 from ..model import msgtypes as types
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
-from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..rig.tf_tree import FrameTree
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations
@@ -23,6 +24,7 @@ from .plan import TF
 from .report import undecoded
 
 if TYPE_CHECKING:
+    from ..rig.moving_tree import MovingTree
     from .plan import Plan
     from .survey import Survey
 
@@ -38,8 +40,13 @@ class Rigging:
         imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
     """
 
-    def __init__(self, plan: Plan, survey: Survey) -> None:
+    def __init__(self, plan: Plan, survey: Survey, moving: MovingTree | None = None) -> None:
         """Make the calibration.
+
+        Args:
+            plan: The plan.
+            survey: Of its bags.
+            moving: The links over time, where clouds or boxes are in frames that move.
 
         Raises:
             UsageError: The plan names a missing topic.
@@ -51,7 +58,7 @@ class Rigging:
         self._tree = FrameTree(survey.static, survey.moving, next(lost, ''))
         self._models = camera_models(plan, survey)
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
-        self.scans = ScanConversion(plan.scan, survey, self._tree)
+        self.scans = ScanConversion(plan.scan, survey, self._tree, moving)
         self.images = ImageConversion(plan, survey, self._models)
         self._changing = [
             f'{camera.info} changes within the bag; the first that can be read counts'
@@ -60,7 +67,7 @@ class Rigging:
         ]
         self.imu_t_topic = self._unit_transforms(survey)
         self.labels = BoxConversion(
-            plan, survey, self._tree, self._models, self.calibrations, self.images
+            plan, survey, self._tree, self._models, self.calibrations, self.images, moving
         )
 
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
@@ -91,6 +98,26 @@ class Rigging:
                 velo_t_rect = rect_from_velo(self.calibrations.first).inverse()
             return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
         return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
+
+    def body_t_unit(self) -> Transform:
+        """Return body_T_imu: KITTI's imu frame in the body frame of the plan's poses.
+
+        Raises:
+            MissingDataError: The static transforms do not connect the frames.
+        """
+        calibration, plan = self.calibrations.first, self._plan
+        if calibration is not None:
+            return self.body_t_rect() @ rect_from_imu(calibration)
+        body = plan.pose.body if plan.pose is not None else ''
+        if plan.imu_frame:
+            return self._tree.transform(body, plan.imu_frame)
+        if plan.scan is not None:
+            return self._tree.transform(body, plan.scan.frame) @ NOMINAL_VELO_T_IMU
+        return Transform.identity()
+
+    def find(self, target: str, source: str) -> Transform | None:
+        """Return target_T_source by static transforms, None where they do not connect the two."""
+        return self._tree.find(target, source)
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the samples so far."""

@@ -18,6 +18,7 @@ from ..model.geometry import Transform
 from ..model.losses import Loss
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from .frames import topic_of
+from .frames_at import FramesAt, MovingBase, stamp_of_boxes
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from ..messages.camera_info import CameraModel
     from ..model.boxes import Box, Cuboid
+    from ..rig.moving_tree import MovingTree
     from ..rig.tf_tree import FrameTree
     from .calibration_source import Calibrations
     from .convert_images import ImageConversion
@@ -50,6 +52,7 @@ class BoxConversion:
         models: Mapping[int, CameraModel],
         calibrations: Calibrations,
         images: ImageConversion,
+        moving: MovingTree | None = None,
     ) -> None:
         """Check the options of labels.
 
@@ -61,6 +64,7 @@ class BoxConversion:
         self._models = models
         self._calibrations = calibrations
         self._images = images
+        self._moving = moving
         self.left_out: Counter[str] = Counter()
         self._max_tilt = 0.0
         self._tracks = TrackIds()
@@ -88,20 +92,35 @@ class BoxConversion:
     @cached_property
     def _to_velo(self) -> dict[str, Transform]:
         """velo_T_frame of every frame connected to the scans' (or to the camera's) frame."""
-        if self._plan.scan is not None:
-            base, velo_t_base = self._plan.scan.frame, Transform.identity()
-        else:
-            base = self._models[min(self._models)].frame
-            velo_t_base = NOMINAL_CAM0_T_VELO.inverse()
-        joined = {base: velo_t_base}
+        base = self._base
+        joined = {base.frame: base.velo_T_frame}
         for frame in self._tree.frames:
-            base_t_frame = self._tree.find(base, frame)
+            base_t_frame = self._tree.find(base.frame, frame)
             if base_t_frame is not None:
-                joined[frame] = velo_t_base @ base_t_frame
+                joined[frame] = base.velo_T_frame @ base_t_frame
         return joined
 
-    def boxes(self, message: Any, stamp_ns: int) -> list[Box]:  # noqa: ANN401 - of the bag's types
+    @cached_property
+    def _base(self) -> MovingBase:
+        """The scans' frame, or the camera's."""
+        if self._plan.scan is not None:
+            return MovingBase(self._plan.scan.frame, Transform.identity(), self._moving)
+        frame = self._models[min(self._models)].frame
+        return MovingBase(frame, NOMINAL_CAM0_T_VELO.inverse(), self._moving)
+
+    def boxes(
+        self,
+        message: Any,  # noqa: ANN401 - of the bag's types
+        stamp_ns: int,
+        own_ns: int | None = None,
+    ) -> list[Box]:
         """Make the labels of a frame.
+
+        Args:
+            message: The boxes.
+            stamp_ns: The stamp of the frame.
+            own_ns: The stamp of the message, at which boxes in frames that move are placed; None
+                for that of the frame.
 
         Raises:
             ValueError: They cannot be read.
@@ -114,7 +133,7 @@ class BoxConversion:
         size = self._images.size(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
-        cuboids, left_out = self.cuboids(message)
+        cuboids, left_out = self.cuboids(message, stamp_ns if own_ns is None else own_ns)
         boxes, unseen = make_boxes(
             cuboids,
             calibration,
@@ -129,13 +148,18 @@ class BoxConversion:
         self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
         return boxes
 
-    def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
+    def cuboids(
+        self,
+        message: Any,  # noqa: ANN401 - as boxes
+        stamp_ns: int = 0,
+    ) -> tuple[list[Cuboid], list[str]]:
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
 
         Raises:
             ValueError: They cannot be read.
         """
-        return cuboids_in(message, self._to_velo, scores=self._scores)
+        frames = FramesAt(self._to_velo, self._base, stamp_of_boxes(message, stamp_ns))
+        return cuboids_in(message, frames, scores=self._scores)
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the boxes so far."""

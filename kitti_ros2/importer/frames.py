@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from ..rig.pose_track import MAX_GAP_NS
 from .plan import Incomplete
 from .sync import NONE, match_frames
 
@@ -23,13 +24,17 @@ if TYPE_CHECKING:
 
     from ..model.samples import Int64Array
     from ..options.selection import SelectionOptions
+    from ..rig.pose_track import Track
     from .plan import Plan
-    from .pose_track import PoseTrack
     from .survey import Survey, TopicSurvey
     from .sync import StreamMatch
 
 _MS = 1e6
 _DROPPED = 'dropped'
+NO_POSE = (
+    f'no frame is written here, for no poses before and after it are at most'
+    f' {MAX_GAP_NS / NS_PER_S:g} s apart'
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +46,14 @@ class Frames:
         samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
         stamps: By topic the stamps used, in the order of reading.
         notes: How well the streams matched, and what was dropped; a line each.
+        unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
     """
 
     stamps_ns: Int64Array
     samples: Mapping[Stream, Int64Array]
     stamps: Mapping[str, Int64Array]
     notes: tuple[str, ...]
+    unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -65,7 +72,7 @@ def frame_topics(plan: Plan) -> dict[Stream, str]:
 def choose_frames(
     plan: Plan,
     survey: Survey,
-    track: PoseTrack | None,
+    track: Track | None,
     selection: SelectionOptions | None = None,
 ) -> Frames:
     """Choose the frames of a plan.
@@ -99,8 +106,13 @@ def choose_frames(
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    unposed = np.zeros(len(reference), dtype=np.bool_)
     if track is not None:
         unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        unposed = kept & unknown
+        if len(track):
+            first, last = track.stamps_ns[[0, -1]]
+            unposed &= (reference > first) & (reference < last)
         kept &= _without(unknown, 'pose around them', notes)
     if not kept.any():
         dropped = [note for note in notes if note.startswith(_DROPPED)]
@@ -109,12 +121,14 @@ def choose_frames(
             f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
-        kept &= _span(reference, kept, selection)
+        chosen = _span(reference, kept, selection)
+        kept, unposed = kept & chosen, unposed & chosen
     return Frames(
         reference[kept],
         {stream: indices[kept] for stream, indices in samples.items()},
         stamps,
         tuple(notes),
+        reference[unposed],
     )
 
 
@@ -178,7 +192,7 @@ def _reference(
     plan: Plan,
     topics: Mapping[Stream, str],
     stamps: Mapping[str, Int64Array],
-    track: PoseTrack | None,
+    track: Track | None,
 ) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns

@@ -55,13 +55,16 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     """
     traits, notes = layout.traits, list[str]()
     scan, cameras = guess_scan(survey, notes), guess_cameras(survey, layout, notes)
-    pose = guess_pose(survey, notes) if Stream.POSE in traits.streams else None
+    has_unit = Stream.OXTS in traits.streams
+    # Poses take the place of a missing fix.
+    posed = Stream.POSE in traits.streams or (has_unit and not survey.of_type(types.FIX))
+    pose = guess_pose(survey, notes) if posed else None
     if scan is None and not cameras and pose is None:
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
     reference, topic = _reference(scan, cameras, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
-    unit = guess_unit(survey, notes) if Stream.OXTS in traits.streams else {}
+    unit = guess_unit(survey, notes, posed=pose is not None) if has_unit else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
     plan = Plan(
         layout=layout,

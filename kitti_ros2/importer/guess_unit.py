@@ -15,8 +15,14 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 
-def guess_unit(survey: Survey, notes: list[str]) -> dict[str, str]:
-    """Choose the topics of the GPS/IMU unit, by their keys in the plan."""
+def guess_unit(survey: Survey, notes: list[str], *, posed: bool = False) -> dict[str, str]:
+    """Choose the topics of the GPS/IMU unit, by their keys in the plan.
+
+    Args:
+        survey: Of the bags.
+        notes: Takes what is missing.
+        posed: Whether the plan has poses, which take the place of a fix.
+    """
     found: dict[str, str] = {}
     for key, msgtype, avoid in (
         ('imu', types.IMU, 'raw'),
@@ -29,11 +35,14 @@ def guess_unit(survey: Survey, notes: list[str]) -> dict[str, str]:
             best = max(plain, key=lambda each: each.count)
             notes += pass_over(key, best, topics)
             found[key] = best.name
-    if 'fix' not in found:
-        notes.append('missing: fix (NavSatFix), so oxts is left out')
+    if 'fix' not in found and not posed and 'imu' not in found:
+        notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
         return {}
+    if 'fix' not in found:
+        place = 'the poses, from origin of the plan on' if posed else 'origin of the plan'
+        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
     for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
-        if key not in found:
+        if key not in found and not (posed and key == 'velocity'):
             notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
     return found
 

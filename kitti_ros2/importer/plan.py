@@ -9,6 +9,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..model.errors import UsageError
+from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line
@@ -118,6 +119,8 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
+        origin: LAT,LON,ALT, degrees and metres, of the origin of poses that become oxts; empty for
+            0,0,0.
     """
 
     layout: Layout
@@ -134,6 +137,7 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
+    origin: str = ''
 
 
 def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
@@ -180,7 +184,15 @@ def parse_plan(text: str, path: Path) -> Plan:
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
+    _check_origin(plan.origin, path)
     return plan
+
+
+def _check_origin(text: str, path: Path) -> None:
+    try:
+        GeoOrigin.parse(text)
+    except ValueError as error:
+        raise UsageError(f'{path}: origin: {error}') from None
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:

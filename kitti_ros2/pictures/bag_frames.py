@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..importer.frames import Frames
     from ..importer.plan import Plan
-    from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
+    from ..rig.pose_track import Track
 
 T = TypeVar('T')
 
@@ -246,7 +246,7 @@ class BagFrames:
 class EgoTrack(NamedTuple):
     """Poses, and the frame that they are of."""
 
-    track: PoseTrack
+    track: Track
     body: str
 
     def trajectory(self, body_T_imu: Transform) -> Trajectory:

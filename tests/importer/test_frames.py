@@ -9,7 +9,7 @@ import pytest
 
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
-from kitti_ros2.importer.pose_track import PoseTrack
+from kitti_ros2.rig.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey, TopicSurvey
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import UsageError

@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The moving links of bags, read in a pass of its own over the topics that a plan needs."""
+
+from __future__ import annotations
+
+from array import array
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bags.decoding import Decoder
+from ..bags.reader import open_messages
+from ..messages.header import stamp_ns_of
+from ..model import msgtypes as types
+from ..model.geometry import Transform
+from ..rig.moving_tree import MovingTree, ProductTrack
+from ..rig.pose_track import PoseTrack, TransformSeries
+from ..rig.tf_tree import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from ..bags.reader import BagSource
+    from ..rig.pose_track import Track
+    from .named_frames import NamedFrames
+    from .report import LossTally
+    from .survey import Survey
+
+_FARTHEST_M = 1e9
+_INVALID = 'a transform of NaN, of an impossible place or of an orientation of all zeros'
+
+
+class StampedSeries:
+    """Transforms with their stamps, in the order of reading."""
+
+    def __init__(self) -> None:
+        self._stamps = array('q')
+        self._series = TransformSeries()
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def add(self, stamp_ns: int, translation: Any, rotation: Any) -> None:  # noqa: ANN401
+        """Append a Vector3 or Point, and a Quaternion, of a bag's types.
+
+        Raises:
+            ValueError: It is not a transform.
+        """
+        numbers = np.array([translation.x, translation.y, translation.z])
+        xyzw = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
+        with np.errstate(over='ignore', invalid='ignore'):
+            norm = np.linalg.norm(xyzw)
+        # Comparisons with NaN are false.
+        if not ((np.abs(numbers) <= _FARTHEST_M).all() and 0 < norm < np.inf):
+            raise ValueError(_INVALID)
+        self._stamps.append(stamp_ns)
+        self._series.append(numbers.tolist(), xyzw.tolist())
+
+    def clear(self) -> None:
+        """Remove all."""
+        self._stamps, self._series = array('q'), TransformSeries()
+
+    def track(self, stamps_ns: Sequence[int] | None = None) -> PoseTrack:
+        """Return them as a track, with these stamps instead of their own where given."""
+        own = self._stamps if stamps_ns is None else stamps_ns
+        return PoseTrack(np.array(own, dtype=np.int64), self._series)
+
+
+class LinkTracks:
+    """Collects the transforms of moving links from the TFMessages of a bag.
+
+    Args:
+        wanted: (parent, child) of the links to keep; None keeps all.
+    """
+
+    def __init__(self, wanted: Collection[tuple[str, str]] | None = None) -> None:
+        self._wanted = None if wanted is None else frozenset(wanted)
+        self._series: dict[tuple[str, str], StampedSeries] = defaultdict(StampedSeries)
+
+    def add(self, message: Any, log_ns: int) -> None:  # noqa: ANN401 - of the bag's types
+        """Add the transforms of a TFMessage; those with stamp 0 get the log time.
+
+        Raises:
+            ValueError: Some are not transforms; the others were added.
+        """
+        fault: ValueError | None = None
+        for each in message.transforms:
+            link = plain(each.header.frame_id), plain(each.child_frame_id)
+            if self._wanted is not None and link not in self._wanted:
+                continue
+            moved = each.transform
+            try:
+                stamp_ns = stamp_ns_of(each.header) or log_ns
+                self._series[link].add(stamp_ns, moved.translation, moved.rotation)
+            except ValueError as error:
+                fault = error
+        if fault is not None:
+            raise fault
+
+    def tracks(self) -> dict[tuple[str, str], PoseTrack]:
+        """Return the poses of each link over time."""
+        return {link: series.track() for link, series in self._series.items()}
+
+
+def read_tree(
+    bags: Sequence[BagSource],
+    survey: Survey,
+    names: NamedFrames,
+    pairs: Sequence[tuple[str, str]],
+    losses: LossTally,
+) -> MovingTree:
+    """Read the moving links between pairs of frames, in one pass over their topics.
+
+    Args:
+        bags: Parts of a recording.
+        survey: Of the bags.
+        names: Its links.
+        pairs: Target and source frame of each; those that nothing joins are passed over.
+        losses: Takes messages without a valid transform.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+    """
+    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    used = {each for each in names.odometry if (each.frame, each.root) in wanted}
+    # The way from an Odometry's child to the root of its tree may move, too.
+    wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
+    tf_topics = {each.name for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name}
+    links = LinkTracks(wanted)
+    poses = {each.topic: StampedSeries() for each in used}
+    with open_messages(bags, tf_topics | set(poses)) as messages:
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            try:
+                decoded = decode(message)
+                if message.topic in poses:
+                    pose = getattr(decoded.pose, 'pose', decoded.pose)
+                    stamp_ns = stamp_ns_of(decoded.header) or message.stamp_ns
+                    poses[message.topic].add(stamp_ns, pose.position, pose.orientation)
+                else:
+                    links.add(decoded, message.stamp_ns)
+            except ValueError as error:
+                losses.lose(message.topic, message.stamp_ns, str(error))
+    tracks: dict[tuple[str, str], Track] = {link: PoseTrack([], []) for link in survey.moving}
+    tracks.update(links.tracks())
+    tree = MovingTree(survey.static, tracks)
+    for each in names.odometry:
+        track: Track = poses[each.topic].track() if each.topic in poses else PoseTrack([], [])
+        if each.root != each.child:
+            after = tree.links.find(each.child, each.root) or tree.track(each.child, each.root)
+            track = ProductTrack(Transform.identity(), track, after)
+        tracks[each.frame, each.root] = track
+        tree = MovingTree(survey.static, tracks)
+    return tree
