@@ -20,13 +20,14 @@ from .convert_boxes import BoxConversion
 from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
 from .frames import topic_of
+from .named_frames import child_of
 from .plan import TF
 from .report import undecoded
 
 if TYPE_CHECKING:
     from ..rig.moving_tree import MovingTree
     from .plan import Plan
-    from .survey import Survey
+    from .survey import Survey, TopicSurvey
 
 
 class Rigging:
@@ -73,7 +74,7 @@ class Rigging:
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
         found = {}
         for topic in (self._plan.imu, self._plan.velocity):
-            frame = topic_of(survey, topic).frame if topic else ''
+            frame = _body_of(topic_of(survey, topic)) if topic else ''
             target = self._plan.imu_frame
             if frame and target and frame != target:
                 found[topic] = self._tree.transform(target, frame)
@@ -125,3 +126,8 @@ class Rigging:
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         return [*found, *self.labels.notes(), *self._changing, *self.calibrations.notes]
+
+
+def _body_of(topic: TopicSurvey) -> str:
+    """Return the frame that a topic's rates and velocities are along."""
+    return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame

@@ -151,9 +151,13 @@ class BoxConversion:
     def cuboids(
         self,
         message: Any,  # noqa: ANN401 - as boxes
-        stamp_ns: int = 0,
+        stamp_ns: int | None = None,
     ) -> tuple[list[Cuboid], list[str]]:
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
+
+        Args:
+            message: The boxes.
+            stamp_ns: Its stamp; None for its header's.
 
         Raises:
             ValueError: They cannot be read.

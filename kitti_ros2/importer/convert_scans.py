@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.clouds import decode_cloud
+from ..messages.header import stamp_ns_of
 from ..model.geometry import Transform
 from ..model.samples import Scan
 from .frames import topic_of
@@ -51,13 +52,13 @@ class ScanConversion:
     def scan(
         self,
         cloud: Any,  # noqa: ANN401 - of the bag's types
-        stamp_ns: int = 0,
+        stamp_ns: int | None = None,
     ) -> tuple[Scan, int]:
         """Convert a PointCloud2 to a scan; also return the number of dropped points.
 
         Args:
             cloud: The message.
-            stamp_ns: Its stamp, at which a frame that moves is placed.
+            stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
 
         Raises:
             ValueError: It cannot be read, or its frame is not known at its stamp.
@@ -66,7 +67,8 @@ class ScanConversion:
         if self._base is not None:
             frame = cloud.header.frame_id.lstrip('/')
             joined = {self._base.frame: self._base.velo_T_frame}
-            velo_t_cloud = FramesAt(joined, self._base, stamp_ns)[frame]
+            at_ns = stamp_ns_of(cloud.header) if stamp_ns is None else stamp_ns
+            velo_t_cloud = FramesAt(joined, self._base, at_ns)[frame]
         points, dropped = decode_cloud(cloud, self._scale)
         if velo_t_cloud is not None:
             places = velo_t_cloud.apply(points[:, :3].astype(np.float64))

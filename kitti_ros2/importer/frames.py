@@ -108,7 +108,7 @@ def choose_frames(
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
     unposed = np.zeros(len(reference), dtype=np.bool_)
     if track is not None:
-        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        unknown = ~track.known(reference)
         unposed = kept & unknown
         if len(track):
             first, last = track.stamps_ns[[0, -1]]

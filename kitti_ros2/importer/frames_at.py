@@ -76,14 +76,14 @@ class FramesAt(Mapping[str, 'Transform']):
         return len(self._joined)
 
 
-def stamp_of_boxes(message: Any, stamp_ns: int) -> int:  # noqa: ANN401 - of the bag's types
+def stamp_of_boxes(message: Any, stamp_ns: int | None) -> int:  # noqa: ANN401 - of the bag's types
     """Return the stamp of a message with boxes: a MarkerArray's is that of its markers, if any.
 
     Args:
         message: Of the bag's own types.
-        stamp_ns: The stamp by which it was assigned to a frame.
+        stamp_ns: The stamp by which it was assigned to a frame; None for its header's.
     """
     if hasattr(message, 'header'):
-        return stamp_ns
+        return stamp_ns_of(message.header) if stamp_ns is None else stamp_ns
     stamps = (stamp_ns_of(marker.header) for marker in getattr(message, 'markers', ()))
-    return next(filter(None, stamps), stamp_ns)
+    return next(filter(None, stamps), stamp_ns or 0)

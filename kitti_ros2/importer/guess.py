@@ -15,7 +15,7 @@ from .guess_cameras import guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
-from .guess_unit import guess_imu_frame, guess_unit
+from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
 from .sync import default_tolerance_ns
@@ -64,8 +64,10 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     reference, topic = _reference(scan, cameras, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
-    unit = guess_unit(survey, notes, posed=pose is not None) if has_unit else {}
+    unit = guess_unit(survey, notes, pose) if has_unit else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
+    if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
+        imu_frame = guess_unit_frame(survey, scan, pose)
     plan = Plan(
         layout=layout,
         name=_name(layout, int(stamps[0]), extract=keeps_distortion(survey, cameras)),

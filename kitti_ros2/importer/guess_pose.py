@@ -52,6 +52,8 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
         topics = survey.of_type(msgtype)
         if topics:
             best = max(topics, key=lambda each: (is_truth(each.name), each.count))
+            if best.name not in own_topics():
+                topics = survey.of_type(types.ODOMETRY, types.POSE, types.PATH)
             notes += pass_over('poses', best, topics)
             body = child_of(best)
             if best.name in own_topics():  # of base_link, also if its tree names it otherwise

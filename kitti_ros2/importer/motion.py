@@ -110,6 +110,7 @@ def read_tree(
     names: NamedFrames,
     pairs: Sequence[tuple[str, str]],
     losses: LossTally,
+    told: str = '',
 ) -> MovingTree:
     """Read the moving links between pairs of frames, in one pass over their topics.
 
@@ -119,6 +120,7 @@ def read_tree(
         names: Its links.
         pairs: Target and source frame of each; those that nothing joins are passed over.
         losses: Takes messages without a valid transform.
+        told: A topic whose invalid messages are entered elsewhere.
 
     Raises:
         BadBagError: A bag cannot be read.
@@ -142,7 +144,8 @@ def read_tree(
                 else:
                     links.add(decoded, message.stamp_ns)
             except ValueError as error:
-                losses.lose(message.topic, message.stamp_ns, str(error))
+                if message.topic != told:
+                    losses.lose(message.topic, message.stamp_ns, str(error))
     tracks: dict[tuple[str, str], Track] = {link: PoseTrack([], []) for link in survey.moving}
     tracks.update(links.tracks())
     tree = MovingTree(survey.static, tracks)

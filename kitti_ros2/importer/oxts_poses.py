@@ -64,6 +64,8 @@ class UnitPoses:
         self.imu_T_velocity = Transform.identity()
         self.notes: list[str] = list(motion.notes)
         if Stream.OXTS not in plan.layout.traits.streams or plan.fix:
+            if plan.origin:
+                self.notes.append('origin: not used, for it is where poses become oxts without fix')
             return
         origin = GeoOrigin.parse(plan.origin)
         place = f'{origin.lat:g},{origin.lon:g},{origin.alt:g}'
@@ -93,9 +95,9 @@ class UnitPoses:
     def _find_velocity(
         self, plan: Plan, survey: Survey, rigging: Rigging, body_t_imu: Transform
     ) -> None:
-        if plan.pose is None or plan.velocity:
+        if plan.pose is None:
             return
-        topic = topic_of(survey, plan.pose.topic)
+        topic = topic_of(survey, plan.velocity or plan.pose.topic)
         if topic.msgtype != types.ODOMETRY:
             return
         child = child_of(topic) or plan.pose.body

@@ -115,7 +115,7 @@ class Plan:
         labels: The source of the labels.
         imu: Topic of an Imu for the packets of the GPS/IMU unit, empty for none.
         fix: Topic of a NavSatFix for the same, empty for none.
-        velocity: Topic of a TwistStamped for the same, empty for none.
+        velocity: Topic of a TwistStamped or an Odometry for the same, empty for none.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.

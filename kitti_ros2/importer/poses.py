@@ -67,7 +67,14 @@ def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: L
     """
     names = NamedFrames(survey, plan.pose)
     pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
-    tree = read_tree(bags, survey, names, pairs, losses) if pairs else None
+    told = '' if plan.pose is None else plan.pose.topic
+    if (
+        told
+        and topic_of(survey, told).msgtype in types.TF_TYPES
+        and pose_pairs(plan.pose, survey, names)
+    ):
+        told = ''  # the tree is all that is read of it
+    tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
     if plan.pose is None:
         return Motion(tree=tree)
     traits, notes = plan.layout.traits, list[str]()
@@ -90,6 +97,19 @@ def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: L
             raise
         return Motion(tree=tree, notes=(*notes, str(error)))
     return Motion(track, tree, track if drops else None, tuple(notes))
+
+
+def read_moving(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> MovingTree | None:
+    """Read the moving links that the scans and labels of a plan need, None if they need none.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = moving_pairs(plan, survey, names)
+    return read_tree(bags, survey, names, pairs, losses) if pairs else None
 
 
 class NoPosesError(UsageError):
@@ -124,7 +144,8 @@ def read_track(
     ends = _ends(plan, topic, survey, names)
     pairs = _pairs(ends)
     if pairs and tree is None:
-        tree = read_tree(bags, survey, names, pairs, losses)
+        told = '' if topic.msgtype in types.TF_TYPES else topic.name
+        tree = read_tree(bags, survey, names, pairs, losses, told)
     world, frame, moved, body = ends
     if tree is not None and frame == moved and world != body:
         found: Track = tree.track(world, body)

@@ -21,7 +21,7 @@ from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
-from ..importer.poses import read_track
+from ..importer.poses import read_moving, read_track
 from ..importer.report import LossTally, damage
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
+    from ..rig.moving_tree import MovingTree
     from ..rig.pose_track import Track
 
 T = TypeVar('T')
@@ -82,7 +83,10 @@ class BagFrames:
         plan = _to_look_at(guess.plan)
         notes = list(guess.notes)
         assumptions: list[str] = []
-        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, assumptions)
+        losses = LossTally()
+        moving = read_moving([bag], plan, survey, losses)
+        notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
+        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, moving, assumptions)
         self._velo_t_scan = _axes(self._plan, assumptions)
         assumptions.append(BY_POSITION)
         self.assumptions: Sequence[str] = assumptions
@@ -263,16 +267,16 @@ def _to_look_at(plan: Plan) -> Plan:
 
 
 def _rigged(
-    plan: Plan, survey: Survey, assumptions: list[str]
+    plan: Plan, survey: Survey, moving: MovingTree | None, assumptions: list[str]
 ) -> tuple[Plan, Rigging, dict[str, str]]:
     """Return plan and rigging, without calibration and labels if it is missing, and the reason."""
     try:
-        return plan, Rigging(plan, survey), {}
+        return plan, Rigging(plan, survey, moving), {}
     except KittiRos2Error as error:
         assumptions.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
-    return plan, Rigging(plan, survey), missing
+    return plan, Rigging(plan, survey, moving), missing
 
 
 def _axes(plan: Plan, assumptions: list[str]) -> Transform | None:

@@ -21,6 +21,8 @@ from .tf_tree import FrameTree, plain
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    import numpy.typing as npt
+
     from ..model.samples import Int64Array
     from .pose_track import Track
     from .tf_tree import Link, Step
@@ -79,6 +81,17 @@ class MovingTree:
             for to_target, to_source in pairs
         ]
 
+    def known(self, target: str, source: str, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+        """Return (M,) whether target_T_source is known at each of (M,) stamps.
+
+        Raises:
+            MissingDataError: As transforms.
+        """
+        found = np.ones(len(stamps_ns), dtype=np.bool_)
+        for link in self.moving_between(target, source):
+            found &= self._tracks[link].known(stamps_ns)
+        return found
+
     def _down(self, line: list[Step], stamps_ns: Int64Array) -> list[Transform | None]:
         """Return top_T_bottom of a line of links at each stamp."""
         made: list[Transform | None] = [Transform.identity()] * len(stamps_ns)
@@ -129,7 +142,7 @@ class ChainTrack:
     """The poses of a frame in another that several links join.
 
     Attributes:
-        stamps_ns: (N,) of the moving link nearest to the frame.
+        stamps_ns: (N,) of the moving link nearest to the frame, where the others are known.
     """
 
     def __init__(self, tree: MovingTree, target: str, source: str) -> None:
@@ -140,7 +153,8 @@ class ChainTrack:
         """
         self._tree = tree
         self._ends = target, source
-        self.stamps_ns = tree.stamps_ns(target, source)
+        stamps_ns = tree.stamps_ns(target, source)
+        self.stamps_ns = stamps_ns[tree.known(target, source, stamps_ns)]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -149,13 +163,17 @@ class ChainTrack:
         """Return the pose at each of (M,) stamps, None where a link of the chain is not known."""
         return self._tree.transforms(*self._ends, stamps_ns)
 
+    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+        """Return (M,) whether the pose at each of (M,) stamps is known."""
+        return self._tree.known(*self._ends, stamps_ns)
+
 
 class ProductTrack:
     """A track between two others, or transforms that do not move: a_T_b b_T_c c_T_d over time."""
 
     def __init__(self, before: Track | Transform, middle: Track, after: Track | Transform) -> None:
         self._parts = before, middle, after
-        self.stamps_ns = middle.stamps_ns
+        self.stamps_ns = middle.stamps_ns[self.known(middle.stamps_ns)]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -170,3 +188,11 @@ class ProductTrack:
             None if first is None or second is None or third is None else first @ second @ third
             for first, second, third in zip(*parts, strict=True)
         ]
+
+    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+        """Return (M,) whether the product at each of (M,) stamps is known."""
+        found = np.ones(len(stamps_ns), dtype=np.bool_)
+        for part in self._parts:
+            if not isinstance(part, Transform):
+                found &= part.known(stamps_ns)
+        return found

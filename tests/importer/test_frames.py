@@ -9,13 +9,13 @@ import pytest
 
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
-from kitti_ros2.rig.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey, TopicSurvey
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
+from kitti_ros2.rig.pose_track import PoseTrack
 
 MS = 1_000_000
 
