@@ -69,6 +69,9 @@ class UnitPoses:
             return
         origin = GeoOrigin.parse(plan.origin)
         place = f'{origin.lat:g},{origin.lon:g},{origin.alt:g}'
+        if plan.pose is not None and motion.track is None and not plan.imu:
+            self.poses = [None] * len(frames)
+            return
         if plan.pose is None or motion.track is None:
             if plan.imu or plan.velocity:
                 self.place = origin

@@ -67,13 +67,7 @@ def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: L
     """
     names = NamedFrames(survey, plan.pose)
     pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
-    told = '' if plan.pose is None else plan.pose.topic
-    if (
-        told
-        and topic_of(survey, told).msgtype in types.TF_TYPES
-        and pose_pairs(plan.pose, survey, names)
-    ):
-        told = ''  # the tree is all that is read of it
+    told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
     tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
     if plan.pose is None:
         return Motion(tree=tree)
@@ -144,8 +138,7 @@ def read_track(
     ends = _ends(plan, topic, survey, names)
     pairs = _pairs(ends)
     if pairs and tree is None:
-        told = '' if topic.msgtype in types.TF_TYPES else topic.name
-        tree = read_tree(bags, survey, names, pairs, losses, told)
+        tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
     world, frame, moved, body = ends
     if tree is not None and frame == moved and world != body:
         found: Track = tree.track(world, body)
@@ -162,6 +155,11 @@ def read_track(
     if moved != body:
         after = tree.links.find(moved, body) or tree.track(moved, body)
     return ProductTrack(before, found, after)
+
+
+def _told(topic: TopicSurvey) -> str:
+    """Return the topic if its invalid poses are found when the track is read."""
+    return topic.name if topic.msgtype in _POSES else ''
 
 
 def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:

@@ -11,8 +11,9 @@ import pytest
 import wanderer
 from wanderer import BASE_T_CAMERA, BASE_T_IMU, BASE_T_LIDAR, MS, PERIOD_NS, START_NS, Robot
 
+from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import parse_plan
+from kitti_ros2.importer.plan import PosePlan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.oxts_file import parse_packet
@@ -23,6 +24,7 @@ from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import make_import_options
+from kitti_ros2.pictures.bag_frames import BagFrames
 
 
 def convert(path, out, layout, change=lambda plan: plan, **options):
@@ -355,3 +357,84 @@ def test_an_origin_that_cannot_be_meant_is_refused(text, said, tmp_path):
         parse_plan(plan, tmp_path / 'plan.yaml')
     with pytest.raises(UsageError, match=said):
         make_import_options({'origin': text})
+
+
+def lio(path):
+    """A LIO program's output alone: registered clouds in camera_init, Odometry of body, no /tf."""
+    robot = Robot(
+        map_tf=False,
+        odom_tf=False,
+        boxes=None,
+        camera=False,
+        static=False,
+        cloud='odom',
+        odometry=('odom', 'body'),
+    )
+    return wanderer.write(path, robot)
+
+
+def test_output_of_lio_becomes_scans_of_its_body(tmp_path):
+    frames = lio(tmp_path / 'bag')
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert report.losses == ()
+    assert guessed.plan.scan.frame == 'body'
+    assert (guessed.plan.pose.topic, guessed.plan.pose.body) == ('/odom', 'body')
+    for number, frame in enumerate(frames):
+        path = tmp_path / 'out/sequences/00/velodyne' / f'{number:06d}.bin'
+        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+        true = frame.points @ BASE_T_LIDAR[:3, :3].T + BASE_T_LIDAR[:3, 3]
+        assert np.abs(points - true).max() < 1e-4
+    found = numbers(tmp_path / 'out/poses/00.txt').reshape(-1, 3, 4)
+    # Camera 0 is at KITTI's nominal place: its poses are those of the body, seen from there.
+    moved = relative(wanderer.odom_t_base, frames, np.eye(4))
+    angle = [np.arccos(np.clip((np.trace(m[:3, :3]) - 1) / 2, -1, 1)) for m in moved]
+    seen = [np.arccos(np.clip((np.trace(m[:, :3]) - 1) / 2, -1, 1)) for m in found]
+    assert np.abs(np.array(seen) - angle).max() < 1e-6
+
+
+def test_a_plan_may_say_what_the_body_of_odometry_is(tmp_path):
+    """Its child frame is in no tree: the plan's body is taken, and that is said."""
+    robot = Robot(map_tf=False, odom_tf=False, boxes='odom', odometry=('odom', 'ego'))
+    frames = wanderer.write(tmp_path / 'bag', robot)
+
+    def change(plan):
+        return replace(plan, pose=PosePlan('/odom', 'base_link', 'odom'))
+
+    _, report = convert(tmp_path / 'bag', tmp_path / 'poses', Layout.ODOMETRY, change)
+    assert any('its poses are of ego, which no transform names' in note for note in report.notes)
+    found = numbers(tmp_path / 'poses/poses/00.txt').reshape(-1, 3, 4)
+    assert np.abs(found - relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]).max() < 1e-4
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT, change)
+    assert report.losses == ()
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
+def test_invalid_transforms_are_lost_and_the_rest_is_used(tmp_path):
+    def keep(child, stamp):
+        return child != 'base_link' or stamp % (70 * MS) > 30 * MS
+
+    frames = wanderer.write(tmp_path / 'bag', Robot(keep=keep, broken=5))
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/tf', 5)
+    assert 'NaN' in loss.text()
+    assert len(list((tmp_path / 'out/training/label_2').iterdir())) == len(frames)
+
+
+def test_an_odometry_of_zeros_costs_the_oxts_alone(tmp_path):
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes=None, odometry=('odom', 'base_link'), broken=1000
+    )
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert report.counts['scan'] == len(frames)
+    assert 'oxts' not in report.counts
+    assert report.losses
+
+
+def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(cloud='map'))
+    with open_bag_source(tmp_path / 'bag') as bag:
+        shown = BagFrames(bag, look([bag])).frame(4)
+    assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
+    assert len(shown.objects) == 2

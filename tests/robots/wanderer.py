@@ -139,8 +139,8 @@ class Robot:
         cloud: Frame of the clouds.
         imu: Whether there is an Imu.
         static: Whether the sensors are joined to base_link.
+        broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
-        jitter_ns: Offset of the stamps of Odometry.
     """
 
     map_tf: bool = True
@@ -153,6 +153,7 @@ class Robot:
     imu: bool = False
     camera: bool = True
     static: bool = True
+    broken: int = 0
     keep: Callable[[str, int], bool] = field(default=lambda _child, _stamp: True)
 
 
@@ -272,47 +273,63 @@ def camera_info(stamp_ns):
 
 def messages(robot: Robot, frames: list[Frame]):
     """(topic, stamp, message) in order of stamps."""
-    found = []
+    found = [*still(robot), *moving(robot)]
+    for frame in frames:
+        found += sensed(robot, frame)
+    return sorted(found, key=lambda each: each[1])
+
+
+def still(robot: Robot):
+    """The static transforms."""
     if robot.static:
         links = [
             transform(0, 'base_link', 'lidar', BASE_T_LIDAR),
             transform(0, 'base_link', 'camera', BASE_T_CAMERA, full_quaternion),
             transform(0, 'base_link', 'imu', BASE_T_IMU),
         ]
-        found.append(('/tf_static', START_NS - 10**9, tf(*links)))
-    for frame in frames:
-        stamp_ns = frame.stamp_ns
-        points = frame.points
-        if robot.cloud != 'lidar':
-            world = map_t_base if robot.cloud == 'map' else odom_t_base
-            world_t_lidar = world(stamp_ns) @ BASE_T_LIDAR
-            points = points @ world_t_lidar[:3, :3].T + world_t_lidar[:3, 3]
-        found.append(('/points', stamp_ns, cloud(stamp_ns, robot.cloud, points)))
-        if robot.camera:
-            found.append(('/camera/image_rect', stamp_ns, image(stamp_ns)))
-            found.append(('/camera/camera_info', stamp_ns, camera_info(stamp_ns)))
-        if robot.boxes is not None:
-            frame_t_map = np.eye(4)
-            if robot.boxes != 'map':
-                frame_t_map = np.linalg.inv(map_t_odom(stamp_ns))
-            make = markers if robot.markers else detections
-            boxes = frame_t_map @ frame.boxes
-            found.append(('/objects', stamp_ns, make(stamp_ns, robot.boxes, boxes)))
+        yield '/tf_static', START_NS - 10**9, tf(*links)
+
+
+def sensed(robot: Robot, frame: Frame):
+    """What the sensors see at a frame."""
+    stamp_ns, points = frame.stamp_ns, frame.points
+    if robot.cloud != 'lidar':
+        world = map_t_base if robot.cloud == 'map' else odom_t_base
+        world_t_lidar = world(stamp_ns) @ BASE_T_LIDAR
+        points = points @ world_t_lidar[:3, :3].T + world_t_lidar[:3, 3]
+    yield '/points', stamp_ns, cloud(stamp_ns, robot.cloud, points)
+    if robot.camera:
+        yield '/camera/image_rect', stamp_ns, image(stamp_ns)
+        yield '/camera/camera_info', stamp_ns, camera_info(stamp_ns)
+    if robot.boxes is not None:
+        frame_t_map = np.eye(4) if robot.boxes == 'map' else np.linalg.inv(map_t_odom(stamp_ns))
+        make = markers if robot.markers else detections
+        yield '/objects', stamp_ns, make(stamp_ns, robot.boxes, frame_t_map @ frame.boxes)
+
+
+def moving(robot: Robot):
+    """Transforms, Odometry and Imu."""
     end_ns = START_NS + FRAMES * PERIOD_NS
+    broken = robot.broken
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
         pose = odom_t_base(stamp_ns)
         if robot.odom_tf and robot.keep('base_link', stamp_ns):
-            found.append(('/tf', stamp_ns, tf(transform(stamp_ns, 'odom', 'base_link', pose))))
+            link = transform(stamp_ns, 'odom', 'base_link', pose)
+            if broken > 0:
+                link.transform.rotation.w = link.transform.rotation.z = 0.0
+            yield '/tf', stamp_ns, tf(link)
+            broken -= 1
         if robot.odometry is not None and robot.keep('odometry', stamp_ns):
             message = odometry(stamp_ns, robot.odometry, pose, robot.twist)
-            found.append(('/odom', stamp_ns, message))
+            if broken > 0:
+                message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+            yield '/odom', stamp_ns, message
+            broken -= 1
         if robot.imu:
-            found.append(('/imu', stamp_ns, imu(stamp_ns)))
+            yield '/imu', stamp_ns, imu(stamp_ns)
     for stamp_ns in range(START_NS - 190 * MS, end_ns + 200 * MS, 20 * MS):
         if robot.map_tf and robot.keep('odom', stamp_ns):
-            link = transform(stamp_ns, 'map', 'odom', map_t_odom(stamp_ns))
-            found.append(('/tf', stamp_ns, tf(link)))
-    return sorted(found, key=lambda each: each[1])
+            yield '/tf', stamp_ns, tf(transform(stamp_ns, 'map', 'odom', map_t_odom(stamp_ns)))
 
 
 def write(path: Path, robot: Robot) -> list[Frame]:
