@@ -157,7 +157,7 @@ class ResultFrames:
             if still:
                 continue
             try:
-                links.add(decoded, message.stamp_ns)
+                links.add(message.data, message.stamp_ns)
             except ValueError as error:
                 self._losses.lose(message.topic, message.stamp_ns, str(error))
         static, moving, _ = tally.sorted()

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..messages.header import stamp_ns_of
+from ..messages.transform_numbers import read_transforms
 from ..model import msgtypes as types
 from ..model.geometry import Transform
 from ..rig.moving_tree import MovingTree, ProductTrack
@@ -42,21 +44,20 @@ class StampedSeries:
     def __len__(self) -> int:
         return len(self._stamps)
 
-    def add(self, stamp_ns: int, translation: Any, rotation: Any) -> None:  # noqa: ANN401
-        """Append a Vector3 or Point, and a Quaternion, of a bag's types.
+    def add(self, stamp_ns: int, numbers: Sequence[float]) -> None:
+        """Append x y z, metres, and x y z w of a quaternion.
 
         Raises:
             ValueError: It is not a transform.
         """
-        numbers = np.array([translation.x, translation.y, translation.z])
-        xyzw = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-        with np.errstate(over='ignore', invalid='ignore'):
-            norm = np.linalg.norm(xyzw)
+        norm = math.hypot(*numbers[3:])
         # Comparisons with NaN are false.
-        if not ((np.abs(numbers) <= _FARTHEST_M).all() and 0 < norm < np.inf):
+        if not (max(map(abs, numbers[:3])) <= _FARTHEST_M and 0 < norm < math.inf) or any(
+            map(math.isnan, numbers[:3])
+        ):
             raise ValueError(_INVALID)
         self._stamps.append(stamp_ns)
-        self._series.append(numbers.tolist(), xyzw.tolist())
+        self._series.append(numbers)
 
     def clear(self) -> None:
         """Remove all."""
@@ -66,6 +67,11 @@ class StampedSeries:
         """Return them as a track, with these stamps instead of their own where given."""
         own = self._stamps if stamps_ns is None else stamps_ns
         return PoseTrack(np.array(own, dtype=np.int64), self._series)
+
+
+def numbers_of(place: Any, turn: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a bag's types
+    """Return x y z of a Point or Vector3, and x y z w of a Quaternion."""
+    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
 
 
 class LinkTracks:
@@ -79,21 +85,19 @@ class LinkTracks:
         self._wanted = None if wanted is None else frozenset(wanted)
         self._series: dict[tuple[str, str], StampedSeries] = defaultdict(StampedSeries)
 
-    def add(self, message: Any, log_ns: int) -> None:  # noqa: ANN401 - of the bag's types
-        """Add the transforms of a TFMessage; those with stamp 0 get the log time.
+    def add(self, data: bytes | memoryview, log_ns: int) -> None:
+        """Add the transforms of a serialised TFMessage; those with stamp 0 get the log time.
 
         Raises:
-            ValueError: Some are not transforms; the others were added.
+            ValueError: It is truncated, or some are not transforms; the others were added.
         """
         fault: ValueError | None = None
-        for each in message.transforms:
-            link = plain(each.header.frame_id), plain(each.child_frame_id)
+        for stamp_ns, parent, child, numbers in read_transforms(data):
+            link = plain(parent), plain(child)
             if self._wanted is not None and link not in self._wanted:
                 continue
-            moved = each.transform
             try:
-                stamp_ns = stamp_ns_of(each.header) or log_ns
-                self._series[link].add(stamp_ns, moved.translation, moved.rotation)
+                self._series[link].add(stamp_ns or log_ns, numbers)
             except ValueError as error:
                 fault = error
         if fault is not None:
@@ -136,13 +140,13 @@ def read_tree(
         decode = Decoder(messages.typestore)
         for message in messages:
             try:
-                decoded = decode(message)
                 if message.topic in poses:
+                    decoded = decode(message)
                     pose = getattr(decoded.pose, 'pose', decoded.pose)
                     stamp_ns = stamp_ns_of(decoded.header) or message.stamp_ns
-                    poses[message.topic].add(stamp_ns, pose.position, pose.orientation)
+                    poses[message.topic].add(stamp_ns, numbers_of(pose.position, pose.orientation))
                 else:
-                    links.add(decoded, message.stamp_ns)
+                    links.add(message.data, message.stamp_ns)
             except ValueError as error:
                 if message.topic != told:
                     losses.lose(message.topic, message.stamp_ns, str(error))

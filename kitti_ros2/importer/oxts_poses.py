@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .apply_calibration import Rigging
     from .frames import Frames
     from .plan import Plan
-    from .poses import Motion
+    from .poses import PlannedMotion
     from .survey import Survey
 
 _FARTHEST_M = 200_000.0
@@ -47,7 +47,7 @@ class UnitPoses:
     """
 
     def __init__(
-        self, plan: Plan, survey: Survey, frames: Frames, rigging: Rigging, motion: Motion
+        self, plan: Plan, survey: Survey, frames: Frames, rigging: Rigging, motion: PlannedMotion
     ) -> None:
         """Place the unit.
 

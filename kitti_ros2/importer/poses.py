@@ -24,7 +24,7 @@ from ..model.streams import Stream
 from ..rig.moving_tree import ProductTrack
 from ..rig.tf_tree import plain
 from .frames import topic_of
-from .motion import StampedSeries, read_tree
+from .motion import StampedSeries, numbers_of, read_tree
 from .named_frames import NamedFrames, child_of, is_renamed, moving_pairs
 from .plan import Incomplete
 
@@ -43,7 +43,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PlannedMotion:
     """The movements that a plan needs.
 
     Attributes:
@@ -59,7 +59,9 @@ class Motion:
     notes: tuple[str, ...] = ()
 
 
-def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally) -> Motion:
+def read_motion(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> PlannedMotion:
     """Read the poses of a plan, and the moving links that its scans and labels need.
 
     Raises:
@@ -70,7 +72,7 @@ def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: L
     told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
     tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
     if plan.pose is None:
-        return Motion(tree=tree)
+        return PlannedMotion(tree=tree)
     traits, notes = plan.layout.traits, list[str]()
     in_lines = Stream.OXTS in traits.line_streams and not plan.fix
     drops = (
@@ -89,8 +91,8 @@ def read_motion(bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: L
     except NoPosesError as error:
         if drops:
             raise
-        return Motion(tree=tree, notes=(*notes, str(error)))
-    return Motion(track, tree, track if drops else None, tuple(notes))
+        return PlannedMotion(tree=tree, notes=(*notes, str(error)))
+    return PlannedMotion(track, tree, track if drops else None, tuple(notes))
 
 
 def read_moving(
@@ -277,8 +279,8 @@ def _poses(
     msgtype: str,
     plan: PosePlan,
     survey: Survey,
-) -> list[tuple[int, Any, Any]]:
-    """Return stamp, Point or Vector3, and Quaternion of the poses in a message, all of them valid.
+) -> list[tuple[int, tuple[float, ...]]]:
+    """Return stamp and numbers of the poses in a message, all of them valid.
 
     Raises:
         ValueError: One is not.
@@ -287,7 +289,10 @@ def _poses(
         poses_of(message)
         stamped = getattr(message, 'poses', [message])
         poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]
-        return [(stamp_ns_of(header), pose.position, pose.orientation) for header, pose in poses]
+        return [
+            (stamp_ns_of(header), numbers_of(pose.position, pose.orientation))
+            for header, pose in poses
+        ]
     if msgtype not in types.TF_TYPES:
         raise UsageError(
             f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
@@ -298,7 +303,7 @@ def _poses(
         return []
     poses_of_link(message, wanted[0])
     return [
-        (stamp_ns_of(each.header), each.transform.translation, each.transform.rotation)
+        (stamp_ns_of(each.header), numbers_of(each.transform.translation, each.transform.rotation))
         for each in message.transforms
         if (plain(each.header.frame_id), plain(each.child_frame_id)) == wanted[0]
     ]

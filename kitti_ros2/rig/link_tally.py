@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
+from ..messages.ros_types import TFMessage
 from ..messages.transforms import decode_static
 from .tf_tree import differ, plain
 
@@ -29,8 +30,11 @@ class LinkTally:
 
     def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
         """Add the transforms of a TFMessage; still for those of /tf_static."""
-        for parent, child, transform in decode_static(message):
-            key = (plain(parent), plain(child))
+        for stamped in message.transforms:
+            key = (plain(stamped.header.frame_id), plain(stamped.child_frame_id))
+            if key in self._moving and not still:
+                continue  # known to move
+            ((_, _, transform),) = decode_static(TFMessage([stamped]))
             first = self._first.setdefault(key, transform)
             self._seen[key] += 1
             if still:

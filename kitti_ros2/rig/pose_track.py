@@ -49,9 +49,9 @@ class TransformSeries(Sequence[Transform]):
     def __init__(self) -> None:
         self._numbers = array('d')
 
-    def append(self, translation: Sequence[float], xyzw: Sequence[float]) -> None:
-        """Append a translation, metres, and a unit quaternion."""
-        self._numbers.extend((*translation, *xyzw))
+    def append(self, numbers: Sequence[float]) -> None:
+        """Append x y z, metres, and x y z w of a quaternion."""
+        self._numbers.extend(numbers)
 
     def __len__(self) -> int:
         return len(self._numbers) // 7
