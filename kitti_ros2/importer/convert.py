@@ -19,7 +19,7 @@ from ..kitti.write_object import WriteOptions
 from ..model.errors import KittiRos2Error
 from ..model.streams import Stream
 from .apply_calibration import Rigging
-from .frames import NO_POSE, Frames, choose_frames, frame_topics
+from .frames import NO_FRAME, NO_PACKET, Frames, choose_frames, frame_topics
 from .oxts_poses import UnitPoses
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
@@ -71,10 +71,11 @@ def build(
     losses = LossTally()
     motion = read_motion(bags, plan, survey, losses)
     frames = choose_frames(plan, survey, motion.of_frames, options.selection)
-    for stamp_ns in frames.unposed_ns.tolist():
-        losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, NO_POSE)
     rigging = Rigging(plan, survey, motion.tree)
     unit = UnitPoses(plan, survey, frames, rigging, motion)
+    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (unit.lost_ns, NO_PACKET)):
+        for stamp_ns in stamps_ns.tolist():
+            losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
     packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, stage, plan.name, written) as writer:

@@ -31,10 +31,9 @@ if TYPE_CHECKING:
 
 _MS = 1e6
 _DROPPED = 'dropped'
-NO_POSE = (
-    f'no frame is written here, for no poses before and after it are at most'
-    f' {MAX_GAP_NS / NS_PER_S:g} s apart'
-)
+_NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
+NO_FRAME = f'no frame is written here, for {_NO_POSE}'
+NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +105,10 @@ def choose_frames(
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
-    unposed = np.zeros(len(reference), dtype=np.bool_)
+    lost = np.zeros(len(reference), dtype=np.bool_)
     if track is not None:
         unknown = ~track.known(reference)
-        unposed = kept & unknown
-        if len(track):
-            first, last = track.stamps_ns[[0, -1]]
-            unposed &= (reference > first) & (reference < last)
+        lost = kept & unknown
         kept &= _without(unknown, 'pose around them', notes)
     if not kept.any():
         dropped = [note for note in notes if note.startswith(_DROPPED)]
@@ -122,14 +118,29 @@ def choose_frames(
         )
     if selection is not None and not selection.is_whole:
         chosen = _span(reference, kept, selection)
-        kept, unposed = kept & chosen, unposed & chosen
+        kept, lost = kept & chosen, lost & chosen
     return Frames(
         reference[kept],
         {stream: indices[kept] for stream, indices in samples.items()},
         stamps,
         tuple(notes),
-        reference[unposed],
+        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
     )
+
+
+def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track) -> Int64Array:
+    """Return the stamps without a pose between the first and the last pose of a track.
+
+    Args:
+        stamps_ns: (N,) nanoseconds.
+        missing: (N,) which of them have no pose.
+        track: The poses.
+    """
+    if not len(track):
+        return np.zeros(0, dtype=np.int64)
+    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+    inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
+    return stamps_ns[inside]
 
 
 def _span(

@@ -41,6 +41,7 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
         if found is not None and found.topic != chain.topic:
             notes.append(f'passed over for poses: {found.topic}')
         return chain
+    found = found or _link(survey)
     if found is None:
         notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
     return found
@@ -86,6 +87,16 @@ def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePl
         for link in names.odometry
     )
     return PosePlan(tf[0].name if by_transforms else found.topic, body, world)
+
+
+def _link(survey: Survey) -> PosePlan | None:
+    """Return the poses of a single moving link, of a body that has several parents in the tree."""
+    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    links = [link for link in survey.moving if link[1] in BODIES]
+    if not tf or not links:
+        return None
+    parent, child = next((link for link in links if link[0] in _GLOBAL), links[0])
+    return PosePlan(tf[0].name, child, parent)
 
 
 def _moving_body(survey: Survey, names: NamedFrames, found: PosePlan | None) -> str:

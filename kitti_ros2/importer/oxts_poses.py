@@ -21,10 +21,11 @@ from ..model.errors import MissingDataError
 from ..model.geographic import GeoOrigin
 from ..model.geometry import Transform
 from ..model.streams import Stream
-from .frames import topic_of
+from .frames import topic_of, within_gaps
 from .named_frames import child_of
 
 if TYPE_CHECKING:
+    from ..model.samples import Int64Array
     from .apply_calibration import Rigging
     from .frames import Frames
     from .plan import Plan
@@ -44,6 +45,7 @@ class UnitPoses:
         velocity: The Odometry whose twist is the unit's velocity, empty for none.
         imu_T_velocity: Its child frame in KITTI's imu frame.
         notes: Non-fatal remarks.
+        lost_ns: Stamps of the frames without a packet because of a gap in the poses.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class UnitPoses:
         """
         self.poses: list[UnitPose | None] | None = None
         self.place: GeoOrigin | None = None
+        self.lost_ns: Int64Array = np.zeros(0, dtype=np.int64)
         self.velocity = ''
         self.imu_T_velocity = Transform.identity()
         self.notes: list[str] = list(motion.notes)
@@ -86,6 +89,8 @@ class UnitPoses:
             body_t_imu = Transform.identity()
             self.notes.append(f'the unit of oxts is taken as at {plan.pose.body}: {error}')
         found = motion.track.at(frames.stamps_ns)
+        missing = np.array([pose is None for pose in found], dtype=np.bool_)
+        self.lost_ns = within_gaps(frames.stamps_ns, missing, motion.track)
         self.poses = _unit_poses(found, body_t_imu, origin, self.notes)
         world = plan.pose.world or 'the first pose'
         self.notes.append(

@@ -70,8 +70,10 @@ class PosePlan:
 
     Attributes:
         topic: An Odometry, PoseStamped, Path or TFMessage.
-        body: The frame whose poses they are.
-        world: The frame they are given in.
+        body: The frame whose poses they are: of Odometry its child frame, or one that transforms
+            join to it.
+        world: The frame they are given in: that of the messages, or one that transforms join to it,
+            such as map above odom.
     """
 
     topic: str

@@ -13,6 +13,7 @@ from wanderer import BASE_T_CAMERA, BASE_T_IMU, BASE_T_LIDAR, MS, PERIOD_NS, STA
 
 from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.importer.plan import PosePlan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
@@ -210,6 +211,16 @@ def test_a_gap_of_the_poses_is_a_loss(tmp_path):
     assert (loss.stream, loss.count) == ('/tf', 18)
     assert f'/tf at {START_NS + 7 * PERIOD_NS}: no frame' in loss.text()
     assert report.frames == wanderer.FRAMES - 18
+
+
+def test_a_gap_of_the_poses_costs_the_packets_in_it(tmp_path):
+    robot = Robot(boxes=None, keep=lambda child, stamp: child != 'odom' or not in_gap(stamp))
+    wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/tf', 18)
+    assert 'no oxts is written here' in loss.text()
+    assert (report.counts['scan'], report.counts['oxts']) == (wanderer.FRAMES, 12)
 
 
 def test_boxes_in_a_frame_that_nothing_joins_are_lost_and_named(tmp_path):
@@ -438,3 +449,14 @@ def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
         shown = BagFrames(bag, look([bag])).frame(4)
     assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
     assert len(shown.objects) == 2
+
+
+def test_boxes_in_map_are_drawn_on_the_images(tmp_path):
+    wanderer.write(tmp_path / 'bag', Robot())
+    with open_bag_source(tmp_path / 'bag') as bag:
+        images = LabelledImages(bag)
+        message = wanderer.image(START_NS)
+        plain = np.full((*wanderer.SIZE[::-1], 3), 90, np.uint8)
+        drawn = images.draw('/camera/image_rect', message, plain, START_NS, START_NS + MS)
+        images.close()
+    assert (drawn != 90).any(axis=2).sum() > 500
