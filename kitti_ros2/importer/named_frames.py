@@ -63,7 +63,8 @@ class NamedFrames:
             topics = [planned, *(each for each in topics if each is not planned)]
         for topic in topics:
             child = child_of(topic)
-            if pose is not None and topic is planned and is_renamed(pose, topic, self):
+            named = pose is not None and topic is planned
+            if pose is not None and named and (not child or is_renamed(pose, topic, self)):
                 child = pose.body
             link = self._link(topic, child)
             if link is not None:
