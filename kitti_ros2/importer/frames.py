@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..model.losses import Loss
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from ..rig.pose_track import MAX_GAP_NS
 from .clocks import clock_notes, clocked
 from .plan import Incomplete
 from .stream_gaps import describe_gap
@@ -26,14 +27,17 @@ if TYPE_CHECKING:
 
     from ..model.samples import Int64Array
     from ..options.selection import SelectionOptions
+    from ..rig.pose_track import Track
     from .plan import Plan
-    from .pose_track import PoseTrack
     from .survey import Survey
     from .sync import StreamMatch
     from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'
+_NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
+NO_FRAME = f'no frame is written here, for {_NO_POSE}'
+NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,7 @@ class Frames:
         notes: How well the streams matched, and what was dropped; a line each.
         losses: Streams of which no sample has a frame.
         unsynchronised: Why no two streams were matched, empty if some were.
+        unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
     """
 
     stamps_ns: Int64Array
@@ -55,6 +60,7 @@ class Frames:
     notes: tuple[str, ...]
     losses: tuple[Loss, ...] = ()
     unsynchronised: str = ''
+    unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -73,7 +79,7 @@ def frame_topics(plan: Plan) -> dict[Stream, str]:
 def choose_frames(
     plan: Plan,
     survey: Survey,
-    track: PoseTrack | None,
+    track: Track | None,
     selection: SelectionOptions | None = None,
 ) -> Frames:
     """Choose the frames of a plan.
@@ -112,8 +118,10 @@ def choose_frames(
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    lost = np.zeros(len(reference), dtype=np.bool_)
     if track is not None:
-        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        unknown = ~track.known(reference)
+        lost = kept & unknown
         kept &= _without(unknown, 'pose around them', notes)
     if not kept.any():
         if apart:
@@ -124,7 +132,8 @@ def choose_frames(
             f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
-        kept &= _span(reference, kept, selection)
+        chosen = _span(reference, kept, selection)
+        kept, lost = kept & chosen, lost & chosen
     return Frames(
         reference[kept],
         {stream: indices[kept] for stream, indices in samples.items()},
@@ -135,6 +144,7 @@ def choose_frames(
             for stream, text in apart.items()
         ),
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
+        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
     )
 
 
@@ -154,6 +164,21 @@ def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
         return frames
     every = np.ones(len(frames), dtype=np.bool_)
     return pick_frames(frames, _span(frames.stamps_ns, every, selection))
+
+
+def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track) -> Int64Array:
+    """Return the stamps without a pose between the first and the last pose of a track.
+
+    Args:
+        stamps_ns: (N,) nanoseconds.
+        missing: (N,) which of them have no pose.
+        track: The poses.
+    """
+    if not len(track):
+        return np.zeros(0, dtype=np.int64)
+    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+    inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
+    return stamps_ns[inside]
 
 
 def _span(
@@ -216,7 +241,7 @@ def _reference(
     plan: Plan,
     topics: Mapping[Stream, str],
     stamps: Mapping[str, Int64Array],
-    track: PoseTrack | None,
+    track: Track | None,
 ) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns

@@ -11,6 +11,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..model.errors import UsageError
+from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line
@@ -92,7 +93,15 @@ def parse_plan(text: str, path: Path) -> Plan:
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
+    _check_origin(plan.origin, path)
     return plan
+
+
+def _check_origin(text: str, path: Path) -> None:
+    try:
+        GeoOrigin.parse(text)
+    except ValueError as error:
+        raise UsageError(f'{path}: origin: {error}') from None
 
 
 def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:

@@ -38,7 +38,7 @@ from ..model.msgtypes import (
     TRACKED_OBJECTS,
     TWIST,
 )
-from ..rig.tf_tree import LinkTally
+from ..rig.link_tally import LinkTally
 from .topic_survey import TopicSurvey
 
 if TYPE_CHECKING:
