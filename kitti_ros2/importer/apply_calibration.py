@@ -23,6 +23,7 @@ from .plan import TF
 from .report import undecoded
 
 if TYPE_CHECKING:
+    from ..model.losses import Loss
     from .plan import Plan
     from .survey import Survey
 
@@ -97,4 +98,9 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        return [*found, *self.labels.notes(), *self._changing, *self.calibrations.notes]
+        found += [*self.scans.notes(), *self.labels.notes()]
+        return [*found, *self._changing, *self.calibrations.notes]
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the parts of samples so far that could not be converted."""
+        return (*self.scans.losses(), *self.labels.losses())

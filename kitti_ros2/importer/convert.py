@@ -252,7 +252,7 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*damaged, *undecoded, *lost, *self._rigging.labels.losses()),
+            losses=(*damaged, *undecoded, *lost, *self._rigging.losses()),
             notes=tuple(notes),
         )
 

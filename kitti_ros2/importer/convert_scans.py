@@ -1,16 +1,19 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""PointCloud2 -> KITTI's scans, in the frame of the plan."""
+"""Clouds, packets, ranges or depth images -> KITTI's scans, in the frame of the plan."""
 
 from __future__ import annotations
 
+from collections import Counter
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.clouds import decode_cloud
+from ..model.losses import Loss
 from ..model.samples import Scan
 from .frames import topic_of
+from .scan_needs import needs_of_plan, source_of_plan
 
 if TYPE_CHECKING:
     from ..model.geometry import Transform
@@ -23,27 +26,49 @@ class ScanConversion:
     """Converts the messages of a plan's scans; thread-safe."""
 
     def __init__(self, plan: ScanPlan | None, survey: Survey, tree: FrameTree) -> None:
-        """Find the frame of the messages in that of the plan.
+        """Find the frame of the messages in that of the plan, and what their decoder needs.
 
         Raises:
-            UsageError: The plan names a missing topic.
+            UsageError: The plan names a missing topic, or not what its messages need.
+            BadFileError: The calibration file of a unit cannot be read.
             MissingDataError: The static transforms do not connect the two frames.
         """
-        self._scale = 1.0 if plan is None else plan.intensity_scale
+        self._plan = plan
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
+        self._lost: Counter[str] = Counter()
+        self._lock = Lock()
         if plan is not None:
             own = topic_of(survey, plan.topic).frame
             if own != plan.frame:
                 self._velo_t_cloud = tree.transform(plan.frame, own)
+            self._source = source_of_plan(plan, survey)
+            self._needs = needs_of_plan(plan, self._source, survey)
 
-    def scan(self, cloud: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
-        """Convert a PointCloud2 to a scan; also return the number of dropped points.
+    def scan(self, message: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
+        """Convert a message to a scan; also return the number of dropped points.
 
         Raises:
             ValueError: It cannot be read.
         """
-        points, dropped = decode_cloud(cloud, self._scale)
+        found = self._source.decode(message, self._needs)
+        if found.lost:
+            with self._lock:
+                self._lost.update(found.lost)
+        points = found.points
         if self._velo_t_cloud is not None:
             places = self._velo_t_cloud.apply(points[:, :3].astype(np.float64))
             points = np.column_stack([places, points[:, 3]]).astype(np.float32)
-        return Scan(points), dropped
+        return Scan(points), found.dropped
+
+    def notes(self) -> list[str]:
+        """Return what should be known of the scans."""
+        if self._plan is None or not self._source.advice:
+            return []
+        return [f'{self._plan.topic}: {self._source.advice}']
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the parts of messages so far that could not be decoded."""
+        topic = '' if self._plan is None else self._plan.topic
+        return tuple(
+            Loss(topic, count, f'{topic}: {reason}') for reason, count in self._lost.items()
+        )

@@ -7,32 +7,118 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from ..messages.clouds import guess_intensity_scale
+import numpy as np
+
+from ..messages.depth_images import COMPRESSED_DEPTH, depth_size, is_depth
+from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
+from ..rig.tf_tree import FrameTree
 from .plan import ScanPlan
 from .report import pass_over
+from .scan_needs import missing_calibration
 
 if TYPE_CHECKING:
+    from ..messages.scan_sources import ScanSource
     from .survey import Survey, TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
 
+_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+"""The rotation of an optical frame in one with x ahead, y left and z up."""
+_ALIGNED = 0.02
+
 
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
-    """Choose the lidar: KITTI's own points, by name, with intensity, with most points."""
-    clouds = [each for each in survey.of_type(types.CLOUD) if _with_points(each)]
-    if not clouds:
-        notes.append('missing: scans (no PointCloud2 with x, y and z)')
-        return None
-    best = max(clouds, key=_lidar_rank)
-    notes += pass_over('scans', best, clouds)
-    if best.frame.endswith('optical_frame'):
+    """Choose the lidar: KITTI's own points, by name, with intensity, with most points.
+
+    Without clouds it is the first source of SCAN_SOURCES with a topic.
+    """
+    for source in SCAN_SOURCES:
+        topics = [each for each in survey.of_type(*source.msgtypes) if _suits(source, each)]
+        if source.needs_info:
+            topics = _with_info(survey, topics, notes)
+        if topics:
+            return _scan_of(source, topics, survey, notes)
+    notes.append('missing: scans (no PointCloud2 with x, y and z)')
+    return None
+
+
+def _scan_of(
+    source: ScanSource, topics: list[TopicSurvey], survey: Survey, notes: list[str]
+) -> ScanPlan:
+    if types.CLOUD in source.msgtypes:
+        best = max(topics, key=_lidar_rank)
+    elif source.needs_info:
+        best = max(topics, key=lambda each: _depth_rank(survey, each))
+    else:
+        best = max(topics, key=lambda each: each.count)
+    notes += pass_over('scans', best, topics)
+    frame = best.frame
+    if source.needs_info:
+        frame = _frame_ahead(survey, frame)
+    if frame.endswith('optical_frame'):
         notes.append(
-            f'{best.name} is in {best.frame}, z forward; KITTI has x forward: set scan.frame'
+            f'{best.name} is in {frame}, z forward; KITTI has x forward: set scan.frame'
             f' to such a frame of the static tree'
         )
-    return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
+    missing = missing_calibration(best) if source.has_model else ''
+    notes += [missing] if missing else []
+    info = info_of_depth(survey, best) if source.needs_info else ''
+    word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
+    return ScanPlan(best.name, frame, source.scale(best.looks), word, info)
+
+
+def _suits(source: ScanSource, topic: TopicSurvey) -> bool:
+    return any(source.suits(look) for look in topic.looks)
+
+
+def _with_info(survey: Survey, topics: list[TopicSurvey], notes: list[str]) -> list[TopicSurvey]:
+    """Return the topics of depth images with a CameraInfo."""
+    found = [each for each in topics if info_of_depth(survey, each)]
+    notes += [
+        f'passed over: {each.name}; a depth image without a camera_info of its size and frame'
+        for each in topics
+        if each not in found
+    ]
+    return found
+
+
+def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
+    """Return the CameraInfo of depth images, empty without one: beside them, or of their frame."""
+    place = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
+    size = depth_size(topic.looks[0])
+    fitting = [
+        each
+        for each in survey.of_type(types.CAMERA_INFO)
+        if each.looks and size in {(look.width, look.height) for look in each.looks}
+    ]
+    beside = [each for each in fitting if each.name == f'{place}/camera_info']
+    same = [each for each in fitting if each.frame == topic.frame]
+    return next((each.name for each in (*beside, *same)), '')
+
+
+def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Rank depth images: in a colour camera's frame, then pixels before PNG."""
+    pictures = {
+        each.frame
+        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if each.looks and not is_depth(each.looks[0])
+    }
+    return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
+
+
+def _frame_ahead(survey: Survey, optical: str) -> str:
+    """Return the frame with x ahead nearest to an optical one, itself without one (REP 103)."""
+    tree = FrameTree(survey.static, survey.moving)
+    found = []
+    for frame in tree.frames:
+        frame_t_optical = tree.find(frame, optical)
+        if frame_t_optical is None:
+            continue
+        if np.abs(frame_t_optical.rotation - _OPTICAL).max() < _ALIGNED:
+            found.append((float(np.linalg.norm(frame_t_optical.translation)), frame))
+    return min(found)[1] if found else optical
 
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from ..messages.scan_sources import SCAN_SOURCES
+from ..messages.velodyne_models import MODELS
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
@@ -23,6 +25,14 @@ SOURCE = 'source'
 UNKNOWN_OCCLUSION = 3
 
 
+_QUIET = 'quiet'
+
+
+def _quiet(value: Any) -> Any:  # noqa: ANN401 - of the field
+    """Make a field that format_plan leaves out at its default."""
+    return field(default=value, metadata={_QUIET: True})
+
+
 class Incomplete(str, Enum):
     """The treatment of a frame in which a stream has no sample."""
 
@@ -35,15 +45,23 @@ class ScanPlan:
     """The source of the scans.
 
     Attributes:
-        topic: A PointCloud2.
+        topic: A PointCloud2, or another type of SCAN_SOURCES.
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
+        from_: A word of SCAN_SOURCES, such as depth; empty: by the topic's type.
+        info: The CameraInfo of depth images.
+        model: The scanner that packets are of, such as VLP-16; empty: as they say.
+        calibration: The calibration file of the unit that packets are of; empty: its model's.
     """
 
     topic: str
     frame: str
     intensity_scale: float = 1.0
+    from_: str = _quiet('')
+    info: str = _quiet('')
+    model: str = _quiet('')
+    calibration: str = _quiet('')
 
 
 @dataclass(frozen=True)
@@ -140,13 +158,35 @@ def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
     """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
     import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
 
-    values = asdict(plan)
+    values = _values(plan)
     values['layout'] = plan.layout.value
     values['incomplete'] = plan.incomplete.value
     values['cameras'] = dict(sorted(values['cameras'].items()))
     kept = {name: value for name, value in values.items() if value not in (None, '', {})}
     comments = ''.join(f'# {one_line(note)}\n' for note in notes)
     return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def _values(part: Any) -> dict[str, Any]:  # noqa: ANN401 - of a plan
+    """Return a dataclass as a mapping, keys as in YAML, without quiet fields at their default."""
+    found = {}
+    for each in fields(part):
+        value = getattr(part, each.name)
+        if each.metadata.get(_QUIET) and value == each.default:
+            continue
+        if is_dataclass(value):
+            value = _values(value)
+        elif isinstance(value, dict):
+            value = {
+                key: _values(item) if is_dataclass(item) else item for key, item in value.items()
+            }
+        found[_key(each.name)] = value
+    return found
+
+
+def _key(name: str) -> str:
+    """Return the key of a field: from of from_, which Python has a word for."""
+    return name.rstrip('_')
 
 
 def parse_plan(text: str, path: Path) -> Plan:
@@ -173,6 +213,7 @@ def parse_plan(text: str, path: Path) -> Plan:
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
+    _check_scan(made.get('scan'), path)
     labels = made.get('labels')
     if labels is not None and labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
         raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
@@ -181,6 +222,16 @@ def parse_plan(text: str, path: Path) -> Plan:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
     return plan
+
+
+def _check_scan(scan: ScanPlan | None, path: Path) -> None:
+    words = {'from': [each.word for each in SCAN_SOURCES], 'model': list(MODELS)}
+    for key, known in words.items():
+        value = '' if scan is None else getattr(scan, 'from_' if key == 'from' else key)
+        if value and value not in known:
+            hint = did_you_mean(value, known)
+            expected = ', '.join(known)
+            raise UsageError(f'{path}: scan: {key}: {value!r}; expected one of {expected}{hint}')
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:
@@ -196,8 +247,8 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
     """Make a dataclass from a mapping, its values checked against the types of the fields."""
     place = f'{path}: {where}: ' if where else f'{path}: '
     if not isinstance(values, dict):
-        raise UsageError(f'{place}expected {", ".join(f.name for f in fields(kind))}')
-    known = {each.name: each for each in fields(kind)}
+        raise UsageError(f'{place}expected {", ".join(_key(f.name) for f in fields(kind))}')
+    known = {_key(each.name): each for each in fields(kind)}
     unknown = [str(key) for key in values if key not in known]
     if unknown:
         hint = did_you_mean(unknown[0], known)
@@ -205,19 +256,20 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
         raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
     hints = get_type_hints(kind, localns={'Mapping': dict})
     checked = {}
-    for name, value in values.items():
+    for key, value in values.items():
+        name = known[key].name
         wanted = hints[name]
         if wanted is float and type(value) is int:
             checked[name] = float(value)
         elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
+            raise UsageError(f'{place}{key}: {value!r}; expected {_WORDS[wanted]}')
         else:
             checked[name] = value
     try:
         return kind(**checked)
     except TypeError:
         needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
-        missing = [name for name in needed if name not in checked]
+        missing = [name for name in needed if known[name].name not in checked]
         raise UsageError(f'{place}missing {", ".join(missing)}') from None
 
 

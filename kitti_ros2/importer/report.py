@@ -90,6 +90,8 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
     wanted |= {plan.imu, plan.fix, plan.velocity}
     if plan.pose is not None:
         wanted.add(plan.pose.topic)
+    if plan.scan is not None:
+        wanted.add(plan.scan.info)
     return tuple(
         undecoded(topic)
         for topic in survey.topics.values()

@@ -18,6 +18,7 @@ from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_header
+from ..messages.scan_sources import SCAN_TYPES
 from ..messages.source import CALIBRATION, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import (
@@ -25,6 +26,7 @@ from ..model.msgtypes import (
     CLOUD,
     COMPRESSED,
     DETECTED_OBJECTS,
+    DETECTIONS_2D,
     DETECTIONS_3D,
     FIX,
     IMAGE,
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
 
 _BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
 _HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
+_HEADED |= SCAN_TYPES | {DETECTIONS_2D}
+_FIRST_ONLY = LARGE_TYPES | SCAN_TYPES
 _DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
@@ -202,7 +206,7 @@ def glance(source: BagSource) -> Survey:
         if wanted:
             with open_messages(bag, wanted) as messages:
                 taken.take_all(messages)
-        for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
+        for topic in (topic for topic, msgtype in types.items() if msgtype in _FIRST_ONLY):
             with open_messages(bag, {topic}) as messages:
                 taken.take_all(islice(messages, 1))
     return taken.survey((), losses, left_out)

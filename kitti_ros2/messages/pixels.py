@@ -46,6 +46,7 @@ class _Encoding(NamedTuple):
     conversion: str = ''
 
 
+_FLOATS = _Encoding(4, 1)
 _ENCODINGS = {
     'mono8': _Encoding(1, 1),
     'mono16': _Encoding(2, 1),
@@ -80,11 +81,7 @@ def decode_pixels(message: ImageMsg) -> Pixels:
     Raises:
         ValueError: The encoding is unknown, the image is empty, or the data are too short.
     """
-    encoding = _ENCODINGS.get(message.encoding)
-    if encoding is None:
-        raise ValueError(
-            f'unknown encoding {message.encoding!r}; known are {", ".join(_ENCODINGS)}'
-        )
+    encoding = _encoding_of(message)
     values = _values(message, encoding)
     if encoding.conversion:
         return _converted(_upper_bits(values), encoding.conversion)
@@ -100,7 +97,26 @@ def pixels_of(message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
     return (decode_compressed_pixels if hasattr(message, 'format') else decode_pixels)(message)
 
 
-def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
+def stored_values(message: ImageMsg) -> npt.NDArray[Any]:
+    """Return the values of an Image of any known encoding, or of 32FC1, as they are stored.
+
+    Raises:
+        ValueError: As decode_pixels.
+    """
+    encoding = _FLOATS if message.encoding == '32FC1' else _encoding_of(message)
+    return _values(message, encoding)
+
+
+def _encoding_of(message: ImageMsg) -> _Encoding:
+    encoding = _ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ValueError(
+            f'unknown encoding {message.encoding!r}; known are {", ".join(_ENCODINGS)}'
+        )
+    return encoding
+
+
+def _values(message: ImageMsg, encoding: _Encoding) -> npt.NDArray[Any]:
     """Return (H, W) or (H, W, channels) of the stored values.
 
     Raises:
@@ -120,14 +136,15 @@ def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
             f'{len(data)} bytes of data; {height} rows of {step} bytes are {height * step}'
         )
     order = '>' if message.is_bigendian else '<'
-    values: Pixels = np.ndarray(
+    kind = 'f' if encoding is _FLOATS else 'u'
+    values: npt.NDArray[Any] = np.ndarray(
         (height, width, encoding.channels),
-        f'{order}u{encoding.value_bytes}',
+        f'{order}{kind}{encoding.value_bytes}',
         data,
         strides=(step, pixel_bytes, encoding.value_bytes),
     )
     if encoding.value_bytes > 1:
-        values = np.require(values, np.dtype(np.uint16), 'A')
+        values = np.require(values, values.dtype.newbyteorder('='), 'A')
     return values[..., 0] if encoding.channels == 1 else values
 
 
