@@ -38,11 +38,11 @@ class ScanConversion:
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
         if plan is not None:
+            self._source = source_of_plan(plan, survey)
+            self._needs = needs_of_plan(plan, self._source, survey)
             own = topic_of(survey, plan.topic).frame
             if own != plan.frame:
                 self._velo_t_cloud = tree.transform(plan.frame, own)
-            self._source = source_of_plan(plan, survey)
-            self._needs = needs_of_plan(plan, self._source, survey)
 
     def scan(self, message: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
         """Convert a message to a scan; also return the number of dropped points.

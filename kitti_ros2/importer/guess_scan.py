@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.depth_images import COMPRESSED_DEPTH, depth_size, is_depth
+from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
@@ -77,7 +77,7 @@ def _with_info(survey: Survey, topics: list[TopicSurvey], notes: list[str]) -> l
     """Return the topics of depth images with a CameraInfo."""
     found = [each for each in topics if info_of_depth(survey, each)]
     notes += [
-        f'passed over: {each.name}; a depth image without a camera_info of its size and frame'
+        f'passed over: {each.name}; a depth image without a camera_info'
         for each in topics
         if each not in found
     ]
@@ -85,17 +85,13 @@ def _with_info(survey: Survey, topics: list[TopicSurvey], notes: list[str]) -> l
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
-    """Return the CameraInfo of depth images, empty without one: beside them, or of their frame."""
+    """Return the CameraInfo of depth images: beside them, or the only one of their frame, or ''."""
     place = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
-    size = depth_size(topic.looks[0])
-    fitting = [
-        each
-        for each in survey.of_type(types.CAMERA_INFO)
-        if each.looks and size in {(look.width, look.height) for look in each.looks}
-    ]
-    beside = [each for each in fitting if each.name == f'{place}/camera_info']
-    same = [each for each in fitting if each.frame == topic.frame]
-    return next((each.name for each in (*beside, *same)), '')
+    infos = survey.of_type(types.CAMERA_INFO)
+    if any(each.name == f'{place}/camera_info' for each in infos):
+        return f'{place}/camera_info'
+    same = [each.name for each in infos if topic.frame and each.frame == topic.frame]
+    return same[0] if len(same) == 1 else ''
 
 
 def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:

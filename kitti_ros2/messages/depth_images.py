@@ -32,21 +32,10 @@ _MM_PER_M = 1000.0
 
 
 def is_depth(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether an Image or CompressedImage is of depth: by its encoding, mono16 excluded.
-
-    Also for a PNG after 12 bytes, as compressedDepth has it.
-    """
+    """Whether an Image or CompressedImage is of depth: by its encoding (not mono16) or format."""
     if not hasattr(message, 'format'):
         return message.encoding in {'16UC1', '32FC1'}
-    start = message.data[_HEAD.size : _HEAD.size + len(PNG_SIGNATURE)].tobytes()
-    return COMPRESSED_DEPTH in message.format or start == PNG_SIGNATURE
-
-
-def depth_size(message: Any) -> tuple[int, int]:  # noqa: ANN401 - of the bag's types
-    """Return (width, height) of a depth image, zeros if unknown."""
-    if not hasattr(message, 'format'):
-        return int(message.width), int(message.height)
-    return png_size(message.data[_HEAD.size :].tobytes())
+    return COMPRESSED_DEPTH in message.format
 
 
 def decode_depth(message: Any) -> Float64Array:  # noqa: ANN401 - of the bag's types

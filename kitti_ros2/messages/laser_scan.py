@@ -28,10 +28,11 @@ def decode_laser_scan(
     Raises:
         ValueError: Its angles or its number of ranges are invalid.
     """
+    if len(message.ranges) > _MOST_RAYS:
+        count = len(message.ranges)
+        raise ValueError(f'a LaserScan of {count} ranges; expected at most {_MOST_RAYS}')
     ranges = np.asarray(message.ranges, dtype=np.float64)
     start, step = float(message.angle_min), float(message.angle_increment)
-    if len(ranges) > _MOST_RAYS:
-        raise ValueError(f'a LaserScan of {len(ranges)} ranges; expected at most {_MOST_RAYS}')
     turned = abs(step) * max(len(ranges) - 1, 0)
     if not (np.isfinite(start) and np.isfinite(step)):
         raise ValueError(f'a LaserScan with angle_min {start}, angle_increment {step}')

@@ -27,6 +27,7 @@ LIVOX_MESSAGE = (
 )
 HYPOTHESIS = 'string class_id\nfloat64 score'
 DEFINITIONS = {
+    'tf2_msgs/msg/TFMessage': 'geometry_msgs/TransformStamped[] transforms',
     'velodyne_msgs/msg/VelodynePacket': 'builtin_interfaces/Time stamp\nuint8[1206] data',
     'velodyne_msgs/msg/VelodyneScan': (
         'std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets'
@@ -75,8 +76,11 @@ def types_of(store: Stores):
     """A typestore with the types of drivers and vision."""
     found = get_typestore(store)
     for name, text in DEFINITIONS.items():
-        lines = text.replace('builtin_interfaces/Time', 'time') if store is Stores.ROS1_NOETIC else text
-        found.register(get_types_from_msg(lines, name))
+        if name in found.fielddefs:
+            continue
+        if store is Stores.ROS1_NOETIC:
+            text = text.replace('builtin_interfaces/Time', 'time')  # noqa: PLW2901
+        found.register(get_types_from_msg(text, name))
     return found
 
 
