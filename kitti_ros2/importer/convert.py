@@ -20,6 +20,7 @@ from ..model.errors import KittiRos2Error
 from ..model.streams import Stream
 from .apply_calibration import Rigging
 from .frames import Frames, choose_frames, frame_topics
+from .label_messages import LabelMessages, joined
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
 from .poses import read_track
@@ -112,8 +113,10 @@ class _Builder:
         self._first = first
         self._streams: dict[str, list[Stream]] = defaultdict(list)
         for stream, topic in frame_topics(plan).items():
-            if stream in writer.accepts:
+            if stream in writer.accepts and stream is not Stream.LABELS:
                 self._streams[topic].append(stream)
+        labelled = Stream.LABELS in writer.accepts
+        self._labels = LabelMessages(plan.labels if labelled else None, frames, first)
         self._numbers = {
             stream: _numbers(frames.samples[stream], first)
             for streams in self._streams.values()
@@ -128,7 +131,7 @@ class _Builder:
     @property
     def topics(self) -> set[str]:
         """The topics to read."""
-        return set(self._streams) | self._packets.topics
+        return set(self._streams) | self._labels.topics | self._packets.topics
 
     def write_calibration(self) -> None:
         """Write the calibration of every frame, or of all."""
@@ -153,24 +156,27 @@ class _Builder:
                 for stream in self._streams.get(message.topic, ())
                 if place in self._numbers[stream]
             ]
+            labelled = self._labels.frames_of(message.topic, place)
             packet = self._packets.wants(message.topic, place)
-            if not wanted and not packet:
+            if not wanted and not labelled and not packet:
                 continue
             try:
                 decoded = decode(message)
             except ValueError as error:
                 self._losses.lose(message.topic, message.stamp_ns, str(error))
-                self._spoil(number for _, number in wanted)
+                self._spoil([*(number for _, number in wanted), *labelled])
                 decoded = None
             if packet:
                 self._packets.take(message.topic, place, decoded)
                 self.counts[Stream.OXTS.value] += self._packets.write(self._writer, self._first)
+            for number, solid, flat in self._labels.take(message.topic, place, decoded):
+                write = partial(self._write_labels, number, solid, flat)
+                # In order and at once: tracks are numbered as they appear.
+                self.take(*_do(_Job(Stream.LABELS, number, message.topic, message.stamp_ns, write)))
             if decoded is None:
                 continue
             for stream, number in wanted:
-                job = self._job(stream, number, place, message, decoded)
-                if job is not None:
-                    yield job
+                yield self._job(stream, number, place, message, decoded)
 
     def _job(
         self,
@@ -179,13 +185,8 @@ class _Builder:
         place: int,
         message: BagMessage,
         decoded: Any,  # noqa: ANN401 - of the bag's types
-    ) -> _Job | None:
+    ) -> _Job:
         stamp_ns = self._stamp_ns(message.topic, number, place)
-        if stream is Stream.LABELS:
-            write = partial(self._write_labels, number, decoded)
-            # In order and at once: tracks are numbered as they appear.
-            self.take(*_do(_Job(stream, number, message.topic, message.stamp_ns, write)))
-            return None
         if stream is Stream.SCAN:
             write = partial(self._write_scan, number, stamp_ns, decoded)
         else:
@@ -209,9 +210,9 @@ class _Builder:
         self._writer.write_image(camera, number, stamp_ns, png)
         return len(png)
 
-    def _write_labels(self, number: int, message: Any) -> int:  # noqa: ANN401 - of the bag's types
+    def _write_labels(self, number: int, messages: list[Any], flat: Any) -> int:  # noqa: ANN401
         stamp_ns = int(self._frames.stamps_ns[number - self._first])
-        boxes = self._rigging.labels.boxes(message, stamp_ns)
+        boxes = self._rigging.labels.boxes(joined(messages), stamp_ns, flat)
         self._writer.write_labels(number, boxes)
         return 0
 

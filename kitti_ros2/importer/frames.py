@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
 from .sync import NONE, match_frames
 
@@ -41,12 +42,16 @@ class Frames:
         samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
         stamps: By topic the stamps used, in the order of reading.
         notes: How well the streams matched, and what was dropped; a line each.
+        label_places: For each frame the indices of its messages with boxes; see label_groups.
+        places_2d: (N,) index of the message with boxes in the image, NONE without one.
     """
 
     stamps_ns: Int64Array
     samples: Mapping[Stream, Int64Array]
     stamps: Mapping[str, Int64Array]
     notes: tuple[str, ...]
+    label_places: tuple[tuple[int, ...], ...] = ()
+    places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -87,21 +92,18 @@ def choose_frames(
         stamps[name], reason = topic_of(survey, name).stamps()
         if reason is not None:
             notes.append(f'{name}: {reason}')
-    reference = _reference(plan, topics, stamps, track)
-    others = {
-        stream: stamps[name] for stream, name in topics.items() if stream.value != plan.reference
-    }
+    groups = _label_groups(topics, survey)
+    matched = {stream: stamps[name] for stream, name in topics.items()}
+    if Stream.LABELS in topics:
+        matched[Stream.LABELS] = by_group(matched[Stream.LABELS], groups)
+    reference = _reference(plan, matched, track)
+    others = {stream: each for stream, each in matched.items() if stream.value != plan.reference}
+    places_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     samples = {stream: np.arange(len(reference)) for stream in topics}
     samples |= {stream: match.indices for stream, match in matches.items()}
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
-    kept = np.ones(len(reference), dtype=np.bool_)
-    if plan.incomplete is Incomplete.DROP:
-        for stream, indices in samples.items():
-            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
-    if track is not None:
-        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
-        kept &= _without(unknown, 'pose around them', notes)
+    kept = _complete(plan, reference, samples, track, notes)
     if not kept.any():
         dropped = [note for note in notes if note.startswith(_DROPPED)]
         raise UsageError(
@@ -110,12 +112,48 @@ def choose_frames(
         )
     if selection is not None and not selection.is_whole:
         kept &= _span(reference, kept, selection)
-    return Frames(
-        reference[kept],
-        {stream: indices[kept] for stream, indices in samples.items()},
-        stamps,
-        tuple(notes),
-    )
+    samples = {stream: indices[kept] for stream, indices in samples.items()}
+    label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
+    if Stream.LABELS in samples:
+        samples[Stream.LABELS] = first_places(groups, samples[Stream.LABELS])
+    return Frames(reference[kept], samples, stamps, tuple(notes), label_places, places_2d[kept])
+
+
+def _complete(
+    plan: Plan,
+    reference: Int64Array,
+    samples: Mapping[Stream, Int64Array],
+    track: PoseTrack | None,
+    notes: list[str],
+) -> npt.NDArray[np.bool_]:
+    """Return which frames have all samples and a pose, if the plan drops the others."""
+    kept = np.ones(len(reference), dtype=np.bool_)
+    if plan.incomplete is Incomplete.DROP:
+        for stream, indices in samples.items():
+            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    if track is not None:
+        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        kept &= _without(unknown, 'pose around them', notes)
+    return kept
+
+
+def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int]] | None:
+    """Return the groups of the labels' messages, None where each is alone."""
+    if Stream.LABELS not in topics:
+        return None
+    found = topic_of(survey, topics[Stream.LABELS])
+    return groups_of(found.markers_ns, found.log_ns)
+
+
+def _match_2d(plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]) -> Int64Array:
+    """Return (N,) the place of each frame's message with boxes in the image, NONE without one."""
+    flat = plan.labels.boxes_2d if plan.labels is not None else ''
+    if not flat:
+        return np.full(len(reference), NONE)
+    stamps, _ = topic_of(survey, flat).stamps()
+    match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
+    notes.append(_matching(Stream.LABELS, flat, match))
+    return match.indices
 
 
 def _span(
@@ -175,17 +213,14 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
 
 
 def _reference(
-    plan: Plan,
-    topics: Mapping[Stream, str],
-    stamps: Mapping[str, Int64Array],
-    track: PoseTrack | None,
+    plan: Plan, stamps: Mapping[Stream, Int64Array], track: PoseTrack | None
 ) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns
-    for stream, name in topics.items():
+    for stream, each in stamps.items():
         if stream.value == plan.reference:
-            return stamps[name]
-    known = [stream.value for stream in topics] + ['pose'] * (track is not None)
+            return each
+    known = [stream.value for stream in stamps] + ['pose'] * (track is not None)
     raise UsageError(f'the plan has reference {plan.reference}; it must be one of {known}')
 
 

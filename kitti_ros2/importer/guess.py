@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..messages.scan_sources import SCAN_TYPES
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
@@ -63,6 +64,9 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
     unit = guess_unit(survey, notes) if Stream.OXTS in traits.streams else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
+    labels = None
+    if Stream.LABELS in traits.streams:
+        labels = guess_labels(survey, cameras, notes, only_2d=not traits.tracklets)
     plan = Plan(
         layout=layout,
         name=_name(layout, int(stamps[0]), extract=keeps_distortion(survey, cameras)),
@@ -72,7 +76,7 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
         scan=scan,
         cameras=cameras,
         pose=pose,
-        labels=guess_labels(survey, cameras, notes) if Stream.LABELS in traits.streams else None,
+        labels=labels,
         imu_frame=imu_frame,
         calibration=_calibration(survey, cameras, notes),
         **unit,
@@ -108,12 +112,12 @@ def _nothing(survey: Survey, layout: Layout) -> str:
 
 def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
     """Return the topics of types that a layout supports of which no message can be read."""
-    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
+    wanted = {types.IMAGE, types.COMPRESSED, types.CAMERA_INFO, *SCAN_TYPES}
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
         wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
-        wanted |= {types.MARKERS}
+        wanted |= {types.MARKERS, types.DETECTIONS_2D}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (

@@ -102,18 +102,22 @@ class LabelPlan:
 
     Attributes:
         topic: A Detection3DArray, TrackedObjects or DetectedObjects (Autoware), a MarkerArray
-            whose cubes are the boxes, or the label lines that a bag written by to-bag contains.
+            whose cubes are the boxes, a Detection2DArray for labels without 3D boxes, or the label
+            lines that a bag written by to-bag contains.
         camera: The KITTI camera whose pixels the 2D boxes are.
         out_of_view: Whether boxes outside of the camera's view are kept.
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
             Label lines have their own.
+        boxes_2d: A Detection2DArray whose boxes are the 2D boxes of the labels, in pixels of the
+            camera's images as they are in the bag; empty: the projections of the 3D boxes.
     """
 
     topic: str
     camera: int = 2
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
+    boxes_2d: str = _quiet('')
 
 
 @dataclass(frozen=True)

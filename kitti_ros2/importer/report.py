@@ -92,6 +92,8 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
         wanted.add(plan.pose.topic)
     if plan.scan is not None:
         wanted.add(plan.scan.info)
+    if plan.labels is not None:
+        wanted.add(plan.labels.boxes_2d)
     return tuple(
         undecoded(topic)
         for topic in survey.topics.values()

@@ -17,30 +17,11 @@ import numpy as np
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
-from ..messages.header import body_after_header, peek_header
-from ..messages.scan_sources import SCAN_TYPES
+from ..messages.header import body_after_header, peek_first_stamp, peek_header
 from ..messages.source import CALIBRATION, decode_text
-from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import (
-    CAMERA_INFO,
-    CLOUD,
-    COMPRESSED,
-    DETECTED_OBJECTS,
-    DETECTIONS_2D,
-    DETECTIONS_3D,
-    FIX,
-    IMAGE,
-    IMU,
-    MARKERS,
-    ODOMETRY,
-    PATH,
-    POSE,
-    STRING,
-    TF_TYPES,
-    TRACKED_OBJECTS,
-    TWIST,
-)
+from ..model.msgtypes import CAMERA_INFO, CLOUD, MARKERS, STRING, TF_TYPES
 from ..rig.tf_tree import LinkTally
+from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ
 from .sync import usable_stamps
 
 if TYPE_CHECKING:
@@ -53,12 +34,6 @@ if TYPE_CHECKING:
     from ..rig.tf_tree import Link
 
 
-_BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
-_HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
-_HEADED |= SCAN_TYPES | {DETECTIONS_2D}
-_FIRST_ONLY = LARGE_TYPES | SCAN_TYPES
-_DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
-_READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
 
 
@@ -77,6 +52,7 @@ class TopicSurvey:
         headless: Indices of the messages without a readable header.
         changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
+        markers_ns: Of a MarkerArray: stamps of the first markers, 0 without one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
     """
 
@@ -91,6 +67,7 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     changes: int = 0
     size_bytes: int = 0
+    markers_ns: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
 
     def fail(self, error: ValueError) -> None:
@@ -202,11 +179,11 @@ def glance(source: BagSource) -> Survey:
             types = dict(every.channels)
             taken = _Pass(every)
             losses, left_out = every.losses, every.left_out
-        wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
+        wanted = {topic for topic, msgtype in types.items() if msgtype in DESCRIBING}
         if wanted:
             with open_messages(bag, wanted) as messages:
                 taken.take_all(messages)
-        for topic in (topic for topic, msgtype in types.items() if msgtype in _FIRST_ONLY):
+        for topic in (topic for topic, msgtype in types.items() if msgtype in FIRST_ONLY):
             with open_messages(bag, {topic}) as messages:
                 taken.take_all(islice(messages, 1))
     return taken.survey((), losses, left_out)
@@ -249,7 +226,7 @@ class _Pass:
             decoded = self._decoded(topic, message)
             if decoded is not None:
                 self._links.add(decoded, still='static' in topic.name)
-        elif topic.msgtype in _READ:
+        elif topic.msgtype in READ:
             self._look_at(topic, message)
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
             text = self._decoded(topic, message)
@@ -268,8 +245,10 @@ class _Pass:
             topic.fail(error)
 
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
-        if topic.msgtype in _HEADED:
+        if topic.msgtype in HEADED:
             _enter_header(topic, message)
+        elif topic.msgtype == MARKERS:
+            topic.markers_ns.append(peek_first_stamp(message.data))
         is_due = topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS
         changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
         if is_due or changed or not topic.looks:

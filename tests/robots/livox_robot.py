@@ -33,7 +33,14 @@ def said(package: str) -> list[bags.Said]:
                 'timebase': START_NS,
                 'point_num': 200,
                 'points': [
-                    {'offset_time': n, 'x': x, 'y': y, 'z': z, 'reflectivity': int(shine), 'line': 1}
+                    {
+                        'offset_time': n,
+                        'x': x,
+                        'y': y,
+                        'z': z,
+                        'reflectivity': int(shine),
+                        'line': 1,
+                    }
                     for n, (x, y, z, shine) in enumerate(points(frame).tolist())
                 ],
             },

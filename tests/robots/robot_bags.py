@@ -182,9 +182,7 @@ def transform(parent, child, matrix, stamp_ns=0):
 def quaternion(rotation):
     """x y z w of a rotation whose half turn has a part w."""
     w = np.sqrt(max(1 + np.trace(rotation), 1e-12)) / 2
-    x, y, z = (
-        (rotation[b, c] - rotation[c, b]) / (4 * w) for b, c in ((2, 1), (0, 2), (1, 0))
-    )
+    x, y, z = ((rotation[b, c] - rotation[c, b]) / (4 * w) for b, c in ((2, 1), (0, 2), (1, 0)))
     return {'x': float(x), 'y': float(y), 'z': float(z), 'w': float(w)}
 
 

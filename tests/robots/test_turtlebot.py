@@ -132,12 +132,14 @@ class TestWrongPlans:
         bag = bags.write(tmp_path / 'bag', robot.said())
         with pytest.raises(UsageError, match=told):
             convert(
-                bag, tmp_path / 'out', lambda plan: replace(plan, scan=replace(plan.scan, **changed))
+                bag,
+                tmp_path / 'out',
+                lambda plan: replace(plan, scan=replace(plan.scan, **changed)),
             )
 
     def test_an_unknown_word_of_from(self, tmp_path):
         text = 'layout: object\nname: training\nreference: scan\ntolerance_s: 0.05\n'
-        with pytest.raises(UsageError, match="scan: from: 'dept'; expected one of .*depth"):
+        with pytest.raises(UsageError, match=r"scan: from: 'dept'; expected one of .*depth"):
             parse_plan(f'{text}scan: {{topic: /a, frame: b, from: dept}}\n', tmp_path / 'plan.yaml')
 
 
@@ -177,7 +179,10 @@ class TestHostile:
         _, report, _ = convert(bag, tmp_path / 'out')
         assert [(loss.stream, loss.count) for loss in report.losses] == [('/scan', 1)]
         scan = SimpleNamespace(
-            **{'angle_min': 0.0, 'angle_increment': 1e-9, 'range_min': 0.0, 'range_max': 1.0},
+            angle_min=0.0,
+            angle_increment=1e-9,
+            range_min=0.0,
+            range_max=1.0,
             intensities=np.zeros(0),
             ranges=np.broadcast_to(np.float32(0.5), 2**31),
         )
@@ -191,7 +196,9 @@ class TestHostile:
             for n, each in enumerate(said)
             if each.topic.endswith('depth/image_raw') and each.log_ns > robot.START_NS
         )
-        small = bags.image(said[place].log_ns, 'camera_optical_frame', np.ones((4, 4), np.uint16), '16UC1')
+        small = bags.image(
+            said[place].log_ns, 'camera_optical_frame', np.ones((4, 4), np.uint16), '16UC1'
+        )
         said[place] = said[place]._replace(values=small)
         _, report, _ = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
         assert [loss.count for loss in report.losses] == [1]

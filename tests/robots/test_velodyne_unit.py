@@ -106,12 +106,13 @@ class TestHdl64:
             convert(bag, tmp_path / 'out')
 
     @pytest.mark.parametrize(
-        'text', ['', 'lasers: 3', 'lasers: [1]', 'lasers: [{laser_id: 0, vert_correction: .nan}]', '{']
+        'text',
+        ['', 'lasers: 3', 'lasers: [1]', 'lasers: [{laser_id: 0, vert_correction: .nan}]', '{'],
     )
     def test_a_wrong_file(self, tmp_path, unit, text):
         bag, path, _ = unit
         path.write_text(text)
-        with pytest.raises(BadFileError, match='unit.yaml'):
+        with pytest.raises(BadFileError, match=r'unit\.yaml'):
             convert(
                 bag,
                 tmp_path / 'out',
@@ -159,7 +160,7 @@ class TestHostile:
     @pytest.mark.parametrize('packets', [[], [b'\0' * 1206]], ids=['none', 'zeros'])
     def test_no_packet_at_all(self, tmp_path, packets):
         bag = robot.write(tmp_path / 'bag', packets)
-        with pytest.raises(Exception, match='velodyne_packets|no point cloud') as caught:
+        with pytest.raises(Exception, match=r'velodyne_packets|no point cloud') as caught:
             convert(bag, tmp_path / 'out')
         assert '\n' not in str(caught.value)
 

@@ -99,16 +99,15 @@ def said(
         stamp = START_NS + frame * PERIOD_NS
         rgb = np.full((SIZE[1], SIZE[0], 3), 40 + 30 * frame, np.uint8)
         info = bags.camera_info(stamp, 'camera_optical_frame', SIZE, K, d)
-        found += [
-            bags.Said('/camera/color/image_raw', stamp, 'sensor_msgs/msg/Image', bags.image(stamp, 'camera_optical_frame', rgb, 'rgb8')),
-            bags.Said('/camera/color/camera_info', stamp, 'sensor_msgs/msg/CameraInfo', info),
-            bags.Said('/camera/depth/camera_info', stamp, 'sensor_msgs/msg/CameraInfo', info),
-            _depth(stamp, depth_m(frame), depth),
-        ]  # fmt: skip
+        for topic, kind, values in (
+            ('color/image_raw', 'Image', bags.image(stamp, 'camera_optical_frame', rgb, 'rgb8')),
+            ('color/camera_info', 'CameraInfo', info),
+            ('depth/camera_info', 'CameraInfo', info),
+        ):
+            found.append(bags.Said(f'/camera/{topic}', stamp, f'sensor_msgs/msg/{kind}', values))
+        found.append(_depth(stamp, depth_m(frame), depth))
         if scans:
-            found.append(
-                bags.Said('/scan', stamp, 'sensor_msgs/msg/LaserScan', laser_scan(stamp))
-            )
+            found.append(bags.Said('/scan', stamp, 'sensor_msgs/msg/LaserScan', laser_scan(stamp)))
         if odometry:
             moved = bags.transform('odom', 'base_footprint', odom_T_base(frame), stamp)
             found.append(bags.Said('/tf', stamp, 'tf2_msgs/msg/TFMessage', {'transforms': [moved]}))
