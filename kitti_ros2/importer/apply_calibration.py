@@ -98,7 +98,7 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        found += [*self.scans.notes(), *self.labels.notes()]
+        found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
         return [*found, *self._changing, *self.calibrations.notes]
 
     def losses(self) -> tuple[Loss, ...]:

@@ -19,6 +19,8 @@ from ..kitti.write_object import WriteOptions
 from ..model.errors import KittiRos2Error
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .calibration_source import is_extract
+from .depth_maps import DepthMaps
 from .frames import Frames, choose_frames, frame_topics
 from .label_messages import LabelMessages, joined
 from .oxts_stream import PacketMaker
@@ -123,6 +125,7 @@ class _Builder:
             for stream in streams
         }
         self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
+        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
         self._losses = losses
         self._points_dropped = 0
         self.counts: Counter[str] = Counter()
@@ -203,6 +206,7 @@ class _Builder:
         scan, dropped = self._rigging.scans.scan(cloud)
         self._points_dropped += dropped
         self._writer.write_scan(number, stamp_ns, scan)
+        self._depth_maps.write(number, stamp_ns, scan.points)
         return scan.points.nbytes
 
     def _write_image(self, camera: int, number: int, stamp_ns: int, image: Any) -> int:  # noqa: ANN401
@@ -242,6 +246,7 @@ class _Builder:
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
+        notes += self._depth_maps.notes()
         if self._points_dropped:
             missing = f'{self._points_dropped} points without a return (x y z not finite, or 0 0 0)'
             notes.append(f'{missing} were dropped')

@@ -60,6 +60,11 @@ class ScanConversion:
             points = np.column_stack([places, points[:, 3]]).astype(np.float32)
         return Scan(points), found.dropped
 
+    @property
+    def are_depth(self) -> bool:
+        """Whether the scans are made from depth images."""
+        return self._plan is not None and self._source.needs_info
+
     def notes(self) -> list[str]:
         """Return what should be known of the scans."""
         if self._plan is None or not self._source.advice:

@@ -36,8 +36,8 @@ def projected(place, size) -> np.ndarray:
 def flat_boxes() -> list[tuple[str, str, np.ndarray]]:
     """Class, id and box of the 2D detector: by id far off, by overlap, and one that is alone."""
     return [
-        ('Car', 'a', projected(*SOLID[0][2:]) + [40, 30, 45, 35]),
-        ('Car', '77', projected(*SOLID[1][2:]) + [1, -1, 2, 1.5]),
+        ('Car', 'a', projected(*SOLID[0][2:]) + np.array([40, 30, 45, 35])),
+        ('Car', '77', projected(*SOLID[1][2:]) + np.array([1, -1, 2, 1.5])),
         ('Cyclist', '', np.array([50.0, 60, 90, 120])),
     ]
 

@@ -77,7 +77,7 @@ class Test2D:
         assert f'{robot.FRAMES} boxes without a 3D box' in ' '.join(report.notes)
 
     def test_those_of_another_camera_are_left_out_aloud(self, tmp_path):
-        said = [each for each in robot.said({'solid'})]
+        said = robot.said({'solid'})
         said += [
             bags.Said(
                 '/boxes_2d',

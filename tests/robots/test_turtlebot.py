@@ -88,6 +88,31 @@ def test_each_point_projects_into_its_own_pixel(tmp_path, lens):
     assert np.abs(shown[:, :2] / shown[:, 2:] - pixels).max() < 0.01
 
 
+@pytest.mark.parametrize(
+    ('layout', 'place'),
+    [
+        (Layout.OBJECT, 'training/depth_2/000002.png'),
+        (Layout.RAW, '*/*/proj_depth/velodyne_raw/image_02/0000000002.png'),
+    ],
+)
+def test_depth_maps_are_written_as_in_the_depth_benchmark(tmp_path, layout, place):
+    bag = bags.write(tmp_path / 'bag', robot.said(scans=False))
+    _, report, _ = convert(bag, tmp_path / 'out', layout=layout)
+    (path,) = (tmp_path / 'out').glob(place)
+    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    true = np.round(robot.millimetres(robot.depth_m(2)) / 1000 * 256)
+    assert found.dtype == np.uint16
+    assert np.abs(found - true).max() <= 1
+    assert ((found == 0) == (true == 0)).all()
+    assert any('depth maps of camera 2' in note for note in report.notes)
+
+
+def test_other_layouts_have_no_depth_maps(tmp_path):
+    bag = bags.write(tmp_path / 'bag', robot.said(scans=False))
+    convert(bag, tmp_path / 'out', layout=Layout.TRACKING)
+    assert not any('depth' in path.name for path in (tmp_path / 'out').rglob('*'))
+
+
 def test_the_one_ring_scan_goes_before_depth(tmp_path):
     bag = bags.write(tmp_path / 'bag', robot.said())
     plan, report, recording = convert(bag, tmp_path / 'out')
