@@ -266,7 +266,7 @@ def plan_keys() -> str:
 def _fields(kind: type) -> str:
     meaning = attributes(kind)
     hints = get_type_hints(kind, localns={'Mapping': dict})
-    rows = [(_code(each.name), _type_name(hints[each.name]), _default(each), meaning[each.name])
+    rows = [(_code(each.name.rstrip('_')), _type_name(hints[each.name]), _default(each), meaning[each.name])
             for each in dataclasses.fields(kind)]  # fmt: skip
     return table(('key', 'type', 'default', 'meaning'), rows)
 

@@ -45,14 +45,17 @@ class ScanPlan:
     """The source of the scans.
 
     Attributes:
-        topic: A PointCloud2, or another type of SCAN_SOURCES.
+        topic: A PointCloud2, CustomMsg (Livox), VelodyneScan, LaserScan or depth image.
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
-        from_: A word of SCAN_SOURCES, such as depth; empty: by the topic's type.
-        info: The CameraInfo of depth images.
-        model: The scanner that packets are of, such as VLP-16; empty: as they say.
-        calibration: The calibration file of the unit that packets are of; empty: its model's.
+        from_: What the scans are made from: cloud, livox, velodyne, laser_scan or depth; empty for
+            what the topic's type is of.
+        info: The CameraInfo of depth images, empty for none.
+        model: The scanner of Velodyne packets: VLP-16, VLP-16-Hi-Res, VLP-32C, HDL-32E or HDL-64E;
+            empty for the one that the packets name.
+        calibration: The YAML file with the calibration of the scanner's unit, as the ROS driver
+            reads it; required for a HDL-64E, empty for the angles of the model's manual.
     """
 
     topic: str
