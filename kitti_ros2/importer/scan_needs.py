@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,15 @@ from ..messages.scan_sources import SCAN_SOURCES, ScanNeeds, source_named, sourc
 from ..messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
 from ..messages.velodyne_packets import find_model
 from ..model import msgtypes as types
-from ..model.errors import UsageError
+from ..model.errors import KittiRos2Error, UsageError
 from .frames import topic_of
+from .guess_cameras import main_camera
 
 if TYPE_CHECKING:
     from ..messages.camera_info import CameraModel
     from ..messages.scan_sources import ScanSource
     from ..messages.velodyne_models import Lasers, VelodyneModel
-    from .plan import ScanPlan
+    from .plan import Plan, ScanPlan
     from .survey import Survey, TopicSurvey
 
 
@@ -60,6 +62,18 @@ def needs_of_plan(plan: ScanPlan, source: ScanSource, survey: Survey) -> ScanNee
         model, lasers = _lasers_of(plan, topic_of(survey, plan.topic))
         return ScanNeeds(plan.intensity_scale, model=model, lasers=lasers)
     return ScanNeeds(plan.intensity_scale)
+
+
+def without_unreadable_scans(plan: Plan, survey: Survey) -> Plan:
+    """Return the plan without scans whose decoder lacks something, if it has images to look at."""
+    if plan.scan is None or not plan.cameras:
+        return plan
+    try:
+        needs_of_plan(plan.scan, source_of_plan(plan.scan, survey), survey)
+    except KittiRos2Error:
+        reference = f'image_{main_camera(dict(plan.cameras))}'
+        return replace(plan, scan=None, reference=reference)
+    return plan
 
 
 def missing_calibration(topic: TopicSurvey) -> str:

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import robot_bags as bags
+import turtlebot
 import velodyne_unit as robot
 import yaml
 
@@ -20,6 +22,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.pictures.bag_frames import BagFrames
 
 RESOLUTION_M = 0.002
 
@@ -171,3 +174,18 @@ class TestHostile:
                 'scan: {topic: /a, frame: b, model: VLP-17}\n',
                 tmp_path / 'plan.yaml',
             )
+
+
+def test_pictures_of_a_bag_without_the_calibration_show_its_images(tmp_path):
+    packets, _ = robot.encode_hdl_64(robot.hdl_64_file(np.random.default_rng(3)), 60)
+    said = turtlebot.said(scans=False)
+    said = [each for each in said if '/depth/' not in each.topic]
+    for frame in range(turtlebot.FRAMES):
+        stamp = turtlebot.START_NS + frame * turtlebot.PERIOD_NS
+        message = robot.scan_message(packets, stamp)
+        said.append(bags.Said('/packets', stamp, 'velodyne_msgs/msg/VelodyneScan', message))
+    bag = bags.write(tmp_path / 'bag', said)
+    frames = BagFrames(bag, look([bag]))
+    assert len(frames.numbers) == turtlebot.FRAMES
+    assert list(frames.cameras) == [2]
+    frames.close()
