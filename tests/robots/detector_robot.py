@@ -101,6 +101,23 @@ def flat_message(stamp_ns: int, frame: str = 'camera_optical') -> dict:
     }
 
 
+def autoware_message(stamp_ns: int, *, tracked: bool) -> dict:
+    """DetectedObjects or TrackedObjects of the boxes: labels of Autoware, tracks by UUID."""
+    label = {'Car': 1, 'Pedestrian': 7}
+    objects = []
+    for n, (kind, _, place, size) in enumerate(SOLID):
+        found = {
+            'existence_probability': 1.0,
+            'classification': [{'label': label[kind], 'probability': 1.0}],
+            'kinematics': {'pose_with_covariance': {'pose': bags.pose(bags.place(*place))}},
+            'shape': {'type': 0, 'dimensions': dict(zip('xyz', size, strict=True))},
+        }
+        if tracked:
+            found['object_id'] = {'uuid': np.full(16, n + 1, np.uint8)}
+        objects.append(found)
+    return {'header': bags.header(stamp_ns, 'lidar'), 'objects': objects}
+
+
 def marker_messages(stamp_ns: int) -> list[dict]:
     """An array a class; one without a marker."""
     found = []
@@ -155,6 +172,11 @@ def said(kinds: set[str], encoding: str = 'rgb8') -> list[bags.Said]:
         if 'flat' in kinds:
             message = flat_message(stamp)
             found.append(bags.Said('/boxes_2d', stamp, 'vision_msgs/msg/Detection2DArray', message))
+        for word, name in (('tracked', 'TrackedObjects'), ('detected', 'DetectedObjects')):
+            if word in kinds:
+                message = autoware_message(stamp, tracked=word == 'tracked')
+                msgtype = f'autoware_perception_msgs/msg/{name}'
+                found.append(bags.Said('/objects', stamp, msgtype, message))
         if 'markers' in kinds:
             found += [
                 bags.Said(

@@ -15,6 +15,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from kitti_ros2.messages.type_definitions import read_definitions
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -81,6 +83,9 @@ def types_of(store: Stores):
         if store is Stores.ROS1_NOETIC:
             text = text.replace('builtin_interfaces/Time', 'time')  # noqa: PLW2901
         found.register(get_types_from_msg(text, name))
+    # Types of Autoware are facts of its repository, kept in the package's files.
+    known = read_definitions()
+    found.register({name: each for name, each in known.items() if 'autoware' in name})
     return found
 
 

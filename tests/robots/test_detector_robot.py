@@ -13,6 +13,7 @@ import pytest
 import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.label_groups import group_messages
 from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.label_file import parse_box
@@ -117,6 +118,35 @@ def test_marker_arrays_of_one_stamp_are_joined(tmp_path, container):
         found = sorted(labels(tmp_path / 'out', number), key=lambda box: box.location[2])
         assert [box.class_name for box in found] == ['Pedestrian', 'Car', 'Car']
         assert [box.size_hwl[0] for box in found] == [1.8, 1.5, 1.4]
+
+
+@pytest.mark.parametrize('kind', ['tracked', 'detected'])
+def test_objects_of_autoware_become_labels(tmp_path, kind):
+    bag = bags.write(tmp_path / 'bag', robot.said({kind, 'flat'}))
+    plan, report = convert(bag, tmp_path / 'out')
+    assert (plan.labels.topic, plan.labels.boxes_2d) == ('/objects', '/boxes_2d')
+    assert report.losses == ()
+    found = labels(tmp_path / 'out', 2)
+    assert [box.class_name for box in found[:3]] == ['Car', 'Car', 'Pedestrian']
+    assert [box.size_hwl[0] for box in found[:3]] == pytest.approx([1.5, 1.4, 1.8])
+    second = robot.flat_boxes()[1][2]
+    assert np.abs(np.array(found[1].box_2d) - second).max() < 1e-3
+
+
+class TestGroups:
+    def test_arrays_of_one_stamp_belong_together(self):
+        stamps = [100, 100, 200, 200, 200]
+        assert group_messages(stamps, [0, 1, 10, 11, 12]) == [[0, 1], [2, 3, 4]]
+
+    def test_an_empty_array_belongs_to_the_nearest(self):
+        stamps = [100, 0, 100, 200, 0, 200, 0]
+        logs = [0, 1, 2, 100, 101, 102, 160]
+        assert group_messages(stamps, logs) == [[0, 1, 2], [3, 4, 5], [6]]
+
+    @pytest.mark.parametrize('stamps', [[0, 0, 0], [7, 7, 7, 7], [1, 2, 3], [5], []])
+    def test_others_stay_alone(self, stamps):
+        logs = [10 * place for place in range(len(stamps))]
+        assert group_messages(stamps, logs) == [[place] for place in range(len(stamps))]
 
 
 class TestPixels:
