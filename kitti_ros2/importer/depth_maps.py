@@ -39,6 +39,7 @@ class DepthMaps:
         self, plan: Plan, rigging: Rigging, writer: LayoutWriter, *, unrectified: bool
     ) -> None:
         wanted = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
+        self._unrectified = rigging.scans.are_depth and unrectified
         self._rigging = rigging
         self._writer = writer
         self.folders = {
@@ -57,7 +58,9 @@ class DepthMaps:
                 self._writer.write_depth(camera, number, encode_png(pixels))
 
     def notes(self) -> list[str]:
-        """Return what was written."""
+        """Return what was written, or why nothing was."""
+        if self._unrectified:
+            return ['no depth maps were written: the images of an extract are not rectified']
         return [
             f'{folder}: depth maps of camera {camera}, 16-bit PNG, metres * 256'
             for camera, folder in self.folders.items()

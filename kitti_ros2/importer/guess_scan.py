@@ -19,6 +19,8 @@ from .report import pass_over
 from .scan_needs import missing_calibration
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..messages.scan_sources import ScanSource
     from .survey import Survey, TopicSurvey
 
@@ -34,14 +36,48 @@ def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
 
     Without clouds it is the first source of SCAN_SOURCES with a topic.
     """
-    for source in SCAN_SOURCES:
-        topics = [each for each in survey.of_type(*source.msgtypes) if _suits(source, each)]
-        if source.needs_info:
-            topics = _with_info(survey, topics, notes)
-        if topics:
-            return _scan_of(source, topics, survey, notes)
+    for place, source in enumerate(SCAN_SOURCES):
+        topics = _topics_of(source, survey)
+        if not topics:
+            continue
+        found = _scan_of(source, topics, survey, notes)
+        if place:
+            notes += _other_sources(SCAN_SOURCES[place + 1 :], survey)
+        return found
+    notes += _without_info(survey)
     notes.append('missing: scans (no PointCloud2 with x, y and z)')
     return None
+
+
+def _topics_of(source: ScanSource, survey: Survey) -> list[TopicSurvey]:
+    """Return the topics that a source can make scans from."""
+    found = [
+        each
+        for each in survey.of_type(*source.msgtypes)
+        if any(source.suits(look) for look in each.looks)
+    ]
+    if not source.needs_info:
+        return found
+    return [each for each in found if info_of_depth(survey, each)]
+
+
+def _other_sources(sources: Sequence[ScanSource], survey: Survey) -> list[str]:
+    """Return notes on the topics of sources that scans could be made from as well."""
+    return [
+        f'passed over for scans: {each.name}; scan.topic of the plan chooses it'
+        + (f', with scan.info: {info_of_depth(survey, each)}' if source.needs_info else '')
+        for source in sources
+        for each in _topics_of(source, survey)
+    ]
+
+
+def _without_info(survey: Survey) -> list[str]:
+    """Return notes on depth images without a CameraInfo."""
+    return [
+        f'passed over for scans: {each.name}; a depth image without a camera_info'
+        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if any(is_depth(look) for look in each.looks) and not info_of_depth(survey, each)
+    ]
 
 
 def _scan_of(
@@ -67,21 +103,6 @@ def _scan_of(
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
     return ScanPlan(best.name, frame, source.scale(best.looks), word, info)
-
-
-def _suits(source: ScanSource, topic: TopicSurvey) -> bool:
-    return any(source.suits(look) for look in topic.looks)
-
-
-def _with_info(survey: Survey, topics: list[TopicSurvey], notes: list[str]) -> list[TopicSurvey]:
-    """Return the topics of depth images with a CameraInfo."""
-    found = [each for each in topics if info_of_depth(survey, each)]
-    notes += [
-        f'passed over: {each.name}; a depth image without a camera_info'
-        for each in topics
-        if each not in found
-    ]
-    return found
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:

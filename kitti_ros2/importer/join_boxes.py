@@ -73,7 +73,7 @@ def join_boxes(
                 size_hwl=_NO_SIZE,
                 location=_NO_PLACE,
                 rotation_y=_NO_ANGLE,
-                score=each.score if scores else None,
+                score=(1.0 if each.score is None else each.score) if scores else None,
                 track_id=tracks.number(each.identity),
             )
         )

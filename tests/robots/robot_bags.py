@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -123,7 +124,8 @@ def write(path: Path, said: list[Said], container: str = 'mcap', *, bare: bool =
     if container == 'ros1':
         return _write_ros1(path.with_suffix('.bag'), said)
     if container == 'sqlite3':
-        return _write_sqlite3(path, said)
+        _write_sqlite3(path, said)
+        return _without_definitions(path) if bare else path
     return _write_mcap(path.with_suffix('.mcap'), said, bare=bare)
 
 
@@ -155,6 +157,16 @@ def _write_sqlite3(path, said):
                 )
             data = store.serialize_cdr(made(store, each.msgtype, each.values), each.msgtype)
             writer.write(channels[each.topic], each.log_ns, data)
+    return path
+
+
+def _without_definitions(path):
+    """As recorders before Iron wrote it."""
+    (file,) = path.glob('*.db3')
+    connection = sqlite3.connect(file)
+    with connection:
+        connection.execute('DELETE FROM message_definitions')
+    connection.close()
     return path
 
 

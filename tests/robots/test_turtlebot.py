@@ -124,6 +124,25 @@ def test_the_one_ring_scan_goes_before_depth(tmp_path):
         assert np.abs(points[:, :3] - robot.ring()[1]).max() < 1e-6
     assert points[-1, 3] == pytest.approx((robot.RAYS - 1) / 2 / 255)
     assert any('one ring' in note for note in report.notes)
+    notes = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT)).notes
+    told = 'scan.topic of the plan chooses it, with scan.info: /camera/depth/camera_info'
+    assert f'passed over for scans: /camera/depth/image_raw; {told}' in notes
+
+
+def test_depth_images_without_a_camera_info_are_told(tmp_path):
+    said = [each for each in robot.said(scans=False) if '/depth/camera_info' not in each.topic]
+    said = [
+        each._replace(
+            values=bags.image(each.log_ns, 'elsewhere', np.ones((4, 4), np.uint16), '16UC1')
+        )
+        if '/depth/' in each.topic
+        else each
+        for each in said
+    ]
+    bag = bags.write(tmp_path / 'bag', said)
+    found = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT))
+    assert found.plan.scan is None
+    assert any('a depth image without a camera_info' in note for note in found.notes)
 
 
 def test_the_plan_may_choose_depth(tmp_path):

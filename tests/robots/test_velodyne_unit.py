@@ -74,9 +74,10 @@ def test_other_containers(tmp_path, container):
     assert nearest(points, true).max() < RESOLUTION_M
 
 
-def test_a_bag_without_definitions(tmp_path):
+@pytest.mark.parametrize('container', ['mcap', 'sqlite3'])
+def test_a_bag_without_definitions(tmp_path, container):
     packets, true = robot.encode(robot.UNITS['VLP-16'], sequences=240)
-    bag = robot.write(tmp_path / 'bag', packets, bare=True)
+    bag = robot.write(tmp_path / 'bag', packets, container, bare=True)
     _, points = convert(bag, tmp_path / 'out')
     assert nearest(points, true).max() < RESOLUTION_M
 
