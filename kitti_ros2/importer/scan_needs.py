@@ -15,6 +15,7 @@ from ..messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
 from ..messages.velodyne_packets import find_model
 from ..model import msgtypes as types
 from ..model.errors import KittiRos2Error, UsageError
+from ..rig.rectify import Rectifier
 from .frames import topic_of
 from .guess_cameras import main_camera
 
@@ -93,9 +94,12 @@ def _camera_of(plan: ScanPlan, survey: Survey) -> CameraModel:
         reason = info.failure or f'it is a {info.msgtype}'
         raise UsageError(f'scan.info: {plan.info}: no CameraInfo ({reason})')
     try:
-        return camera_model(info.looks[0])
+        camera = camera_model(info.looks[0])
+        if camera.d.any():
+            Rectifier(camera)  # checks the lens
     except ValueError as error:
         raise UsageError(f'scan.info: {plan.info}: {error}') from None
+    return camera
 
 
 def _lasers_of(plan: ScanPlan | None, topic: TopicSurvey) -> tuple[VelodyneModel, Lasers]:

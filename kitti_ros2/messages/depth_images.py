@@ -97,9 +97,12 @@ def _rays(pixels: Float64Array, camera: CameraModel, *, rectified: bool) -> Floa
         ]
     import cv2  # noqa: PLC0415 - 0.2 s that most depth images do not need
 
-    fisheye = camera.model in {'equidistant', 'fisheye'}
+    fisheye = camera.model in {'equidistant', 'fisheye', 'kannala_brandt'}
     undistort = cv2.fisheye.undistortPoints if fisheye else cv2.undistortPoints
-    return np.asarray(undistort(pixels[:, None], camera.k, camera.d)[:, 0], np.float64)
+    try:
+        return np.asarray(undistort(pixels[:, None], camera.k, camera.d)[:, 0], np.float64)
+    except cv2.error:
+        raise ValueError(f'a lens of {len(camera.d)} numbers that {camera.model} has not') from None
 
 
 def _decode_compressed(message: Any) -> Float64Array:  # noqa: ANN401 - of the bag's types

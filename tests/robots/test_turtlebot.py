@@ -188,6 +188,18 @@ class TestWrongPlans:
 
 
 class TestHostile:
+    @pytest.mark.parametrize('d', [(0.1, 0.2, 0.3), (0.1,) * 6, (float('nan'),) * 5])
+    def test_a_lens_that_cannot_be(self, tmp_path, d):
+        bag = bags.write(tmp_path / 'bag', robot.said(scans=False, lens=d))
+        with pytest.raises(UsageError) as caught:
+            convert(bag, tmp_path / 'out')
+        assert '\n' not in str(caught.value)
+
+    def test_an_extract_has_no_depth_maps_and_says_so(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said(scans=False, lens=True))
+        _, report, _ = convert(bag, tmp_path / 'out', layout=Layout.RAW)
+        assert 'no depth maps were written' in ' '.join(report.notes)
+
     @pytest.mark.parametrize(
         'changed',
         [

@@ -88,13 +88,17 @@ def odom_T_base(frame: int) -> np.ndarray:
 
 
 def said(
-    depth: str = '16UC1', *, scans: bool = True, lens: bool = False, odometry: bool = True
+    depth: str = '16UC1',
+    *,
+    scans: bool = True,
+    lens: bool | tuple[float, ...] = False,
+    odometry: bool = True,
 ) -> list[bags.Said]:
     """The messages: depth is 16UC1, 32FC1, mm (compressedDepth) or inverse (the same of 32FC1)."""
     found = [
         bags.Said(bags.TF_STATIC, START_NS - 1, 'tf2_msgs/msg/TFMessage', {'transforms': _links()})
     ]
-    d = D if lens else ()
+    d = lens if isinstance(lens, tuple) else D if lens else ()
     for frame in range(FRAMES):
         stamp = START_NS + frame * PERIOD_NS
         rgb = np.full((SIZE[1], SIZE[0], 3), 40 + 30 * frame, np.uint8)
