@@ -102,6 +102,18 @@ class TestHdl64:
         _, points = convert(bag, tmp_path / 'out', name_file)
         assert np.abs(points - true).max() < 1e-4
 
+    def test_a_return_that_is_there_twice_counts_once(self, tmp_path, unit):
+        _, path, _ = unit
+        file = yaml.safe_load(path.read_text())
+        packets, true = robot.encode_hdl_64(file, 60, twice=True)
+        bag = robot.write(tmp_path / 'dual', packets)
+        _, points = convert(
+            bag,
+            tmp_path / 'out',
+            lambda plan: replace(plan, scan=replace(plan.scan, calibration=str(path))),
+        )
+        assert np.abs(points - true).max() < 1e-4
+
     def test_without_it_the_plan_says_so(self, tmp_path, unit):
         bag, _, _ = unit
         found = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT))

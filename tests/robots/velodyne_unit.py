@@ -217,8 +217,11 @@ def hdl_64_file(rng):
     return {'lasers': lasers, 'num_lasers': 64, 'distance_resolution': 0.002}
 
 
-def encode_hdl_64(file, firings=600):
-    """(packets, points) of a HDL-64E, by the formulas of its manual, one value after the other."""
+def encode_hdl_64(file, firings=600, *, twice=False):
+    """(packets, points) of a HDL-64E, by the formulas of its manual, one value after the other.
+
+    twice: dual return where both returns are the same.
+    """
     blocks, points = [], []
     for number in range(firings):
         azimuth = number * 36000 // firings
@@ -230,6 +233,7 @@ def encode_hdl_64(file, firings=600):
                 if raw:
                     points.append([*_hdl_64_point(raw, azimuth, laser), laser['laser_id'] / 255])
             blocks.append((flag, azimuth, values))
+        blocks += blocks[-2:] if twice else []
     return packed(blocks, 0x41, 0x22), np.array(points)
 
 
