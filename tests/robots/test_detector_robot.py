@@ -13,11 +13,14 @@ import pytest
 import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.join_boxes import rectified_boxes
 from kitti_ros2.importer.label_groups import group_messages
 from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.camera_info import CameraModel
+from kitti_ros2.messages.detections import ImageBox
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -106,6 +109,21 @@ class Test2D:
                 tmp_path / 'out',
                 lambda plan: replace(plan, labels=replace(plan.labels, boxes_2d='/boxes')),
             )
+
+
+def test_boxes_in_pixels_of_the_lens_move_with_the_rectified_image():
+    """The box around the rectified sides: compared with sides of a thousand points."""
+    d = np.array([-0.3, 0.1, 0.001, -0.002, 0.0])
+    p = np.array([[450.0, 0, 310, 0], [0, 450, 175, 0], [0, 0, 1, 0]])
+    camera = CameraModel('c', robot.SIZE, robot.K, d, np.eye(3), p)
+    box = ImageBox('Car', '', (20.0, 30.0, 200.0, 330.0), None, 'c')
+    (moved,) = rectified_boxes([box], camera)
+    share = np.linspace(0, 1, 1000)
+    x, y = 20 + 180 * share, 30 + 300 * share
+    sides = [(x, 30 + 0 * x), (x, 330 + 0 * x), (20 + 0 * y, y), (200 + 0 * y, y)]
+    pixels = np.vstack([np.column_stack(side) for side in sides])
+    true = cv2.undistortPoints(pixels[:, None], robot.K, d, P=p[:, :3])[:, 0]
+    assert moved.box_2d == pytest.approx([*true.min(axis=0), *true.max(axis=0)], abs=0.5)
 
 
 @pytest.mark.parametrize('container', ['mcap', 'ros1'])
