@@ -21,6 +21,7 @@ from .convert_scans import ScanConversion
 from .frames import topic_of
 from .plan import TF
 from .report import undecoded
+from .scan_frame import made_frame
 
 if TYPE_CHECKING:
     from ..model.losses import Loss
@@ -47,9 +48,11 @@ class Rigging:
             MissingDataError: Required frames are not connected by static transforms.
             BadFileError: A calibration file cannot be read.
         """
+        lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
+        tree = FrameTree(survey.static, survey.moving, lost)
+        plan, made = made_frame(plan, tree)
+        self._tree = FrameTree([*survey.static, *made], survey.moving, lost) if made else tree
         self._plan = plan
-        lost = (undecoded(topic).text() for topic in survey.unreadable(*types.TF_TYPES))
-        self._tree = FrameTree(survey.static, survey.moving, next(lost, ''))
         self._models = camera_models(plan, survey)
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
         self.scans = ScanConversion(plan.scan, survey, self._tree)

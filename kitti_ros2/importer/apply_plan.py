@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING
 from ..bags.reader import path_of
 from ..files.staging import staged
 from ..kitti.names import SPLITS
-from ..kitti.replacing import keep_all_but_data_sets
+from ..kitti.replacing import keep_all_but_camera_sets, keep_all_but_data_sets
 from ..messages.source import LABEL_LINES
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
-from .convert import build
+from .camera_sets import build_sets, folder_of, plans_of
+from .clocks import clock_notes, clocked
+from .convert import Target, build
 from .guess import Guess, guess_plan
+from .passed_over import passed_over
 from .plan import NONE
 
 if TYPE_CHECKING:
@@ -40,12 +43,21 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if options.layout is None:
         known = ', '.join(layout.value for layout in Layout)
         raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
-    found = guess_plan(survey, options.layout, path_of(bags[0]))
+    if options.all_cameras and survey.calibrations:
+        raise UsageError('--all-cameras is for bags of other programs; to-bag wrote this one')
+    found = guess_plan(
+        survey,
+        options.layout,
+        path_of(bags[0]),
+        all_cameras=options.all_cameras,
+        keep_scan_frame=options.calib is not None,
+    )
     plan, notes = adapt(found.plan, options), found.notes
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    return replace(found, plan=plan, notes=notes + _label_notes(plan))
+    notes += (*clock_notes(clocked(survey, plan), plan), *_label_notes(plan))
+    return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
 
 
 def _label_notes(plan: Plan) -> tuple[str, ...]:
@@ -78,9 +90,42 @@ def adapt(plan: Plan, options: ImportOptions) -> Plan:
         plan = replace(plan, name=options.name)
     if options.calib is not None:
         plan = replace(plan, calibration=str(options.calib))
+    _check_sets(plan, options)
     if options.append and not plan.layout.traits.frame_set:
         raise UsageError('--append continues an object set; other layouts have sequences')
     return plan
+
+
+def _check_sets(plan: Plan, options: ImportOptions) -> None:
+    """Check the options for one data set a camera.
+
+    Raises:
+        UsageError: They contradict the plan.
+    """
+    if options.all_cameras and not plan.camera_sets:
+        raise UsageError(
+            '--all-cameras needs cameras with a camera_info; with --plan-file the plan lists them'
+            ' as camera_sets (print one with --all-cameras --plan)'
+        )
+    if plan.camera_sets and options.append:
+        raise UsageError('--append continues one object set; the plan has a set for each camera')
+
+
+def convert(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    out: Path,
+    options: ImportOptions,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> list[ImportReport]:
+    """Convert bags by a plan, as convert_by_plan, also one with a data set for each camera."""
+    if not plan.camera_sets:
+        return [convert_by_plan(bags, plan, survey, out, options, progress)]
+    folders = [folder_of(plan, name) for name in plans_of(plan)]
+    refusal = keep_all_but_camera_sets(folders) if options.overwrite else None
+    with staged(out, refusal) as stage:
+        return build_sets(bags, plan, survey, stage, options, progress)
 
 
 def convert_by_plan(
@@ -110,8 +155,8 @@ def convert_by_plan(
     """
     if options.append:
         with appended(out, plan.name) as place:
-            report = build(bags, plan, survey, place.stage, options, place.first, progress)
+            report = build(bags, plan, survey, Target(place.stage, place.first), options, progress)
         return replace(report, notes=(*place.notes, *report.notes))
     refusal = keep_all_but_data_sets(1) if options.overwrite else None
     with staged(out, refusal) as stage:
-        return build(bags, plan, survey, stage, options, 0, progress)
+        return build(bags, plan, survey, Target(stage), options, progress)

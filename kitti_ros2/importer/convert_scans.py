@@ -16,6 +16,8 @@ from .frames import topic_of
 from .scan_needs import needs_of_plan, source_of_plan
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ..model.geometry import Transform
     from ..rig.tf_tree import FrameTree
     from .plan import ScanPlan
@@ -34,6 +36,8 @@ class ScanConversion:
             MissingDataError: The static transforms do not connect the two frames.
         """
         self._plan = plan
+        self._minimum_m = 0.0 if plan is None else plan.minimum_range_m
+        self._too_near = f'nearer than {self._minimum_m:g} m'
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
@@ -44,8 +48,8 @@ class ScanConversion:
             if own != plan.frame:
                 self._velo_t_cloud = tree.transform(plan.frame, own)
 
-    def scan(self, message: Any) -> tuple[Scan, int]:  # noqa: ANN401 - of the bag's types
-        """Convert a message to a scan; also return the number of dropped points.
+    def scan(self, message: Any) -> tuple[Scan, Counter[str]]:  # noqa: ANN401 - of the bag's types
+        """Convert a message to a scan; also return the number of dropped points, by reason.
 
         Raises:
             ValueError: It cannot be read.
@@ -54,11 +58,15 @@ class ScanConversion:
         if found.lost:
             with self._lock:
                 self._lost.update(found.lost)
-        points = found.points
+        points, dropped = found.points, Counter(found.dropped)
         if self._velo_t_cloud is not None:
             places = self._velo_t_cloud.apply(points[:, :3].astype(np.float64))
             points = np.column_stack([places, points[:, 3]]).astype(np.float32)
-        return Scan(points), found.dropped
+        if self._minimum_m:
+            far = np.linalg.norm(points[:, :3].astype(np.float64), axis=1) >= self._minimum_m
+            dropped[self._too_near] = len(points) - int(np.count_nonzero(far))
+            points = points[far]
+        return Scan(points), dropped
 
     @property
     def are_depth(self) -> bool:
@@ -77,3 +85,10 @@ class ScanConversion:
         return tuple(
             Loss(topic, count, f'{topic}: {reason}') for reason, count in self._lost.items()
         )
+
+
+def dropped_notes(topic: str, dropped: Mapping[str, int]) -> list[str]:
+    """Return a note on the points of all scans that were dropped, by reason."""
+    reasons = ', '.join(f'{reason} ({count})' for reason, count in dropped.items() if count)
+    total = sum(dropped.values())
+    return [f'{topic}: {total} points without a return were dropped: {reasons}'] if total else []

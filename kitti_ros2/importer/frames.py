@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import UsageError
+from ..model.errors import UnsynchronisedError, UsageError
+from ..model.losses import Loss
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from .clocks import clock_notes, clocked
 from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
+from .stream_gaps import describe_gap
 from .sync import NONE, match_frames
 
 if TYPE_CHECKING:
@@ -26,8 +29,9 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
     from .plan import Plan
     from .pose_track import PoseTrack
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
     from .sync import StreamMatch
+    from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'
@@ -42,6 +46,8 @@ class Frames:
         samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
         stamps: By topic the stamps used, in the order of reading.
         notes: How well the streams matched, and what was dropped; a line each.
+        losses: Streams of which no sample has a frame.
+        unsynchronised: Why no two streams were matched, empty if some were.
         label_places: For each frame the indices of its messages with boxes; see label_groups.
         places_2d: (N,) index of the message with boxes in the image, NONE without one.
     """
@@ -50,6 +56,8 @@ class Frames:
     samples: Mapping[Stream, Int64Array]
     stamps: Mapping[str, Int64Array]
     notes: tuple[str, ...]
+    losses: tuple[Loss, ...] = ()
+    unsynchronised: str = ''
     label_places: tuple[tuple[int, ...], ...] = ()
     places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
 
@@ -76,7 +84,7 @@ def choose_frames(
     """Choose the frames of a plan.
 
     Args:
-        plan: Names the reference stream and the treatment of incomplete frames.
+        plan: Names the reference stream, the clocks and the treatment of incomplete frames.
         survey: The stamps of all topics.
         track: The poses, where each frame needs one: frames without a pose are dropped.
         selection: First and last of these frames, by their positions from 0, seconds from the
@@ -84,14 +92,14 @@ def choose_frames(
 
     Raises:
         UsageError: The plan names a missing topic, or no frame is left.
+        UnsynchronisedError: No frame is left, for a stream has no sample near any.
     """
     topics = frame_topics(plan)
-    notes: list[str] = []
+    survey = clocked(survey, plan)
+    notes = list(clock_notes(survey, plan))
     stamps = {}
     for name in topics.values():
-        stamps[name], reason = topic_of(survey, name).stamps()
-        if reason is not None:
-            notes.append(f'{name}: {reason}')
+        stamps[name], _ = topic_of(survey, name).stamps()
     groups = _label_groups(topics, survey)
     matched = {stream: stamps[name] for stream, name in topics.items()}
     if Stream.LABELS in topics:
@@ -103,8 +111,15 @@ def choose_frames(
     samples = {stream: np.arange(len(reference)) for stream in topics}
     samples |= {stream: match.indices for stream, match in matches.items()}
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
+    apart = {
+        stream: describe_gap(survey, plan, stream.value, reference, stamps[topics[stream]])
+        for stream, match in matches.items()
+        if not match.matched
+    }
     kept = _complete(plan, reference, samples, track, notes)
     if not kept.any():
+        if apart:
+            raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart.values())}')
         dropped = [note for note in notes if note.startswith(_DROPPED)]
         raise UsageError(
             f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
@@ -116,7 +131,19 @@ def choose_frames(
     label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
     if Stream.LABELS in samples:
         samples[Stream.LABELS] = first_places(groups, samples[Stream.LABELS])
-    return Frames(reference[kept], samples, stamps, tuple(notes), label_places, places_2d[kept])
+    return Frames(
+        reference[kept],
+        samples,
+        stamps,
+        tuple(notes),
+        tuple(
+            Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
+            for stream, text in apart.items()
+        ),
+        '; '.join(apart.values()) if len(apart) == len(matches) else '',
+        label_places,
+        places_2d[kept],
+    )
 
 
 def _complete(
@@ -154,6 +181,33 @@ def _match_2d(plan: Plan, survey: Survey, reference: Int64Array, notes: list[str
     match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
     notes.append(_matching(Stream.LABELS, flat, match))
     return match.indices
+
+
+def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
+    """Return the frames of a mask, (N,)."""
+    samples = {stream: indices[kept] for stream, indices in frames.samples.items()}
+    label_places = tuple(
+        each for each, taken in zip(frames.label_places, kept.tolist(), strict=False) if taken
+    )
+    return replace(
+        frames,
+        stamps_ns=frames.stamps_ns[kept],
+        samples=samples,
+        label_places=label_places,
+        places_2d=frames.places_2d[kept],
+    )
+
+
+def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
+    """Return the frames between the start and the end of a selection.
+
+    Raises:
+        UsageError: It takes none.
+    """
+    if selection.is_whole:
+        return frames
+    every = np.ones(len(frames), dtype=np.bool_)
+    return pick_frames(frames, _span(frames.stamps_ns, every, selection))
 
 
 def _span(

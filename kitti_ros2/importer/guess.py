@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..messages.scan_sources import SCAN_TYPES
@@ -12,13 +12,19 @@ from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
-from .guess_cameras import guess_cameras, keeps_distortion, main_camera
+from ..rig.tf_tree import FrameTree
+from .camera_geometry import find_heading
+from .camera_topics import find_cameras
+from .clock_offsets import estimate_offsets
+from .clocks import clocked
+from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
 from .guess_unit import guess_imu_frame, guess_unit
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
+from .scan_frame import face_forward
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
@@ -48,28 +54,51 @@ class Guess:
     losses: tuple[Loss, ...] = ()
 
 
-def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
+def guess_plan(
+    survey: Survey,
+    layout: Layout,
+    path: Path,
+    *,
+    all_cameras: bool = False,
+    keep_scan_frame: bool = False,
+) -> Guess:
     """Make the most complete plan for a bag.
+
+    Args:
+        survey: Of the bag.
+        layout: The layout to write.
+        path: Of the bag, for errors.
+        all_cameras: Whether each camera gets a data set of its own.
+        keep_scan_frame: Whether the scans stay in the frame of their messages, also one whose x is
+            not forward: a given calibration is for that frame.
 
     Raises:
         MissingDataError: It contains no data that the layout requires.
     """
     traits, notes = layout.traits, list[str]()
-    scan, cameras = guess_scan(survey, notes), guess_cameras(survey, layout, notes)
+    scan, rig = guess_scan(survey, notes), find_cameras(survey)
+    tree = FrameTree(survey.static, survey.moving)
+    heading = find_heading(tree, None if scan is None else scan.frame, rig)
+    if scan is not None and not survey.calibrations and not keep_scan_frame:
+        scan = face_forward(scan, tree, heading, notes)
+    sets = guess_camera_sets(layout, rig, notes) if all_cameras else {}
+    cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
     pose = guess_pose(survey, notes) if Stream.POSE in traits.streams else None
-    if scan is None and not cameras and pose is None:
+    if scan is None and not cameras and not sets and pose is None:
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
-    reference, topic = _reference(scan, cameras, pose)
+    viewed = cameras or dict(zip((2,), sets.values(), strict=False))
+    reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
     unit = guess_unit(survey, notes) if Stream.OXTS in traits.streams else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
     labels = None
     if Stream.LABELS in traits.streams:
-        labels = guess_labels(survey, cameras, notes, only_2d=not traits.tracklets)
+        labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
+    extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,
-        name=_name(layout, int(stamps[0]), extract=keeps_distortion(survey, cameras)),
+        name=_name(layout, int(stamps[0]), extract=extract),
         reference=reference,
         tolerance_s=tolerance,
         incomplete=Incomplete.KEEP if traits.stamps_per_stream else Incomplete.DROP,
@@ -78,9 +107,17 @@ def guess_plan(survey: Survey, layout: Layout, path: Path) -> Guess:
         pose=pose,
         labels=labels,
         imu_frame=imu_frame,
-        calibration=_calibration(survey, cameras, notes),
-        **unit,
+        calibration=_calibration(survey, viewed, notes),
+        imu=unit.get('imu', ''),
+        fix=unit.get('fix', ''),
+        velocity=unit.get('velocity', ''),
+        camera_sets=sets,
     )
+    plan, offsets = estimate_offsets(survey, plan)
+    if offsets:
+        stamps, _ = clocked(survey, plan).topics[topic].stamps()
+        plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
+        notes += offsets
     return Guess(plan, tuple(notes), _unreadable(survey, layout))
 
 

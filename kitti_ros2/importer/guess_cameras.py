@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of cameras: the best image topic of each, its CameraInfo, and KITTI's number."""
+"""Choice of cameras: KITTI's number of each, by geometry, else by names."""
 
 from __future__ import annotations
 
@@ -9,51 +9,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model import msgtypes as types
 from ..model.streams import CAMERA_NAMES
 from ..rig.rectify import needs_rectifying
+from .camera_geometry import choose_cameras, describe_others
+from .camera_topics import leaf
 from .plan import CameraPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from ..model.layouts import Layout
-    from .survey import Survey, TopicSurvey
+    from ..rig.heading import Heading
+    from ..rig.tf_tree import FrameTree
+    from .camera_topics import RigCamera
+    from .survey import Survey
 
-_DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
-_LEFT = re.compile(r'(^|[/_])left([/_]|$)', re.IGNORECASE)
-_RIGHT = re.compile(r'(^|[/_])right([/_]|$)', re.IGNORECASE)
-_DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
-_IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
 _PLUMB_BOB = frozenset({'plumb_bob', ''})
-
-
-def guess_cameras(survey: Survey, layout: Layout, notes: list[str]) -> dict[int, CameraPlan]:
-    """Choose up to four cameras, the best image topic of each, by KITTI's numbers."""
-    rigs = _image_topics(survey)
-    names = _numbered(rigs)
-    others = sorted(set(rigs) - set(names.values()))
-    notes += [f'passed over: {rigs[name].name}; KITTI has four cameras' for name in others]
-    plans = {}
-    for index, name in sorted(names.items()):
-        topic, info = rigs[name].name, _info_of(survey, name, rigs[name])
-        plans[index] = CameraPlan(topic, info, _rectify(survey, layout, topic, info))
-    if any(plan.info for plan in plans.values()):
-        for index in [index for index, plan in plans.items() if not plan.info]:
-            topic = plans.pop(index).topic
-            notes.append(f'passed over: {topic}; it has no camera_info')
-    if not plans:
-        notes.append('missing: images (no camera)')
-    return plans
-
-
-def keeps_distortion(survey: Survey, cameras: dict[int, CameraPlan]) -> bool:
-    """Whether raw images stay distorted, so that the drive is an extract."""
-    for plan in cameras.values():
-        looks = survey.topics[plan.info].looks if plan.info else []
-        if looks and not plan.rectify and 'rect' not in _leaf(plan.topic) and np.any(looks[0].d):
-            return True
-    return False
+_NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
 
 
 def main_camera(cameras: dict[int, CameraPlan]) -> int:
@@ -61,19 +33,97 @@ def main_camera(cameras: dict[int, CameraPlan]) -> int:
     return 2 if 2 in cameras else min(cameras)
 
 
-def _info_of(survey: Survey, name: str, topic: TopicSurvey) -> str:
-    infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
-    for candidate in (f'{name}/camera_info', f'{_base(topic.name)}/camera_info'):
-        if candidate in infos:
-            return candidate
-    same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
-    return same[0].name if len(same) == 1 else ''
+def guess_cameras(
+    layout: Layout,
+    rig: Sequence[RigCamera],
+    tree: FrameTree,
+    heading: Heading | None,
+    notes: list[str],
+) -> dict[int, CameraPlan]:
+    """Choose up to four cameras by KITTI's numbers.
+
+    Args:
+        layout: Images of raw may stay distorted.
+        rig: The cameras of the bag.
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        notes: A note on each other camera is added.
+    """
+    if not rig:
+        notes.append('missing: images (no camera)')
+        return {}
+    cameras = _with_info(rig, notes)
+    found = _by_own_names(cameras)
+    if not found and not any(each.info is not None and each.frame for each in cameras):
+        # Images without frames: nothing tells directions, and nothing is projected wrongly.
+        order = sorted(cameras, key=lambda each: (each.name_rank, each.name))
+        found = dict(zip((2, 3, 0, 1), order, strict=False))
+        notes += [f'passed over: {each.topic.name}; KITTI has four cameras' for each in order[4:]]
+    elif not found:
+        choice = choose_cameras(tree, heading, cameras)
+        found = choice.cameras
+        notes += describe_others(tree, heading, cameras, choice)
+    return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
 
 
-def _rectify(survey: Survey, layout: Layout, topic: str, info: str) -> bool:
+def guess_camera_sets(
+    layout: Layout, rig: Sequence[RigCamera], notes: list[str]
+) -> dict[str, CameraPlan]:
+    """Return the plans of all cameras, by the names of their sets."""
+    cameras = _with_info(rig, notes) if rig else []
+    names = _short_names([each.name for each in cameras])
+    return {
+        name: _plan(layout, camera)
+        for name, camera in zip(names, cameras, strict=True)
+        if camera.info is not None
+    }
+
+
+def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
+    """Whether raw images stay distorted, so that the drive is an extract."""
+    for plan in cameras:
+        looks = survey.topics[plan.info].looks if plan.info else []
+        if looks and not plan.rectify and 'rect' not in leaf(plan.topic) and np.any(looks[0].d):
+            return True
+    return False
+
+
+def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
+    """Return the cameras with a calibrated CameraInfo, or with any, or all without."""
+    known = [each for each in rig if each.info is not None]
+    if not known:
+        return list(rig)
+    found = [each for each in known if each.focal] or known
+    for each in rig:
+        if each.info is None:
+            notes.append(f'passed over: {each.topic.name}; it has no camera_info')
+        elif each not in found:
+            notes.append(f'passed over: {each.topic.name}; {each.info.name} is not calibrated')
+    return found
+
+
+def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
+    """Return the cameras by KITTI's numbers if all have the names of to-bag and kitti2bag."""
+    found = {
+        index: camera
+        for index, own in CAMERA_NAMES.items()
+        for camera in cameras
+        if camera.name.lower().endswith(f'camera_{own}')
+    }
+    return found if len(found) == len(cameras) else {}
+
+
+def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
+    if camera.info is None:
+        return CameraPlan(camera.topic.name)
+    frame = '' if camera.info.frame else camera.topic.frame
+    return CameraPlan(camera.topic.name, camera.info.name, _rectify(layout, camera), frame)
+
+
+def _rectify(layout: Layout, camera: RigCamera) -> bool:
     """Whether to rectify: distorted images, except in raw where K and D describe them."""
-    looks = survey.topics[info].looks if info else []
-    if not looks or 'rect' in _leaf(topic):
+    looks = camera.info.looks if camera.info is not None else []
+    if not looks or 'rect' in leaf(camera.topic.name):
         return False
     message = looks[0]
     if not needs_rectifying(message.k, message.d, message.r, message.p):
@@ -82,52 +132,14 @@ def _rectify(survey: Survey, layout: Layout, topic: str, info: str) -> bool:
     return not (layout.traits.extracts and plain)
 
 
-def _image_topics(survey: Survey) -> dict[str, TopicSurvey]:
-    """Return the best image topic of each camera, by its name (the topics' common part)."""
-    cameras: dict[str, list[TopicSurvey]] = {}
-    for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
-        if topic.looks and not _is_depth(topic):
-            cameras.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
-    return {name: min(topics, key=_image_rank) for name, topics in cameras.items()}
-
-
-def _is_depth(topic: TopicSurvey) -> bool:
-    first = topic.looks[0]
-    if topic.msgtype == types.IMAGE:
-        return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
-    return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
-
-
-def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
-    """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
-    name = _leaf(topic.name)
-    known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
-    if topic.msgtype == types.IMAGE:
-        return known, 1
-    return known, 0 if 'png' in topic.looks[0].format else 2
-
-
-def _base(topic: str) -> str:
-    return topic.removesuffix('/compressed')
-
-
-def _leaf(topic: str) -> str:
-    return _base(topic).rpartition('/')[2]
-
-
-def _numbered(cameras: Iterable[str]) -> dict[int, str]:
-    """Map KITTI's numbers to cameras: left colour is 2, right colour 3, then the grey pair."""
-    names = sorted(cameras, key=lambda name: (bool(_RIGHT.search(name)), 'front' not in name, name))
-    found = {
-        index: name
-        for index, own in CAMERA_NAMES.items()
+def _short_names(names: Iterable[str]) -> list[str]:
+    """Return names for folders: the last part of each topic, as much as tells them apart."""
+    parts = [
+        [_NOT_IN_NAMES.sub('_', part) for part in name.split('/') if part] or ['camera']
         for name in names
-        if name.endswith(f'camera_{own}')
-    }
-    if len(found) == len(names):
-        return found
-    left = [name for name in names if _LEFT.search(name)]
-    if left and names[0] not in left:
-        names.remove(left[0])
-        names.insert(0, left[0])
-    return dict(zip((2, 3, 0, 1), names, strict=False))
+    ]
+    for count in range(1, max(map(len, parts), default=0) + 1):
+        short = ['_'.join(each[-count:]) for each in parts]
+        if len({each.lower() for each in short}) == len(short):
+            return short
+    return [f'{"_".join(each)}_{number}' for number, each in enumerate(parts)]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..messages.source import LABEL_LINES
@@ -11,12 +12,14 @@ from ..messages.topics import own_topics, prediction_topics
 from ..model import msgtypes as types
 from .guess_cameras import main_camera
 from .guess_names import is_truth
+from .label_classes import default_classes, is_own, others_note, others_of
 from .plan import LabelPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
     from .plan import CameraPlan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 def guess_labels(
@@ -51,7 +54,11 @@ def guess_labels(
         nearest = max(flat, key=lambda each: (is_truth(each.name), each.count))
         notes += pass_over('2D boxes of labels', nearest, flat)
         boxes_2d = nearest.name
-    return LabelPlan(best.name, main_camera(cameras), boxes_2d=boxes_2d)
+    plan = LabelPlan(best.name, main_camera(cameras), boxes_2d=boxes_2d)
+    if is_own(survey, best.name):
+        return plan
+    notes += others_note(best.name, others_of(best.classes), 'of those looked at are written')
+    return replace(plan, classes=default_classes(best.classes))
 
 
 def _of_camera(survey: Survey, cameras: dict[int, CameraPlan]) -> list[TopicSurvey]:

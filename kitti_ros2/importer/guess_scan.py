@@ -1,19 +1,16 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of the scans' topic, and of the frame that becomes KITTI's velodyne frame."""
+"""Choice of the scans' topic; scan_frame chooses the frame that becomes KITTI's."""
 
 from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
-from ..rig.tf_tree import FrameTree
 from .plan import ScanPlan
 from .report import pass_over
 from .scan_needs import missing_calibration
@@ -22,13 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..messages.scan_sources import ScanSource
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
-
-_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-"""The rotation of an optical frame in one with x ahead, y left and z up."""
-_ALIGNED = 0.02
 
 
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
@@ -90,19 +84,11 @@ def _scan_of(
     else:
         best = max(topics, key=lambda each: each.count)
     notes += pass_over('scans', best, topics)
-    frame = best.frame
-    if source.needs_info:
-        frame = _frame_ahead(survey, frame)
-    if frame.endswith('optical_frame'):
-        notes.append(
-            f'{best.name} is in {frame}, z forward; KITTI has x forward: set scan.frame'
-            f' to such a frame of the static tree'
-        )
     missing = missing_calibration(best) if source.has_model else ''
     notes += [missing] if missing else []
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
-    return ScanPlan(best.name, frame, source.scale(best.looks), word, info)
+    return ScanPlan(best.name, best.frame, source.scale(best.looks), from_=word, info=info)
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
@@ -123,19 +109,6 @@ def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
         if each.looks and not is_depth(each.looks[0])
     }
     return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
-
-
-def _frame_ahead(survey: Survey, optical: str) -> str:
-    """Return the frame with x ahead nearest to an optical one, itself without one (REP 103)."""
-    tree = FrameTree(survey.static, survey.moving)
-    found = []
-    for frame in tree.frames:
-        frame_t_optical = tree.find(frame, optical)
-        if frame_t_optical is None:
-            continue
-        if np.abs(frame_t_optical.rotation - _OPTICAL).max() < _ALIGNED:
-            found.append((float(np.linalg.norm(frame_t_optical.translation)), frame))
-    return min(found)[1] if found else optical
 
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types

@@ -4,33 +4,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, get_type_hints
-
-from ..messages.scan_sources import SCAN_SOURCES
-from ..messages.velodyne_models import MODELS
-from ..model.errors import UsageError
-from ..model.layouts import Layout
-from ..model.spelling import did_you_mean
-from ..model.text import one_line
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+
+    from ..model.layouts import Layout
 
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
 UNKNOWN_OCCLUSION = 3
-
-
-_QUIET = 'quiet'
+QUIET = 'quiet'
+"""Metadata of the fields that a printed plan leaves out at their default."""
 
 
 def _quiet(value: Any) -> Any:  # noqa: ANN401 - of the field
-    """Make a field that format_plan leaves out at its default."""
-    return field(default=value, metadata={_QUIET: True})
+    return field(default=value, metadata={QUIET: True})
 
 
 class Incomplete(str, Enum):
@@ -38,6 +30,13 @@ class Incomplete(str, Enum):
 
     DROP = 'drop'
     KEEP = 'keep'
+
+
+class StampSource(str, Enum):
+    """The stamps of all streams: of the messages' headers, or their log times."""
+
+    HEADER = 'header'
+    LOG = 'log'
 
 
 @dataclass(frozen=True)
@@ -56,6 +55,12 @@ class ScanPlan:
             empty for the one that the packets name.
         calibration: The YAML file with the calibration of the scanner's unit, as the ROS driver
             reads it; required for a HDL-64E, empty for the angles of the model's manual.
+        minimum_range_m: Returns nearer to the scanner are dropped, metres.
+        offset_s: Added to the stamps, seconds, where a clock is wrong.
+        forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
+            orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
+            -y (up is z) or z (up is -y, an optical frame). The origin stays that of the frame.
+            Empty: the frame as it is.
     """
 
     topic: str
@@ -65,6 +70,9 @@ class ScanPlan:
     info: str = _quiet('')
     model: str = _quiet('')
     calibration: str = _quiet('')
+    minimum_range_m: float = _quiet(0.0)
+    offset_s: float = _quiet(0.0)
+    forward: str = _quiet('')
 
 
 @dataclass(frozen=True)
@@ -76,12 +84,14 @@ class CameraPlan:
         info: Its CameraInfo, empty for none.
         rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
+        offset_s: As of the scan.
     """
 
     topic: str
     info: str = ''
     rectify: bool = False
     frame: str = ''
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -92,11 +102,13 @@ class PosePlan:
         topic: An Odometry, PoseStamped, Path or TFMessage.
         body: The frame whose poses they are.
         world: The frame they are given in.
+        offset_s: As of the scan.
     """
 
     topic: str
     body: str
     world: str = ''
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -114,6 +126,11 @@ class LabelPlan:
             Label lines have their own.
         boxes_2d: A Detection2DArray whose boxes are the 2D boxes of the labels, in pixels of the
             camera's images as they are in the bag; empty: the projections of the 3D boxes.
+        classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
+            that are not listed have a default: see Classes of labels of the how-to.
+        keep_classes: Whether classes without one of KITTI's keep their names, such as forklift;
+            otherwise they become Misc.
+        offset_s: As of the scan.
     """
 
     topic: str
@@ -121,6 +138,9 @@ class LabelPlan:
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
     boxes_2d: str = _quiet('')
+    classes: Mapping[str, str] = field(default_factory=dict, metadata={QUIET: True})
+    keep_classes: bool = _quiet(value=False)
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -143,6 +163,14 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
+        stamps: The stamps of all streams: header, or log (the times of recording) where the clocks
+            of the sensors cannot be used.
+        imu_offset_s: As offset_s of the scan, for imu.
+        fix_offset_s: The same for fix.
+        velocity_offset_s: The same for velocity.
+        camera_sets: The sources of images of one data set a camera, by the sets' names, with the
+            keys of a camera: it is camera 2 of its set, and scans and labels are in common
+            (--all-cameras). Excludes cameras.
     """
 
     layout: Layout
@@ -159,125 +187,8 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
-
-
-def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
-    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
-    import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
-
-    values = _values(plan)
-    values['layout'] = plan.layout.value
-    values['incomplete'] = plan.incomplete.value
-    values['cameras'] = dict(sorted(values['cameras'].items()))
-    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
-    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
-    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
-
-
-def _values(part: Any) -> dict[str, Any]:  # noqa: ANN401 - of a plan
-    """Return a dataclass as a mapping, keys as in YAML, without quiet fields at their default."""
-    found = {}
-    for each in fields(part):
-        value = getattr(part, each.name)
-        if each.metadata.get(_QUIET) and value == each.default:
-            continue
-        if is_dataclass(value):
-            value = _values(value)
-        elif isinstance(value, dict):
-            value = {
-                key: _values(item) if is_dataclass(item) else item for key, item in value.items()
-            }
-        found[_key(each.name)] = value
-    return found
-
-
-def _key(name: str) -> str:
-    """Return the key of a field: from of from_, which Python has a word for."""
-    return name.rstrip('_')
-
-
-def parse_plan(text: str, path: Path) -> Plan:
-    """Parse a plan from YAML.
-
-    Raises:
-        UsageError: It is not a valid plan; the error names the key.
-    """
-    import yaml  # noqa: PLC0415 - as above
-
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
-    if not isinstance(values, dict):
-        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
-    made = dict(values)
-    cameras = made.pop('cameras', None) or {}
-    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
-        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
-    made['cameras'] = {
-        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
-    }
-    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
-        if made.get(name) is not None:
-            made[name] = _make(kind, made[name], path, name)
-    _check_scan(made.get('scan'), path)
-    labels = made.get('labels')
-    if labels is not None and labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
-        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete)):
-        if name in made:
-            made[name] = _choose(choice, made[name], f'{path}: {name}')
-    plan: Plan = _make(Plan, made, path, '')
-    return plan
-
-
-def _check_scan(scan: ScanPlan | None, path: Path) -> None:
-    words = {'from': [each.word for each in SCAN_SOURCES], 'model': list(MODELS)}
-    for key, known in words.items():
-        value = '' if scan is None else getattr(scan, 'from_' if key == 'from' else key)
-        if value and value not in known:
-            hint = did_you_mean(value, known)
-            expected = ', '.join(known)
-            raise UsageError(f'{path}: scan: {key}: {value!r}; expected one of {expected}{hint}')
-
-
-def _choose(kind: type[Enum], value: object, where: str) -> Enum:
-    try:
-        return kind(value)
-    except ValueError:
-        known = [str(each.value) for each in kind]
-        hint = did_you_mean(str(value), known)
-        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
-
-
-def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
-    """Make a dataclass from a mapping, its values checked against the types of the fields."""
-    place = f'{path}: {where}: ' if where else f'{path}: '
-    if not isinstance(values, dict):
-        raise UsageError(f'{place}expected {", ".join(_key(f.name) for f in fields(kind))}')
-    known = {_key(each.name): each for each in fields(kind)}
-    unknown = [str(key) for key in values if key not in known]
-    if unknown:
-        hint = did_you_mean(unknown[0], known)
-        keys = ', '.join(known)
-        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
-    hints = get_type_hints(kind, localns={'Mapping': dict})
-    checked = {}
-    for key, value in values.items():
-        name = known[key].name
-        wanted = hints[name]
-        if wanted is float and type(value) is int:
-            checked[name] = float(value)
-        elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{key}: {value!r}; expected {_WORDS[wanted]}')
-        else:
-            checked[name] = value
-    try:
-        return kind(**checked)
-    except TypeError:
-        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
-        missing = [name for name in needed if known[name].name not in checked]
-        raise UsageError(f'{place}missing {", ".join(missing)}') from None
-
-
-_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}
+    stamps: StampSource = field(default=StampSource.HEADER, metadata={QUIET: True})
+    imu_offset_s: float = _quiet(0.0)
+    fix_offset_s: float = _quiet(0.0)
+    velocity_offset_s: float = _quiet(0.0)
+    camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})

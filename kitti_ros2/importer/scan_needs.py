@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from ..messages.scan_sources import ScanSource
     from ..messages.velodyne_models import Lasers, VelodyneModel
     from .plan import Plan, ScanPlan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 def source_of_plan(plan: ScanPlan, survey: Survey) -> ScanSource:

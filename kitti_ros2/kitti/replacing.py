@@ -13,7 +13,7 @@ from . import names
 from .layout_files import LAYOUTS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
 _ENDINGS = (names.PNG, names.BIN, names.TXT, names.LABEL, '.xml')
 
@@ -35,6 +35,26 @@ def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
                 f' them; choose another name'
             )
         return None
+
+    return refusal
+
+
+def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str | None]:
+    """Return a refusal for Staging that lets the sets of --all-cameras be replaced.
+
+    Args:
+        folders: The folders of the sets that replace them; a data set of one recording may be
+            replaced, too.
+    """
+    keep = keep_all_but_data_sets(1)
+
+    def refusal(path: Path) -> str | None:
+        if not path.is_dir() or not _is_plain(path):
+            return keep(path)
+        found = {entry.name for entry in path.iterdir()} - {names.IMAGE_SETS}
+        if not found or not found <= set(folders):
+            return keep(path)
+        return next(filter(None, (keep(path / name) for name in sorted(found))), None)
 
     return refusal
 

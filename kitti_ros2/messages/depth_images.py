@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .camera_info import CameraModel
 
 DEPTH_ENCODINGS = frozenset({'16UC1', 'mono16', '32FC1'})
+NO_DEPTH = 'depth 0 or not finite'
 COMPRESSED_DEPTH = 'compressedDepth'
 
 _HEAD = struct.Struct('<iff')
@@ -85,7 +86,7 @@ def decode_depth_points(
     xyz = rays * depth[rows, columns, None]
     if rectified:
         xyz = xyz @ camera.r
-    return ScanPoints(make_points(xyz, np.zeros(len(xyz))), depth.size - len(xyz))
+    return ScanPoints(make_points(xyz, np.zeros(len(xyz))), {NO_DEPTH: depth.size - len(xyz)})
 
 
 def _rays(pixels: Float64Array, camera: CameraModel, *, rectified: bool) -> Float64Array:

@@ -13,6 +13,7 @@ from .scan_points import ScanPoints, make_points
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+OUT_OF_RANGE = 'not finite, or not within range_min to range_max'
 _MOST_RAYS = 10**6
 _MOST_TURNS = 2
 
@@ -50,7 +51,7 @@ def decode_laser_scan(
     xyz = np.column_stack([kept * np.cos(angles), kept * np.sin(angles), np.zeros(len(kept))])
     shine = np.asarray(message.intensities, dtype=np.float64)
     shine = shine[is_return] / intensity_scale if len(shine) == len(ranges) else np.zeros(len(kept))
-    return ScanPoints(make_points(xyz, shine), len(ranges) - len(kept))
+    return ScanPoints(make_points(xyz, shine), {OUT_OF_RANGE: len(ranges) - len(kept)})
 
 
 def peak_of_scans(messages: Iterable[Any]) -> float:

@@ -14,6 +14,8 @@ import numpy as np
 
 from .scan_points import ScanPoints, make_points
 
+NO_RETURN = 'x y z 0 0 0, or not finite'
+
 
 def decode_livox(
     message: Any,  # noqa: ANN401 - of the bag's types
@@ -27,4 +29,4 @@ def decode_livox(
     is_return = np.isfinite(xyz).all(axis=1) & xyz.any(axis=1)
     kept = values[is_return]
     points = make_points(kept[:, :3], kept[:, 3] / intensity_scale)
-    return ScanPoints(points, len(values) - len(kept))
+    return ScanPoints(points, {NO_RETURN: len(values) - len(kept)})

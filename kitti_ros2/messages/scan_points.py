@@ -22,12 +22,12 @@ class ScanPoints:
 
     Attributes:
         points: (N, 4) float32 x y z reflectance, metres and 0..1, in the message's frame.
-        dropped: Number of values without a return.
+        dropped: Number of values without a return, by reason.
         lost: Number of parts that could not be decoded, by reason.
     """
 
     points: Float32Array
-    dropped: int
+    dropped: Mapping[str, int]
     lost: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..model import msgtypes as types
-from .clouds import decode_cloud, guess_intensity_scale, scale_of_peak
+from .clouds import decode_returns, guess_intensity_scale, scale_of_peak
 from .depth_images import decode_depth_points, is_depth
 from .laser_scan import decode_laser_scan, peak_of_scans
 from .livox_points import decode_livox
@@ -72,7 +72,7 @@ class ScanSource:
 
 
 def _decode_cloud(message: Any, needs: ScanNeeds) -> ScanPoints:  # noqa: ANN401 - as the table
-    return ScanPoints(*decode_cloud(message, needs.intensity_scale))
+    return ScanPoints(*decode_returns(message, needs.intensity_scale))
 
 
 def _decode_livox(message: Any, needs: ScanNeeds) -> ScanPoints:  # noqa: ANN401

@@ -49,6 +49,7 @@ _PACKET = np.dtype([('blocks', _BLOCK, (_BLOCKS,)), ('time', '<u4'), ('mode', 'u
 _NEAR_X_M, _NEAR_Y_M, _FAR_M = 2.4, 1.93, 25.04
 """Of the targets at which the distances of a HDL-64E are calibrated (63-HDL64ES3, appendix)."""
 
+NO_DISTANCE = 'distance 0'
 BAD_PACKET = 'a packet that is not 1206 bytes of data with valid flags and azimuths'
 
 
@@ -91,7 +92,7 @@ def decode_packets(
     packets, bad = _packets(message)
     if not len(packets):
         if not bad:
-            return ScanPoints(np.empty((0, 4), np.float32), 0)
+            return ScanPoints(np.empty((0, 4), np.float32), {})
         raise ValueError(f'none of {bad} packets can be decoded: expected 1206 bytes of data')
     blocks = packets['blocks']
     distance = blocks['values']['distance'].astype(np.int64)
@@ -114,7 +115,9 @@ def decode_packets(
     xyz = _cartesian(metres, azimuth[is_return], lasers, chosen)
     reflectivity = blocks['values']['reflectivity'][is_return] / intensity_scale
     lost = {BAD_PACKET: bad} if bad else {}
-    return ScanPoints(make_points(xyz, reflectivity), int((distance == 0).sum()), lost)
+    return ScanPoints(
+        make_points(xyz, reflectivity), {NO_DISTANCE: int((distance == 0).sum())}, lost
+    )
 
 
 def _packets(message: Any) -> tuple[npt.NDArray[np.void], int]:  # noqa: ANN401

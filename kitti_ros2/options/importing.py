@@ -26,6 +26,7 @@ class ImportOptions:
         name: Drive, split or sequence, None takes the plan's.
         calib: A KITTI calibration file or folder instead of the bag's own calibration.
         train_fraction: Fraction of an object set's frames in train, 0 to 1.
+        all_cameras: Whether each camera of a bag of others gets a data set of its own.
         append: Whether to continue the numbering of an existing object set.
         overwrite: Whether an existing data set may be replaced.
         selection: First and last frame to convert: KITTI's file numbers in a bag written by
@@ -59,6 +60,9 @@ class ImportOptions:
         parse_number,
         flags=('--split',),
     )
+    all_cameras: bool = option(
+        False, 'Write one data set for each camera, with scans in common', parse_flag
+    )
     append: bool = option(
         False, 'Object: continue the numbering of the data set in OUT', parse_flag
     )
@@ -75,4 +79,4 @@ class ImportOptions:
     def keeps(self, layout: Layout) -> bool:
         """Whether a recording of this layout keeps its original folders and names."""
         unchanged = self.layout in (None, layout) and self.name is None and self.calib is None
-        return unchanged and not self.append
+        return unchanged and not self.append and not self.all_cameras

@@ -32,7 +32,6 @@ from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
 from ..model.layouts import Layout
 from ..model.losses import describe_frames
-from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagSource
     from ..drawing.pixels import Pixels
     from ..importer.frames import Frames
-    from ..importer.plan import Plan
+    from ..importer.plan import Plan, ScanPlan
     from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
 
 T = TypeVar('T')
 
-_OPTICAL = '_optical_frame'
+_OPTICAL = 'z'
 
 
 class BagFrames:
@@ -84,7 +83,8 @@ class BagFrames:
         notes = list(guess.notes)
         assumptions: list[str] = []
         self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, assumptions)
-        self._velo_t_scan = _axes(self._plan, assumptions)
+        if self._plan.calibration == NO_CALIBRATION:
+            assumptions += _turned(self._plan.scan)
         assumptions.append(BY_POSITION)
         self.assumptions: Sequence[str] = assumptions
         labels = self._plan.labels
@@ -207,8 +207,6 @@ class BagFrames:
 
     def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         scan, _ = self._rigging.scans.scan(message)
-        if self._velo_t_scan is not None:
-            scan.points[:, :3] = self._velo_t_scan.apply(scan.points[:, :3])
         return scan
 
     def _labels(self, message: Any) -> FrameLabels:  # noqa: ANN401 - of the bag's types
@@ -276,18 +274,11 @@ def _rigged(
     return plan, Rigging(plan, survey), missing
 
 
-def _axes(plan: Plan, assumptions: list[str]) -> Transform | None:
-    """Return the rotation from z forward (REP 103's optical frames) to KITTI's axes, or None.
-
-    A cloud of a depth camera is in such a frame; with a calibration, points are already in the
-    right place.
-    """
-    if plan.scan is None or not plan.scan.frame.endswith(_OPTICAL):
-        return None
-    if plan.calibration != NO_CALIBRATION:
-        return None
-    assumptions.append(f'{plan.scan.topic} is in {plan.scan.frame}: its z axis is taken as forward')
-    return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
+def _turned(scan: ScanPlan | None) -> list[str]:
+    """Return the assumption that makes the points of a depth camera look ahead."""
+    if scan is None or scan.forward != _OPTICAL:
+        return []
+    return [f'{scan.topic} is in {scan.frame}: its z axis is taken as forward']
 
 
 def _identified(cuboid: Cuboid) -> Cuboid:

@@ -95,6 +95,11 @@ class FrameTree:
         found = self._join(_plain(target), _plain(source))
         return found if isinstance(found, Transform) else None
 
+    def neighbours(self, frame: str) -> list[str]:
+        """Return the parents and children of a frame, sorted."""
+        name = _plain(frame)
+        return sorted({*self._parents.get(name, ()), *self._children.get(name, ())})
+
     @property
     def roots(self) -> list[str]:
         """The frames without a parent."""

@@ -15,7 +15,7 @@ import robot_bags as bags
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.join_boxes import rectified_boxes
 from kitti_ros2.importer.label_groups import group_messages
-from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.layouts import open_recording

@@ -14,7 +14,7 @@ import robot_bags as bags
 import turtlebot as robot
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.laser_scan import decode_laser_scan
@@ -40,7 +40,7 @@ def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
 
 def in_camera(plan):
     """The plan with scans in the frame of the depth camera whose x is ahead."""
-    return replace(plan, scan=replace(plan.scan, frame='camera_link'))
+    return replace(plan, scan=replace(plan.scan, frame='camera_link', forward=''))
 
 
 @pytest.mark.parametrize('container', ['mcap', 'ros1', 'sqlite3'])
@@ -120,8 +120,10 @@ def test_the_one_ring_scan_goes_before_depth(tmp_path):
     assert plan.scan.intensity_scale == 255
     assert report.losses == ()
     points = recording.read(Stream.SCAN, 1).points
-    if plan.scan.frame == 'base_scan':
-        assert np.abs(points[:, :3] - robot.ring()[1]).max() < 1e-6
+    # The ring looks to the left: its points are turned to look ahead.
+    assert (plan.scan.frame, plan.scan.forward) == ('base_scan', 'base_link')
+    true = robot.ring()[1] @ robot.BASE_T_RING[:3, :3].T
+    assert np.abs(points[:, :3] - true).max() < 1e-6
     assert points[-1, 3] == pytest.approx((robot.RAYS - 1) / 2 / 255)
     assert any('one ring' in note for note in report.notes)
     notes = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT)).notes
@@ -151,7 +153,9 @@ def test_the_plan_may_choose_depth(tmp_path):
 
     def to_depth(plan):
         scan = replace(plan.scan, topic=chosen, info='/camera/depth/camera_info')
-        return replace(plan, scan=replace(scan, frame='camera_link', intensity_scale=1.0))
+        return replace(
+            plan, scan=replace(scan, frame='camera_link', forward='', intensity_scale=1.0)
+        )
 
     _, report, recording = convert(bag, tmp_path / 'out', to_depth)
     assert report.losses == ()

@@ -14,7 +14,7 @@ import velodyne_unit as robot
 import yaml
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import BadFileError, UsageError

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Choice of KITTI's cameras by the directions they look in.
+
+Camera 2 is the one that looks most along the robot's forward. A pair (2 and 3, 0 and 1) is two
+cameras that look the same way, the right one a baseline along x away from the left one: by static
+transforms, or by the P of the right one (sensor_msgs/CameraInfo.msg).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..rig.heading import AXES, Heading, describe_direction, find_body, known_heading, nearest_axis
+from ..rig.stereo import angle_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..model.geometry import Float64Array
+    from ..rig.tf_tree import FrameTree
+    from .camera_topics import RigCamera
+
+_ALIKE_RAD = np.radians(5)
+_SIDEWAYS = 0.2
+_NO_BASELINE_M = 1e-3
+_BASELINE_M = (0.01, 3.0)
+_SAME_FOCAL = 0.1
+_OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The cameras taken.
+
+    Attributes:
+        cameras: By KITTI's numbers.
+        by_name: Whether camera 2 was chosen by its name alone.
+    """
+
+    cameras: dict[int, RigCamera]
+    by_name: bool = False
+
+
+def find_heading(
+    tree: FrameTree, scan_frame: str | None, cameras: Sequence[RigCamera]
+) -> Heading | None:
+    """Return the robot's forward: of its body, its scanner, its front camera, or its scans' x."""
+    sensors = [scan_frame or '', *(camera.frame for camera in cameras)]
+    heading = find_body(tree, sensors)
+    if heading is not None or scan_frame is None:
+        return heading
+    return (
+        known_heading(tree, scan_frame)
+        or _camera_heading(tree, scan_frame, cameras)
+        or Heading(scan_frame, AXES['x'], f'x of {scan_frame}', assumed=True)
+    )
+
+
+def direction_of(
+    tree: FrameTree, heading: Heading | None, camera: RigCamera
+) -> Float64Array | None:
+    """Return (3,) the direction a camera looks in, in forward, left, up; None if not joined."""
+    axes = None if heading is None else heading.axes_of(tree, camera.frame)
+    return None if axes is None else (axes @ camera.r.T)[:, 2]
+
+
+def choose_cameras(
+    tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera]
+) -> Choice:
+    """Choose camera 2, and the pairs beside it.
+
+    Args:
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        cameras: At least one, those with a CameraInfo.
+    """
+    directions = {each.name: direction_of(tree, heading, each) for each in cameras}
+    rights = {right.name for left, right in permutations(cameras, 2) if is_pair(tree, left, right)}
+    joined = [each for each in cameras if directions[each.name] is not None]
+    angles = {each.name: _angle(directions[each.name]) for each in joined}
+    nearest = min(angles.values(), default=0.0)
+    ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
+    main = min(
+        ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
+    )
+    chosen = {2: main}
+    mates = [each for each in cameras if is_pair(tree, main, each)]
+    if not mates and not joined:
+        mates = [each for each in cameras if main.is_left_of(each) and each.frame == main.frame]
+    if mates:
+        chosen[3] = min(mates, key=partial(_mate_rank, main))
+    taken = {each.name for each in chosen.values()}
+    rest = [each for each in cameras if each.name not in taken and _looks_as(tree, main, each)]
+    grey = [pair for pair in permutations(rest, 2) if is_pair(tree, *pair)]
+    if grey:
+        chosen[0], chosen[1] = grey[0]
+    return Choice(chosen, by_name=not joined and len(cameras) > len(chosen))
+
+
+def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
+    return left.is_grey != right.is_grey, not left.is_left_of(right), right.name
+
+
+def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
+    """Whether two cameras are a stereo pair, in this order."""
+    longest = max(left.focal, right.focal)
+    if left.size != right.size or abs(left.focal - right.focal) > _SAME_FOCAL * longest:
+        return False
+    baseline = _baseline(tree, left, right)
+    if baseline is None:
+        return False
+    least, most = _BASELINE_M
+    x, aside = float(baseline[0]), float(np.linalg.norm(baseline[1:]))
+    return least <= x <= most and aside <= _SIDEWAYS * x
+
+
+def _baseline(tree: FrameTree, left: RigCamera, right: RigCamera) -> Float64Array | None:
+    """Return (3,) the right camera in the rectified left one, metres; None if they look apart.
+
+    Where both name one frame, or no transform joins them, the baseline is that of the right P.
+    """
+    place = tree.find(left.frame, right.frame)
+    if place is None:
+        return -right.offset if not _has_baseline(left) and _has_baseline(right) else None
+    if np.linalg.norm(place.translation) < _NO_BASELINE_M:
+        return left.offset - right.offset if angle_of(place.rotation) < _ALIKE_RAD else None
+    if angle_of(left.r @ place.rotation @ right.r.T) > _ALIKE_RAD:
+        return None
+    return np.asarray(left.r @ place.translation, np.float64)
+
+
+def _has_baseline(camera: RigCamera) -> bool:
+    return bool(np.linalg.norm(camera.offset) >= _NO_BASELINE_M)
+
+
+def _looks_as(tree: FrameTree, main: RigCamera, other: RigCamera) -> bool:
+    place = tree.find(main.frame, other.frame)
+    return place is not None and angle_of(main.r @ place.rotation @ other.r.T) <= _ALIKE_RAD
+
+
+def _angle(direction: Float64Array | None) -> float:
+    return np.pi if direction is None else float(np.arccos(np.clip(direction[0], -1, 1)))
+
+
+def _camera_heading(
+    tree: FrameTree, scan_frame: str, cameras: Sequence[RigCamera]
+) -> Heading | None:
+    """Return the direction of the front camera, or of all if it is the same, as a scanner's axis.
+
+    A camera whose name says another side is no front camera.
+    """
+    found = {}
+    for camera in cameras:
+        place = tree.find(scan_frame, camera.frame)
+        if place is not None:
+            found[camera.name] = place.rotation @ camera.r.T @ AXES['z']
+    fronts = [each for each in cameras if each.name in found and each.name_rank == 0]
+    alike = [each for each in cameras if each.name in found]
+    for group in (fronts, alike):
+        turns = [found[each.name] for each in group]
+        if not turns or any(angle_of(turns[0].T @ turn) > np.radians(30) for turn in turns):
+            continue
+        if len(group) == 1 and group[0].name_rank > _OWN_DIRECTION_RANK:
+            continue
+        return Heading(
+            scan_frame, AXES[nearest_axis(turns[0])], f'where {group[0].topic.name} looks'
+        )
+    return None
+
+
+def describe_others(
+    tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera], choice: Choice
+) -> list[str]:
+    """Return a note on each camera that was not taken, and on a choice by name."""
+    taken = {each.name for each in choice.cameras.values()}
+    others = [each for each in cameras if each.name not in taken]
+    notes = []
+    if choice.by_name:
+        main = choice.cameras[2].topic.name
+        notes.append(
+            f'camera 2 is {main} by its name: no static transform tells where the cameras look'
+        )
+    for each in others:
+        direction = direction_of(tree, heading, each)
+        looks = 'no static transform tells where it looks'
+        if direction is not None and heading is not None:
+            looks = f'it looks {describe_direction(direction)} (forward is {heading.source})'
+        notes.append(f'passed over: {each.topic.name}; {looks}')
+    if others:
+        notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
+    return notes

@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""--all-cameras: one data set for each camera, in every layout, by the command and by a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import camera_rigs
+import numpy as np
+import pytest
+import small_rigs
+from camera_rigs import assert_true, moved
+
+from kitti_ros2.cli import main
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.model.streams import Stream
+
+ROBOT = small_rigs.sides('front', 'Left', 'rear')
+FOLDERS = ('front', 'Left', 'rear')
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    return str(camera_rigs.write(ROBOT, tmp_path_factory.mktemp('robot') / 'bag'))
+
+
+@pytest.mark.parametrize('layout', ['raw', 'odometry', 'tracking'])
+def test_other_layouts_have_a_folder_for_each_camera(bag, layout, tmp_path):
+    out = tmp_path / 'out'
+    words = ['to-kitti', bag, str(out), '--layout', layout, '--all-cameras', '-q']
+    assert main(words) == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(FOLDERS)
+    inodes = set()
+    for camera, name in zip(ROBOT.cameras, FOLDERS, strict=True):
+        (split,) = [*(out / name).glob('*/*_drive_*'), *(out / name).glob('sequences/*'),
+                    *(out / name).glob('training')]  # fmt: skip
+        recording = open_recording(split)
+        calibration = recording.calibration(0)
+        points = recording.read(Stream.SCAN, 1).points[:, :3]
+        seen = np.isfinite(camera.pixels(camera_rigs.world())[:, 0])
+        rect = moved(calibration.cam0_T_velo.matrix(), points) @ calibration.r0_rect.T
+        pixels = moved(np.vstack([calibration.cameras[2].p_rect, [0, 0, 0, 1]]), rect[seen])
+        true = camera.pixels(camera_rigs.world())[seen]
+        assert np.abs(pixels[:, :2] / pixels[:, 2:] - true).max() < 0.3
+        scans = sorted(split.rglob('*.bin'))
+        assert len(scans) == camera_rigs.FRAMES
+        inodes.add(scans[0].stat().st_ino)
+    assert len(inodes) == 1
+
+
+def test_a_printed_plan_gives_the_same_sets_and_overwrite_replaces_them(bag, tmp_path, capsys):
+    assert main(['to-kitti', bag, '--layout', 'object', '--all-cameras', '--plan']) == 0
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(capsys.readouterr().out)
+    assert 'camera_sets:' in plan.read_text()
+    assert '\ncameras:' not in plan.read_text()
+    out = tmp_path / 'out'
+    for words in ([], ['--all-cameras', '--overwrite']):
+        assert main(['to-kitti', bag, str(out), '--plan-file', str(plan), *words]) == 0
+    said = capsys.readouterr().out
+    assert f'{out}: layout object, training_Left, 3 frames' in said
+    for camera in ROBOT.cameras:
+        assert_true(out / f'training_{camera.folder[1:]}', camera)
+    (out / 'mine.txt').write_text('keep\n')
+    assert main(['to-kitti', bag, str(out), '--plan-file', str(plan), '--overwrite']) == 2
+    assert (out / 'mine.txt').is_file()
+
+
+def test_a_part_of_the_frames_is_the_same_part_of_all(bag, tmp_path):
+    out = tmp_path / 'out'
+    words = ['--layout', 'object', '--all-cameras', '--start', '1', '--end', '1']
+    assert main(['to-kitti', bag, str(out), *words]) == 0
+    for name in FOLDERS:
+        assert len(list((out / f'training_{name}').rglob('*.png'))) == 1
+
+
+def test_only_frames_that_all_cameras_have_are_numbered(tmp_path):
+    """The last image of one camera is missing."""
+    robot = small_rigs.sides('front', 'left')
+    path = camera_rigs.write(robot, tmp_path / 'bag', leave_out=(('/left/image_rect_color', 1),))
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(path), str(out), '--layout', 'object', '--all-cameras']) == 0
+    for camera in robot.cameras:
+        split = out / f'training_{camera.folder[1:]}'
+        assert len(list((split / 'velodyne').iterdir())) == camera_rigs.FRAMES - 1
+        assert_true(split, camera, 1)
+
+
+@pytest.mark.parametrize(
+    ('words', 'change', 'complaint'),
+    [
+        (['--append'], {}, '--append continues one object set'),
+        (['--calib', 'x.txt'], {}, 'calibration: x.txt; expected tf'),
+        ([], {'  Left:': '  ../Left:'}, "camera_sets: '../Left'; expected a name of letters"),
+        ([], {'  Left:': '  FRONT:'}, 'names of sets must differ by more than case'),
+        ([], {'  Left:': '  7:'}, 'camera_sets: 7; expected a name'),
+        ([], {'camera_sets:': 'cameras: {2: {topic: /x}}\ncamera_sets:'}, 'expected no cameras'),
+        ([], {'camera_sets:': 'camera_sets: 3\nx:'}, 'camera_sets: 3; expected names of sets'),
+    ],
+)  # fmt: skip
+def test_sets_that_cannot_be_made_are_refused(bag, words, change, complaint, tmp_path, capsys):
+    assert main(['to-kitti', bag, '--layout', 'object', '--all-cameras', '--plan']) == 0
+    text = capsys.readouterr().out
+    for before, after in change.items():
+        assert before in text
+        text = text.replace(before, after)
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(text)
+    out = tmp_path / 'out'
+    assert main(['to-kitti', bag, str(out), '--plan-file', str(plan), *words]) == 2
+    said = capsys.readouterr().err
+    assert complaint in said
+    assert said.count('\n') == 1
+    assert not out.exists()
+
+
+def test_all_cameras_needs_camera_infos(tmp_path, capsys):
+    robot = replace(small_rigs.sides('front', 'left'), with_boxes=False)
+    path = camera_rigs.write(
+        robot,
+        tmp_path / 'bag',
+        leave_out=(('/left/camera_info', None), ('/front/camera_info', None)),
+    )
+    assert (
+        main(['to-kitti', str(path), str(tmp_path / 'o'), '--layout', 'object', '--all-cameras'])
+        == 2
+    )
+    assert '--all-cameras needs cameras with a camera_info' in capsys.readouterr().err
