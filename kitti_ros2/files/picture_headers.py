@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The size of a PNG or JPEG and the chunks of a PNG, from the bytes of any program's file.
+"""The size of a PNG, JPEG or WebP and the chunks of a PNG, from the bytes of any program's file.
 
-Sources: PNG (W3C, 3rd edition), sections 5.2 and 5.3; ITU T.81 (JPEG), B.1.1.3 and B.2.2.
+Sources: PNG (W3C, 3rd edition), sections 5.2 and 5.3; ITU T.81 (JPEG), B.1.1.3 and B.2.2; RFC 9649
+(WebP), sections 2.4 to 2.7 and 3.4; RFC 6386 (VP8), section 9.1.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import struct
 from .checksums import crc32
 
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
+_RIFF_HEAD = 8
+_WEBP_BODY = 10
 _CHUNK = struct.Struct('>I4s')
 _CRC_AND_CHUNK = struct.Struct('>II4s')
 _CRC_BYTES = 4
@@ -39,6 +42,33 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
             return width, height
         # Fill bytes before a marker, and markers without a segment, are one and two bytes.
         offset += 1 if kind == 0xFF else 2 + length
+    return 0, 0
+
+
+def is_webp(data: bytes) -> bool:
+    """Whether data begin as a WebP."""
+    return data[:4] == b'RIFF' and data[8:12] == b'WEBP'
+
+
+def is_whole_webp(data: bytes) -> bool:
+    """Whether a WebP has all the bytes that its header states."""
+    return len(data) >= _RIFF_HEAD + int.from_bytes(data[4:8], 'little')
+
+
+def webp_size(data: bytes) -> tuple[int, int]:
+    """Return (width, height); zeros if the header is truncated or of an unknown kind."""
+    kind, body = data[12:16], data[20:30]
+    if len(body) < _WEBP_BODY:
+        return 0, 0
+    if kind == b'VP8X':
+        width, height = (int.from_bytes(body[at : at + 3], 'little') + 1 for at in (4, 7))
+        return width, height
+    if kind == b'VP8L':
+        bits = int.from_bytes(body[1:5], 'little')
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b'VP8 ':
+        width, height = (int.from_bytes(body[at : at + 2], 'little') & 0x3FFF for at in (6, 8))
+        return width, height
     return 0, 0
 
 

@@ -28,6 +28,7 @@ from .report import undecoded
 from .scan_frame import made_frame
 
 if TYPE_CHECKING:
+    from ..model.losses import Loss
     from ..rig.moving_tree import MovingTree
     from .plan import Plan
     from .survey import Survey
@@ -148,7 +149,12 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        return [*found, *self.labels.notes(), *self._changing, *self.calibrations.notes]
+        found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
+        return [*found, *self._changing, *self.calibrations.notes]
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the parts of samples so far that could not be converted."""
+        return (*self.scans.losses(), *self.labels.losses())
 
 
 def _before_middle(base: MovingBase, plan: Plan, survey: Survey) -> MovingBase:

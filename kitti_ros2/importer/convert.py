@@ -20,10 +20,13 @@ from ..kitti.write_object import WriteOptions
 from ..model.errors import KittiRos2Error, UnsynchronisedError
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .calibration_source import is_extract
 from .clocks import clocked
 from .convert_scans import dropped_notes
+from .depth_maps import DepthMaps
 from .excerpt import numbered
 from .frames import NO_FRAME, NO_PACKET, Frames, choose_frames, frame_topics
+from .label_messages import LabelMessages, joined
 from .oxts_poses import UnitPoses
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
@@ -155,14 +158,17 @@ class _Builder:
         self._first = target.first
         self._streams: dict[str, list[Stream]] = defaultdict(list)
         for stream, topic in frame_topics(plan).items():
-            if stream in writer.accepts and stream not in target.without:
+            if stream in writer.accepts - {Stream.LABELS} and stream not in target.without:
                 self._streams[topic].append(stream)
+        labelled = Stream.LABELS in writer.accepts and Stream.LABELS not in target.without
+        self._labels = LabelMessages(plan.labels if labelled else None, frames, target.first)
         self._numbers = {
             stream: _numbers(frames.samples[stream], target.first)
             for streams in self._streams.values()
             for stream in streams
         }
         self._packets = packets
+        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
         self._losses = losses
         self._lock = Lock()  # scans are written by several threads
         self._points_dropped: Counter[str] = Counter()
@@ -172,7 +178,7 @@ class _Builder:
     @property
     def topics(self) -> set[str]:
         """The topics to read."""
-        return set(self._streams) | self._packets.topics
+        return set(self._streams) | self._labels.topics | self._packets.topics
 
     def write_calibration(self) -> None:
         """Write the calibration of every frame, or of all."""
@@ -198,24 +204,27 @@ class _Builder:
                 for stream in self._streams.get(message.topic, ())
                 if place in self._numbers[stream]
             ]
+            labelled = self._labels.frames_of(message.topic, place)
             packet = self._packets.wants(message.topic, place)
-            if not wanted and not packet:
+            if not wanted and not labelled and not packet:
                 continue
             try:
                 decoded = decode(message)
             except ValueError as error:
                 self._losses.lose(message.topic, message.stamp_ns, str(error))
-                self._spoil(number for _, number in wanted)
+                self._spoil([*(number for _, number in wanted), *labelled])
                 decoded = None
             if packet:
                 self._packets.take(message.topic, place, decoded)
                 self.write_packets()
+            for number, solid, flat in self._labels.take(message.topic, place, decoded):
+                write = partial(self._write_labels, number, solid, flat)
+                # In order and at once: tracks are numbered as they appear.
+                self.take(*_do(_Job(Stream.LABELS, number, message.topic, message.stamp_ns, write)))
             if decoded is None:
                 continue
             for stream, number in wanted:
-                job = self._job(stream, number, place, message, decoded)
-                if job is not None:
-                    yield job
+                yield self._job(stream, number, place, message, decoded)
 
     def write_packets(self) -> None:
         """Write the packets that are complete."""
@@ -228,14 +237,8 @@ class _Builder:
         place: int,
         message: BagMessage,
         decoded: Any,  # noqa: ANN401 - of the bag's types
-    ) -> _Job | None:
+    ) -> _Job:
         stamp_ns = self._stamp_ns(message.topic, number, place)
-        if stream is Stream.LABELS:
-            own_ns = int(self._frames.stamps[message.topic][place])
-            write = partial(self._write_labels, number, own_ns, decoded)
-            # In order and at once: tracks are numbered as they appear.
-            self.take(*_do(_Job(stream, number, message.topic, message.stamp_ns, write)))
-            return None
         if stream is Stream.SCAN:
             own_ns = int(self._frames.stamps[message.topic][place])
             write = partial(self._write_scan, number, stamp_ns, own_ns, decoded)
@@ -254,6 +257,7 @@ class _Builder:
         with self._lock:
             self._points_dropped.update(dropped)
         self._writer.write_scan(number, stamp_ns, scan)
+        self._depth_maps.write(number, stamp_ns, scan.points)
         return scan.points.nbytes
 
     def _write_image(self, camera: int, number: int, stamp_ns: int, image: Any) -> int:  # noqa: ANN401
@@ -261,9 +265,14 @@ class _Builder:
         self._writer.write_image(camera, number, stamp_ns, png)
         return len(png)
 
-    def _write_labels(self, number: int, own_ns: int, message: Any) -> int:  # noqa: ANN401 - of the bag's types
-        stamp_ns = int(self._frames.stamps_ns[number - self._first])
-        boxes = self._rigging.labels.boxes(message, stamp_ns, own_ns)
+    def _write_labels(self, number: int, messages: list[Any], flat: Any) -> int:  # noqa: ANN401
+        index, labels = number - self._first, self._plan.labels
+        stamp_ns = own_ns = int(self._frames.stamps_ns[index])
+        if labels is not None:
+            own_ns = int(
+                self._frames.stamps[labels.topic][self._frames.samples[Stream.LABELS][index]]
+            )
+        boxes = self._rigging.labels.boxes(joined(messages), stamp_ns, flat, own_ns)
         self._writer.write_labels(number, boxes)
         return 0
 
@@ -293,6 +302,7 @@ class _Builder:
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
+        notes += self._depth_maps.notes()
         if self._plan.scan is not None:
             notes += dropped_notes(self._plan.scan.topic, self._points_dropped)
         lost = self._losses.losses()
@@ -309,7 +319,7 @@ class _Builder:
                 *lost,
                 *self._frames.losses,
                 *unit_losses(survey, self._plan, self._frames.stamps_ns),
-                *self._rigging.labels.losses(),
+                *self._rigging.losses(),
             ),
             notes=tuple(notes),
         )

@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.detections import ABSURD, has_scores
+from ..messages.detections import ABSURD, boxes_of_detections_2d, has_scores
 from ..messages.solid_boxes import cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
+from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
 from .frames import topic_of
 from .frames_at import FramesAt, MovingBase, stamp_of_boxes
+from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .survey import Survey
 
+OTHER_CAMERA = 'in the pixels of another camera'
+_FLAT = 'without a 3D box, which tracklets have no place for,'
 _REPORTED_TILT_RAD = np.radians(10)
 
 
@@ -71,8 +75,11 @@ class BoxConversion:
         self.left_out: Counter[str] = Counter()
         self._max_tilt = 0.0
         self._tracks = TrackIds()
-        self._scores = self._check(survey, placed=base is not None)
         labels = plan.labels
+        self._only_flat = (
+            labels is not None and topic_of(survey, labels.topic).msgtype == types.DETECTIONS_2D
+        )
+        self._scores = self._check(survey, placed=base is not None)
         self._classes = (
             None if labels is None else LabelClasses(labels, own=is_own(survey, labels.topic))
         )
@@ -94,6 +101,13 @@ class BoxConversion:
             raise UsageError('labels need a calibration: set calibration of the plan, or --calib')
         if plan.camera not in calibration.cameras:
             raise UsageError(f'labels.camera is {plan.camera}, of which there is no calibration')
+        if plan.boxes_2d:
+            found = topic_of(survey, plan.boxes_2d)
+            if found.msgtype != types.DETECTIONS_2D or self._only_flat or plan.topic == LABEL_LINES:
+                raise UsageError(
+                    f'labels.boxes_2d: {plan.boxes_2d} is a {found.msgtype}; expected a'
+                    f' Detection2DArray beside a topic with 3D boxes'
+                )
         return any(has_scores(look) for look in topic_of(survey, plan.topic).looks)
 
     @cached_property
@@ -111,13 +125,15 @@ class BoxConversion:
         self,
         message: Any,  # noqa: ANN401 - of the bag's types
         stamp_ns: int,
+        flat: Any = None,  # noqa: ANN401 - as above
         own_ns: int | None = None,
     ) -> list[Box]:
         """Make the labels of a frame.
 
         Args:
-            message: The boxes.
+            message: With 3D boxes, or label lines.
             stamp_ns: The stamp of the frame.
+            flat: A Detection2DArray with the 2D boxes, None for projections.
             own_ns: The stamp of the message, at which boxes in frames that move are placed; None
                 for that of the frame.
 
@@ -132,6 +148,8 @@ class BoxConversion:
         size = self._images.size(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
+        if self._only_flat:
+            flat = message
         cuboids, left_out = self.cuboids(message, stamp_ns if own_ns is None else own_ns)
         if self._classes is not None:
             find = self._classes.find
@@ -148,7 +166,33 @@ class BoxConversion:
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
         self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
-        return boxes
+        return boxes if flat is None else self._joined(boxes, flat, size)
+
+    def _joined(self, boxes: list[Box], flat: Any, size: tuple[int, int]) -> list[Box]:  # noqa: ANN401
+        """Give labels the 2D boxes of a detector; those without a 3D box become labels, too."""
+        plan = self._plan.labels
+        if plan is None:
+            return boxes
+        found, left_out = boxes_of_detections_2d(flat)
+        self.left_out.update(left_out)
+        model = self._images.models.get(plan.camera)
+        frames = {'', model.frame} if model is not None else {each.frame for each in found}
+        here = [each for each in found if each.frame in frames]
+        if self._classes is not None:
+            find = self._classes.find
+            here = [each._replace(class_name=find(each.class_name)) for each in here]
+        self.left_out[OTHER_CAMERA] += len(found) - len(here)
+        if model is not None and self._plan.cameras[plan.camera].rectify:
+            here = rectified_boxes(here, model)
+        made, unseen = join_boxes(
+            boxes, here, size, self._tracks, occluded=plan.occluded, scores=self._scores
+        )
+        self.left_out[OUT_OF_VIEW] += unseen
+        if self._plan.layout.traits.tracklets:
+            solid = [box for box in made if box.size_hwl[0] > 0]
+            self.left_out[_FLAT] += len(made) - len(solid)
+            return solid
+        return made
 
     def _lines(self, text: str) -> list[Box]:
         boxes = boxes_of_lines(text, self._tracks)
@@ -171,6 +215,8 @@ class BoxConversion:
         Raises:
             ValueError: They cannot be read.
         """
+        if self._only_flat:
+            return [], []
         frames = FramesAt(self._to_velo, self._base, stamp_of_boxes(message, stamp_ns))
         return cuboids_in(message, frames, scores=self._scores)
 

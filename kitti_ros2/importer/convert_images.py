@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from ..files.png.encode import encode_png
@@ -21,9 +23,17 @@ if TYPE_CHECKING:
     from .plan import CameraPlan, Plan
     from .survey import Survey
 
+_DEPTH_BYTE = 24
+"""The place of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
+_USUAL_BITS = 8
+
 
 class ImageConversion:
-    """Converts the images of a plan's cameras; thread-safe."""
+    """Converts the images of a plan's cameras; thread-safe.
+
+    Attributes:
+        models: Of the cameras with a CameraInfo, by KITTI index.
+    """
 
     def __init__(self, plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> None:
         """Prepare the rectification.
@@ -36,11 +46,15 @@ class ImageConversion:
         Raises:
             UsageError: The plan names a missing topic, or rectifies what cannot be rectified.
         """
+        self.models = models
         self._rectifiers = {
             index: _rectifier(plan.cameras[index], model)
             for index, model in models.items()
             if plan.cameras[index].rectify
         }
+        self._topics = {index: camera.topic for index, camera in plan.cameras.items()}
+        self._deep: Counter[int] = Counter()
+        self._lock = Lock()
         self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
 
     def size(self, camera: int) -> tuple[int, int] | None:
@@ -63,22 +77,39 @@ class ImageConversion:
             except BadFileError as error:
                 raise ValueError(str(error)) from None
             self._check_size(camera, (image.width, image.height))
+            if own[_DEPTH_BYTE] > _USUAL_BITS:
+                self._count_deep(camera)
             return own
-        return encode_png(self.pixels(camera, message))
+        pixels = self.pixels(camera, message)
+        if pixels.dtype.itemsize > 1:
+            self._count_deep(camera)
+        return encode_png(pixels)
 
     def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
         """Decode an Image or CompressedImage, rectified where the plan requests it.
 
         Returns:
-            (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
+            (H, W), or (H, W, 3) BGR, uint8 or uint16.
 
         Raises:
             ValueError: As png.
         """
-        pixels = pixels_of(message)
+        pixels = pixels_of(message, deep=True)
         self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
         rectifier = self._rectifiers.get(camera)
         return pixels if rectifier is None else rectifier.apply(pixels)
+
+    def notes(self) -> list[str]:
+        """Return what should be known of the images so far."""
+        return [
+            f'{self._topics[camera]}: {count} images have 16 bits a channel, and are written so;'
+            f" KITTI's have 8"
+            for camera, count in sorted(self._deep.items())
+        ]
+
+    def _count_deep(self, camera: int) -> None:
+        with self._lock:
+            self._deep[camera] += 1
 
     def _check_size(self, camera: int, size: tuple[int, int]) -> None:
         expected = self._sizes.setdefault(camera, size)

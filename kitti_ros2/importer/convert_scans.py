@@ -1,21 +1,23 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""PointCloud2 -> KITTI's scans, in the frame of the plan."""
+"""Clouds, packets, ranges or depth images -> KITTI's scans, in the frame of the plan."""
 
 from __future__ import annotations
 
+from collections import Counter
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.clouds import decode_returns
 from ..messages.header import stamp_ns_of
+from ..model.losses import Loss
 from ..model.samples import Scan
 from .frames import topic_of
 from .frames_at import FramesAt
+from .scan_needs import needs_of_plan, source_of_plan
 
 if TYPE_CHECKING:
-    from collections import Counter
     from collections.abc import Mapping
 
     from ..model.geometry import Transform
@@ -35,7 +37,7 @@ class ScanConversion:
         tree: FrameTree,
         base: MovingBase | None = None,
     ) -> None:
-        """Find the frame of the messages in that of the plan.
+        """Find the frame of the messages in that of the plan, and what their decoder needs.
 
         Args:
             plan: Names the topic and KITTI's frame; None without scans.
@@ -44,15 +46,20 @@ class ScanConversion:
             base: The links over time, where clouds may be in frames that the vehicle moves in.
 
         Raises:
-            UsageError: The plan names a missing topic.
+            UsageError: The plan names a missing topic, or not what its messages need.
+            BadFileError: The calibration file of a unit cannot be read.
             MissingDataError: The static transforms do not connect the two frames.
         """
+        self._plan = plan
         self._minimum_m = 0.0 if plan is None else plan.minimum_range_m
         self._too_near = f'nearer than {self._minimum_m:g} m'
-        self._scale = 1.0 if plan is None else plan.intensity_scale
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
         self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
+        self._lost: Counter[str] = Counter()
+        self._lock = Lock()
         if plan is not None:
+            self._source = source_of_plan(plan, survey)
+            self._needs = needs_of_plan(plan, self._source, survey)
             own = topic_of(survey, plan.topic).frame
             if (
                 base is not None
@@ -72,13 +79,13 @@ class ScanConversion:
 
     def scan(
         self,
-        cloud: Any,  # noqa: ANN401 - of the bag's types
+        message: Any,  # noqa: ANN401 - of the bag's types
         stamp_ns: int | None = None,
     ) -> tuple[Scan, Counter[str]]:
-        """Convert a PointCloud2 to a scan; also return the number of dropped points, by reason.
+        """Convert a message to a scan; also return the number of dropped points, by reason.
 
         Args:
-            cloud: The message.
+            message: Of a type of the plan's source.
             stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
 
         Raises:
@@ -86,11 +93,15 @@ class ScanConversion:
         """
         velo_t_cloud = self._velo_t_cloud
         if self._base is not None:
-            frame = cloud.header.frame_id.lstrip('/')
+            frame = message.header.frame_id.lstrip('/')
             joined = {self._base.frame: self._base.velo_T_frame}
-            at_ns = stamp_ns_of(cloud.header) if stamp_ns is None else stamp_ns
+            at_ns = stamp_ns_of(message.header) if stamp_ns is None else stamp_ns
             velo_t_cloud = FramesAt(joined, self._base, at_ns)[frame]
-        points, dropped = decode_returns(cloud, self._scale)
+        found = self._source.decode(message, self._needs)
+        if found.lost:
+            with self._lock:
+                self._lost.update(found.lost)
+        points, dropped = found.points, Counter(found.dropped)
         if velo_t_cloud is not None:
             places = velo_t_cloud.apply(points[:, :3].astype(np.float64))
             points = np.column_stack([places, points[:, 3]]).astype(np.float32)
@@ -99,6 +110,24 @@ class ScanConversion:
             dropped[self._too_near] = len(points) - int(np.count_nonzero(far))
             points = points[far]
         return Scan(points), dropped
+
+    @property
+    def are_depth(self) -> bool:
+        """Whether the scans are made from depth images."""
+        return self._plan is not None and self._source.needs_info
+
+    def notes(self) -> list[str]:
+        """Return what should be known of the scans."""
+        if self._plan is None or not self._source.advice:
+            return []
+        return [f'{self._plan.topic}: {self._source.advice}']
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the parts of messages so far that could not be decoded."""
+        topic = '' if self._plan is None else self._plan.topic
+        return tuple(
+            Loss(topic, count, f'{topic}: {reason}') for reason, count in self._lost.items()
+        )
 
 
 def dropped_notes(topic: str, dropped: Mapping[str, int]) -> list[str]:

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .frames import pick_frames
 from .sync import NONE
 
 if TYPE_CHECKING:
@@ -54,8 +54,7 @@ class Excerpt:
             present += places != NONE
         self.numbers = spread(present, self._most)
         self.stamps_ns = frames.stamps_ns[self.numbers]
-        samples = {stream: places[self.numbers] for stream, places in frames.samples.items()}
-        return replace(frames, stamps_ns=self.stamps_ns, samples=samples)
+        return pick_frames(frames, np.isin(np.arange(self.total), self.numbers))
 
     def read(
         self,

@@ -16,6 +16,7 @@ from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from ..rig.pose_track import MAX_GAP_NS
 from .clocks import clock_notes, clocked
+from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
 from .stream_gaps import describe_gap
 from .sync import NONE, match_frames
@@ -52,6 +53,8 @@ class Frames:
         losses: Streams of which no sample has a frame.
         unsynchronised: Why no two streams were matched, empty if some were.
         unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
+        label_places: For each frame the indices of its messages with boxes; see label_groups.
+        places_2d: (N,) index of the message with boxes in the image, NONE without one.
     """
 
     stamps_ns: Int64Array
@@ -61,6 +64,8 @@ class Frames:
     losses: tuple[Loss, ...] = ()
     unsynchronised: str = ''
     unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    label_places: tuple[tuple[int, ...], ...] = ()
+    places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -101,10 +106,13 @@ def choose_frames(
     stamps = {}
     for name in topics.values():
         stamps[name], _ = topic_of(survey, name).stamps()
-    reference = _reference(plan, topics, stamps, track)
-    others = {
-        stream: stamps[name] for stream, name in topics.items() if stream.value != plan.reference
-    }
+    groups = _label_groups(topics, survey)
+    matched = {stream: stamps[name] for stream, name in topics.items()}
+    if Stream.LABELS in topics:
+        matched[Stream.LABELS] = by_group(matched[Stream.LABELS], groups)
+    reference = _reference(plan, matched, track)
+    others = {stream: each for stream, each in matched.items() if stream.value != plan.reference}
+    places_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     samples = {stream: np.arange(len(reference)) for stream in topics}
     samples |= {stream: match.indices for stream, match in matches.items()}
@@ -114,15 +122,7 @@ def choose_frames(
         for stream, match in matches.items()
         if not match.matched
     }
-    kept = np.ones(len(reference), dtype=np.bool_)
-    if plan.incomplete is Incomplete.DROP:
-        for stream, indices in samples.items():
-            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
-    lost = np.zeros(len(reference), dtype=np.bool_)
-    if track is not None:
-        unknown = ~track.known(reference)
-        lost = kept & unknown
-        kept &= _without(unknown, 'pose around them', notes)
+    kept, lost = _complete(plan, reference, samples, track, notes)
     if not kept.any():
         if apart:
             raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart.values())}')
@@ -134,9 +134,13 @@ def choose_frames(
     if selection is not None and not selection.is_whole:
         chosen = _span(reference, kept, selection)
         kept, lost = kept & chosen, lost & chosen
+    samples = {stream: indices[kept] for stream, indices in samples.items()}
+    label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
+    if Stream.LABELS in samples:
+        samples[Stream.LABELS] = first_places(groups, samples[Stream.LABELS])
     return Frames(
         reference[kept],
-        {stream: indices[kept] for stream, indices in samples.items()},
+        samples,
         stamps,
         tuple(notes),
         tuple(
@@ -145,13 +149,63 @@ def choose_frames(
         ),
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
         np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
+        label_places,
+        places_2d[kept],
     )
+
+
+def _complete(
+    plan: Plan,
+    reference: Int64Array,
+    samples: Mapping[Stream, Int64Array],
+    track: Track | None,
+    notes: list[str],
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which frames have all samples and a pose, and which lack the pose alone."""
+    kept = np.ones(len(reference), dtype=np.bool_)
+    if plan.incomplete is Incomplete.DROP:
+        for stream, indices in samples.items():
+            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    lost = np.zeros(len(reference), dtype=np.bool_)
+    if track is not None:
+        unknown = ~track.known(reference)
+        lost = kept & unknown
+        kept &= _without(unknown, 'pose around them', notes)
+    return kept, lost
+
+
+def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int]] | None:
+    """Return the groups of the labels' messages, None where each is alone."""
+    if Stream.LABELS not in topics:
+        return None
+    found = topic_of(survey, topics[Stream.LABELS])
+    return groups_of(found.markers_ns, found.log_ns)
+
+
+def _match_2d(plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]) -> Int64Array:
+    """Return (N,) the place of each frame's message with boxes in the image, NONE without one."""
+    flat = plan.labels.boxes_2d if plan.labels is not None else ''
+    if not flat:
+        return np.full(len(reference), NONE)
+    stamps, _ = topic_of(survey, flat).stamps()
+    match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
+    notes.append(_matching(Stream.LABELS, flat, match))
+    return match.indices
 
 
 def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
     """Return the frames of a mask, (N,)."""
     samples = {stream: indices[kept] for stream, indices in frames.samples.items()}
-    return replace(frames, stamps_ns=frames.stamps_ns[kept], samples=samples)
+    label_places = tuple(
+        each for each, taken in zip(frames.label_places, kept.tolist(), strict=False) if taken
+    )
+    return replace(
+        frames,
+        stamps_ns=frames.stamps_ns[kept],
+        samples=samples,
+        label_places=label_places,
+        places_2d=frames.places_2d[kept] if len(frames.places_2d) else frames.places_2d,
+    )
 
 
 def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
@@ -237,18 +291,13 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     return topic
 
 
-def _reference(
-    plan: Plan,
-    topics: Mapping[Stream, str],
-    stamps: Mapping[str, Int64Array],
-    track: Track | None,
-) -> Int64Array:
+def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | None) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns
-    for stream, name in topics.items():
+    for stream, each in stamps.items():
         if stream.value == plan.reference:
-            return stamps[name]
-    known = [stream.value for stream in topics] + ['pose'] * (track is not None)
+            return each
+    known = [stream.value for stream in stamps] + ['pose'] * (track is not None)
     raise UsageError(f'the plan has reference {plan.reference}; it must be one of {known}')
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from ..messages.scan_sources import SCAN_TYPES
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
@@ -96,6 +97,9 @@ def guess_plan(
     imu_frame = guess_imu_frame(survey, scan, notes)
     if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
         imu_frame = guess_unit_frame(survey, scan, pose)
+    labels = None
+    if Stream.LABELS in traits.streams:
+        labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,
@@ -106,7 +110,7 @@ def guess_plan(
         scan=scan,
         cameras=cameras,
         pose=pose,
-        labels=guess_labels(survey, viewed, notes) if Stream.LABELS in traits.streams else None,
+        labels=labels,
         imu_frame=imu_frame,
         calibration=_calibration(survey, viewed, notes),
         imu=unit.get('imu', ''),
@@ -150,12 +154,12 @@ def _nothing(survey: Survey, layout: Layout) -> str:
 
 def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
     """Return the topics of types that a layout supports of which no message can be read."""
-    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
+    wanted = {types.IMAGE, types.COMPRESSED, types.CAMERA_INFO, *SCAN_TYPES}
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
         wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
-        wanted |= {types.MARKERS}
+        wanted |= {types.MARKERS, types.DETECTIONS_2D}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (

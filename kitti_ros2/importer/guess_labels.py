@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..messages.source import LABEL_LINES
-from ..messages.topics import prediction_topics
+from ..messages.topics import own_topics, prediction_topics
 from ..model import msgtypes as types
 from .guess_cameras import main_camera
 from .guess_names import is_truth
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 def guess_labels(
-    survey: Survey, cameras: dict[int, CameraPlan], notes: list[str]
+    survey: Survey, cameras: dict[int, CameraPlan], notes: list[str], *, only_2d: bool = True
 ) -> LabelPlan | None:
-    """Choose labels: detections, objects of Autoware, then markers.
+    """Choose labels: detections, objects of Autoware, markers, then 2D boxes if only_2d.
 
     In a bag written by to-bag, markers have the classes of KITTI, and objects have not.
     """
@@ -39,6 +39,8 @@ def guess_labels(
     markers = [each for each in _of_labels(survey, types.MARKERS) if _has_cubes(each)]
     topics = detections or (markers if survey.calibrations else objects)
     topics = topics or objects or markers
+    flat = _of_camera(survey, cameras)
+    topics = topics or (flat if only_2d else [])
     if not topics or not cameras:
         notes.append(
             'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'
@@ -47,11 +49,26 @@ def guess_labels(
         return None
     best = max(topics, key=lambda each: (is_truth(each.name), each.count))
     notes += pass_over('labels', best, topics)
-    plan = LabelPlan(best.name, main_camera(cameras))
+    boxes_2d = ''
+    if flat and best not in flat:
+        nearest = max(flat, key=lambda each: (is_truth(each.name), each.count))
+        notes += pass_over('2D boxes of labels', nearest, flat)
+        boxes_2d = nearest.name
+    plan = LabelPlan(best.name, main_camera(cameras), boxes_2d=boxes_2d)
     if is_own(survey, best.name):
         return plan
     notes += others_note(best.name, others_of(best.classes), 'of those looked at are written')
     return replace(plan, classes=default_classes(best.classes))
+
+
+def _of_camera(survey: Survey, cameras: dict[int, CameraPlan]) -> list[TopicSurvey]:
+    """Return the topics of 2D boxes in the pixels of the labels' camera."""
+    if not cameras:
+        return []
+    camera = cameras[main_camera(cameras)]
+    frames = {survey.topics[name].frame for name in (camera.topic, camera.info) if name}
+    found = _of_labels(survey, types.DETECTIONS_2D)
+    return [each for each in found if each.frame in frames and each.name not in own_topics()]
 
 
 def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:

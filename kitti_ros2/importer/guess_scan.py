@@ -7,15 +7,20 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from ..messages.clouds import guess_intensity_scale
+from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
+from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
 from .guess_pose import vehicle_frame
 from .named_frames import NamedFrames
 from .plan import ScanPlan
 from .report import pass_over
+from .scan_needs import missing_calibration
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..messages.scan_sources import ScanSource
     from .survey import Survey
     from .topic_survey import TopicSurvey
 
@@ -26,21 +31,95 @@ _AHEAD = 0.7  # the cosine of 45 degrees
 
 
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
-    """Choose the lidar: KITTI's own points, by name, with intensity, with most points."""
-    clouds = [each for each in survey.of_type(types.CLOUD) if _with_points(each)]
-    if not clouds:
-        notes.append('missing: scans (no PointCloud2 with x, y and z)')
-        return None
-    best = max(clouds, key=_lidar_rank)
-    notes += pass_over('scans', best, clouds)
-    fixed = frame_on_vehicle(best.frame, survey)
-    if fixed != best.frame:
+    """Choose the lidar: KITTI's own points, by name, with intensity, with most points.
+
+    Without clouds it is the first source of SCAN_SOURCES with a topic.
+    """
+    for place, source in enumerate(SCAN_SOURCES):
+        topics = _topics_of(source, survey)
+        if not topics:
+            continue
+        found = _scan_of(source, topics, survey, notes)
+        if place:
+            notes += _other_sources(SCAN_SOURCES[place + 1 :], survey)
+        return found
+    notes += _without_info(survey)
+    notes.append('missing: scans (no PointCloud2 with x, y and z)')
+    return None
+
+
+def _topics_of(source: ScanSource, survey: Survey) -> list[TopicSurvey]:
+    """Return the topics that a source can make scans from."""
+    found = [
+        each
+        for each in survey.of_type(*source.msgtypes)
+        if any(source.suits(look) for look in each.looks)
+    ]
+    if not source.needs_info:
+        return found
+    return [each for each in found if info_of_depth(survey, each)]
+
+
+def _other_sources(sources: Sequence[ScanSource], survey: Survey) -> list[str]:
+    """Return notes on the topics of sources that scans could be made from as well."""
+    return [
+        f'passed over for scans: {each.name}; scan.topic of the plan chooses it'
+        + (f', with scan.info: {info_of_depth(survey, each)}' if source.needs_info else '')
+        for source in sources
+        for each in _topics_of(source, survey)
+    ]
+
+
+def _without_info(survey: Survey) -> list[str]:
+    """Return notes on depth images without a CameraInfo."""
+    return [
+        f'passed over for scans: {each.name}; a depth image without a camera_info'
+        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if any(is_depth(look) for look in each.looks) and not info_of_depth(survey, each)
+    ]
+
+
+def _scan_of(
+    source: ScanSource, topics: list[TopicSurvey], survey: Survey, notes: list[str]
+) -> ScanPlan:
+    if types.CLOUD in source.msgtypes:
+        best = max(topics, key=_lidar_rank)
+    elif source.needs_info:
+        best = max(topics, key=lambda each: _depth_rank(survey, each))
+    else:
+        best = max(topics, key=lambda each: each.count)
+    notes += pass_over('scans', best, topics)
+    missing = missing_calibration(best) if source.has_model else ''
+    notes += [missing] if missing else []
+    info = info_of_depth(survey, best) if source.needs_info else ''
+    word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
+    frame = frame_on_vehicle(best.frame, survey)
+    if frame != best.frame:
         notes.append(
             f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
-            f' to {fixed} by the poses at their stamps'
+            f' to {frame} by the poses at their stamps'
         )
-        return ScanPlan(best.name, fixed, guess_intensity_scale(best.looks))
-    return ScanPlan(best.name, best.frame, guess_intensity_scale(best.looks))
+    return ScanPlan(best.name, frame, source.scale(best.looks), from_=word, info=info)
+
+
+def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
+    """Return the CameraInfo of depth images: beside them, or the only one of their frame, or ''."""
+    place = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
+    infos = survey.of_type(types.CAMERA_INFO)
+    if any(each.name == f'{place}/camera_info' for each in infos):
+        return f'{place}/camera_info'
+    same = [each.name for each in infos if topic.frame and each.frame == topic.frame]
+    return same[0] if len(same) == 1 else ''
+
+
+def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Rank depth images: in a colour camera's frame, then pixels before PNG."""
+    pictures = {
+        each.frame
+        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if each.looks and not is_depth(each.looks[0])
+    }
+    return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
 
 
 def frame_on_vehicle(frame: str, survey: Survey) -> str:

@@ -33,6 +33,7 @@ from .labels import own_number
 from .plan import NONE, SOURCE, TF
 from .poses import read_moving
 from .report import LossTally
+from .scan_needs import without_unreadable_scans
 from .survey import glance
 from .sync import default_tolerance_ns
 
@@ -195,7 +196,7 @@ def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
         The plan, and the topic of the labels.
     """
     try:
-        plan = guess_plan(survey, Layout.RAW, path).plan
+        plan = without_unreadable_scans(guess_plan(survey, Layout.RAW, path).plan, survey)
     except KittiRos2Error as error:
         raise UsageError(f'no annotated images can be made: {error}') from None
     missing = []

@@ -81,6 +81,10 @@ class TrackIds:
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
 
+    def find(self, identity: str) -> int | None:
+        """Return the number of a track that has one already."""
+        return self._numbers.get(identity)
+
     def number(self, identity: str) -> int:
         """Return the number of a track."""
         if identity in self._numbers:

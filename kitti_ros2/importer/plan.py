@@ -44,10 +44,17 @@ class ScanPlan:
     """The source of the scans.
 
     Attributes:
-        topic: A PointCloud2.
+        topic: A PointCloud2, CustomMsg (Livox), VelodyneScan, LaserScan or depth image.
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
+        from_: What the scans are made from: cloud, livox, velodyne, laser_scan or depth; empty for
+            what the topic's type is of.
+        info: The CameraInfo of depth images, empty for none.
+        model: The scanner of Velodyne packets: VLP-16, VLP-16-Hi-Res, VLP-32C, HDL-32E or HDL-64E;
+            empty for the one that the packets name.
+        calibration: The YAML file with the calibration of the scanner's unit, as the ROS driver
+            reads it; required for a HDL-64E, empty for the angles of the model's manual.
         minimum_range_m: Returns nearer to the scanner are dropped, metres.
         offset_s: Added to the stamps, seconds, where a clock is wrong.
         forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
@@ -59,6 +66,10 @@ class ScanPlan:
     topic: str
     frame: str
     intensity_scale: float = 1.0
+    from_: str = _quiet('')
+    info: str = _quiet('')
+    model: str = _quiet('')
+    calibration: str = _quiet('')
     minimum_range_m: float = _quiet(0.0)
     offset_s: float = _quiet(0.0)
     forward: str = _quiet('')
@@ -108,12 +119,15 @@ class LabelPlan:
 
     Attributes:
         topic: A Detection3DArray, TrackedObjects or DetectedObjects (Autoware), a MarkerArray
-            whose cubes are the boxes, or the label lines that a bag written by to-bag contains.
+            whose cubes are the boxes, a Detection2DArray for labels without 3D boxes, or the label
+            lines that a bag written by to-bag contains.
         camera: The KITTI camera whose pixels the 2D boxes are.
         out_of_view: Whether boxes outside of the camera's view are kept.
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
             Label lines have their own.
+        boxes_2d: A Detection2DArray whose boxes are the 2D boxes of the labels, in pixels of the
+            camera's images as they are in the bag; empty: the projections of the 3D boxes.
         classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
             that are not listed have a default: see Classes of labels of the how-to.
         keep_classes: Whether classes without one of KITTI's keep their names, such as forklift;
@@ -125,6 +139,7 @@ class LabelPlan:
     camera: int = 2
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
+    boxes_2d: str = _quiet('')
     classes: Mapping[str, str] = field(default_factory=dict, metadata={QUIET: True})
     keep_classes: bool = _quiet(value=False)
     offset_s: float = _quiet(0.0)

@@ -10,6 +10,8 @@ from enum import Enum
 from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from ..messages.scan_sources import SCAN_SOURCES
+from ..messages.velodyne_models import MODELS
 from ..model.errors import UsageError
 from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
@@ -135,6 +137,7 @@ def _check_parts(made: dict[str, Any], path: Path) -> None:
         raise UsageError(
             f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
         )
+    _check_words(scan, path)
     if labels is None:
         return
     if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
@@ -142,6 +145,16 @@ def _check_parts(made: dict[str, Any], path: Path) -> None:
     where = f'{path}: labels: classes'
     classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
     made['labels'] = replace(labels, classes=classes)
+
+
+def _check_words(scan: ScanPlan | None, path: Path) -> None:
+    words = {'from': [each.word for each in SCAN_SOURCES], 'model': list(MODELS)}
+    for key, known in words.items():
+        value = '' if scan is None else getattr(scan, 'from_' if key == 'from' else key)
+        if value and value not in known:
+            hint = did_you_mean(value, known)
+            expected = ', '.join(known)
+            raise UsageError(f'{path}: scan: {key}: {value!r}; expected one of {expected}{hint}')
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:

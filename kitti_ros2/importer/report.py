@@ -91,6 +91,10 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
     wanted |= {plan.imu, plan.fix, plan.velocity}
     if plan.pose is not None:
         wanted.add(plan.pose.topic)
+    if plan.scan is not None:
+        wanted.add(plan.scan.info)
+    if plan.labels is not None:
+        wanted.add(plan.labels.boxes_2d)
     return tuple(
         undecoded(topic)
         for topic in survey.topics.values()

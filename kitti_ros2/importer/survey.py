@@ -19,26 +19,9 @@ from ..messages.header import body_after_header, peek_first_stamp, peek_header
 from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
-from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import (
-    CAMERA_INFO,
-    CLOUD,
-    COMPRESSED,
-    DETECTED_OBJECTS,
-    DETECTIONS_3D,
-    FIX,
-    IMAGE,
-    IMU,
-    MARKERS,
-    ODOMETRY,
-    PATH,
-    POSE,
-    STRING,
-    TF_TYPES,
-    TRACKED_OBJECTS,
-    TWIST,
-)
+from ..model.msgtypes import CAMERA_INFO, CLOUD, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
+from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
 
 if TYPE_CHECKING:
@@ -51,11 +34,6 @@ if TYPE_CHECKING:
     from ..rig.tf_tree import Link
 
 
-_BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
-_BOXES_OR_MARKERS = _BOXES | {MARKERS}
-_HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
-_DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
-_READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
 _ALL_OF_FIRST = 64
 _EVERY = 16
@@ -129,11 +107,11 @@ def glance(source: BagSource) -> Survey:
             types = dict(every.channels)
             taken = _Pass(every)
             losses, left_out = every.losses, every.left_out
-        wanted = {topic for topic, msgtype in types.items() if msgtype in _DESCRIBING}
+        wanted = {topic for topic, msgtype in types.items() if msgtype in DESCRIBING}
         if wanted:
             with open_messages(bag, wanted) as messages:
                 taken.take_all(messages)
-        for topic in (topic for topic, msgtype in types.items() if msgtype in LARGE_TYPES):
+        for topic in (topic for topic, msgtype in types.items() if msgtype in FIRST_ONLY):
             with open_messages(bag, {topic}) as messages:
                 taken.take_all(islice(messages, 1))
     return taken.survey((), losses, left_out)
@@ -178,7 +156,7 @@ class _Pass:
             decoded = self._decoded(topic, message)
             if decoded is not None:
                 self._links.add(decoded, still='static' in topic.name)
-        elif topic.msgtype in _READ:
+        elif topic.msgtype in READ:
             self._look_at(topic, message)
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
             text = self._decoded(topic, message)
@@ -197,7 +175,7 @@ class _Pass:
             topic.fail(error)
 
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
-        if topic.msgtype in _HEADED:
+        if topic.msgtype in HEADED:
             _enter_header(topic, message)
         elif topic.msgtype == MARKERS:
             _enter_first_stamp(topic, message)
@@ -209,7 +187,7 @@ class _Pass:
                 topic.changes += changed and bool(topic.looks)
                 topic.looks = [*topic.looks, look][:_LOOKS]
                 _count_classes(topic, look)
-        elif topic.msgtype in _BOXES_OR_MARKERS and _is_sampled(topic):
+        elif topic.msgtype in SOLID and _is_sampled(topic):
             look = self._decoded(topic, message)
             if look is not None:
                 _count_classes(topic, look)
@@ -243,6 +221,7 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
 def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
     """Enter the stamp of the first marker; without one that of the log, as late as those before."""
     stamp_ns = peek_first_stamp(message.data)
+    topic.markers_ns.append(stamp_ns)
     lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
     topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
 
@@ -253,6 +232,6 @@ def _is_sampled(topic: TopicSurvey) -> bool:
 
 
 def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
-    if topic.msgtype in _BOXES_OR_MARKERS:
+    if topic.msgtype in SOLID:
         with suppress(ValueError):
             topic.classes.update(classes_in(look))

@@ -33,6 +33,7 @@ class TopicSurvey:
         headless: Indices of the messages without a readable header.
         changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
+        markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
         turn_ns: Of clouds with a time for each point: when the first and the last point were
@@ -53,6 +54,7 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     changes: int = 0
     size_bytes: int = 0
+    markers_ns: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     turn_ns: tuple[int, int] | None = None
@@ -101,7 +103,8 @@ class TopicSurvey:
         _, reason = self.stamps()
         if reason is not None:
             yield f'{self.name}: {reason}'
-        if self.by_log or len(self.header_ns) != self.count:
+        # Arrays of markers with one stamp are one sample: see label_groups.
+        if self.by_log or self.markers_ns or len(self.header_ns) != self.count:
             return
         header = np.array(self.header_ns, dtype=np.int64)
         again = np.flatnonzero(np.diff(header) == 0) + 1

@@ -19,6 +19,8 @@ RAW_IMAGES = ('image_00', 'image_01', 'image_02', 'image_03')
 RAW_SCANS = 'velodyne_points'
 RAW_OXTS = 'oxts'
 RAW_DATA = 'data'
+RAW_DEPTH = 'proj_depth/velodyne_raw'
+"""Depth maps of scans, a folder a colour camera (readme.txt of the depth devkit)."""
 RAW_TRACKLETS = 'tracklet_labels.xml'
 RAW_DRIVE = re.compile(r'\d{4}_\d{2}_\d{2}_drive_(\d{4})_(sync|extract)')
 RAW_DATE = re.compile(r'\d{4}_\d{2}_\d{2}')
@@ -40,6 +42,8 @@ SCANS = 'velodyne'
 CALIB = 'calib'
 OXTS = 'oxts'
 OBJECT_LABELS = 'label_2'
+OBJECT_DEPTH = 'depth_2'
+"""Depth maps of camera 2, as OpenPCDet and CaDDN name the folder; KITTI's set has none."""
 TRACKING_LABELS = 'label_02'
 IMAGE_SETS = 'ImageSets'
 

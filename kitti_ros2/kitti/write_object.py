@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from ..model.boxes import Box
     from ..model.samples import Calibration
 
+_COLOUR = 2
+
 
 @dataclass(frozen=True)
 class WriteOptions:
@@ -64,6 +66,10 @@ class ObjectWriter(LayoutWriter):
         self._numbers: set[int] = set()
         self._unlisted: set[int] = set()
         self._formatted: tuple[Calibration, str] | None = None
+
+    def depth_folder(self, camera: int) -> str:
+        """Return depth_2 for camera 2."""
+        return names.OBJECT_DEPTH if camera == _COLOUR else ''
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 KINDS = ('sync', 'extract')
 _MOST_OCCLUDED = 2
+_COLOUR = (2, 3)
 _UNKNOWN = -1
 DATAFORMAT = """\
 lat: degrees north
@@ -132,6 +133,15 @@ class RawWriter(LayoutWriter):
         folder = self.path / names.RAW_IMAGES[camera]
         self._write_data(folder, number, names.PNG, png)
         self._stamp(folder / names.TIMESTAMPS, number, stamp_ns)
+
+    def depth_folder(self, camera: int) -> str:
+        """Return proj_depth/velodyne_raw/image_0C of a colour camera."""
+        return f'{names.RAW_DEPTH}/{names.RAW_IMAGES[camera]}' if camera in _COLOUR else ''
+
+    def write_depth(self, camera: int, number: int, png: bytes) -> None:
+        """Write a depth map; see LayoutWriter."""
+        name = names.file_name(number, names.RAW_DIGITS, names.PNG)
+        STORE.write(self.path / self.depth_folder(camera) / name, png)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
         """Write oxts/data."""

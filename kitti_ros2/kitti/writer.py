@@ -74,6 +74,21 @@ class LayoutWriter:
         self._check_camera(camera)
         STORE.write(self._file(self._images[camera], number, names.PNG), png)
 
+    def depth_folder(self, camera: int) -> str:
+        """Return the folder of depth maps of a camera, empty where the layout has none."""
+        return ''
+
+    def write_depth(self, camera: int, number: int, png: bytes) -> None:
+        """Write a depth map of a camera with a depth_folder.
+
+        Args:
+            camera: KITTI index.
+            number: The frame's.
+            png: 16 bits grey: depth in metres times 256, 0 without one (readme.txt of the depth
+                devkit).
+        """
+        STORE.write(self._file(self.depth_folder(camera), number, names.PNG), png)
+
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
         """Write one packet of the GPS/IMU unit, or its line verbatim."""
         raise self._no_place(Stream.OXTS)

@@ -186,7 +186,12 @@ def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
     if not peaks:
         return 1.0
     highest = max(value for _, value in peaks)
-    if highest <= 1 and all(is_float for is_float, _ in peaks):
+    return scale_of_peak(highest, is_float=all(is_float for is_float, _ in peaks))
+
+
+def scale_of_peak(highest: float, *, is_float: bool) -> float:
+    """Estimate the same from the largest intensity; see guess_intensity_scale."""
+    if highest <= 1 and is_float:
         return 1.0
     return next((scale for scale in _FULL_SCALES if highest <= scale), highest)
 

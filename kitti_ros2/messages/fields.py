@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 
 # Unused fields, or those with other names in other versions, which the decoders handle.
 _OPTIONAL = {
+    'livox_ros_driver/msg/CustomMsg': {'timebase', 'point_num', 'lidar_id', 'rsvd'},
+    'livox_ros_driver/msg/CustomPoint': {'offset_time', 'tag', 'line'},
+    'livox_ros_driver2/msg/CustomMsg': {'timebase', 'point_num', 'lidar_id', 'rsvd'},
+    'livox_ros_driver2/msg/CustomPoint': {'offset_time', 'tag', 'line'},
+    'velodyne_msgs/msg/VelodynePacket': {'stamp'},
     'nav_msgs/msg/Odometry': {'twist'},
     'sensor_msgs/msg/PointCloud2': {'is_dense'},
     'vision_msgs/msg/BoundingBox2D': {'center'},

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any sensor_msgs/Image or CompressedImage -> pixels: grey, or colour in the order BGR.
 
-Grey keeps its 8 or 16 bits. Colour has 8 bits a channel: the upper 8 of 16, as in cv_bridge.
+Grey keeps its 8 or 16 bits. Colour has 8 bits a channel, the upper 8 of 16 as in cv_bridge, unless
+deep pixels are requested.
 Alpha is dropped. Sources: sensor_msgs/image_encodings.hpp; compressed_image_transport, whose
 format is "ENCODING; png compressed ..." where others write just "png".
 """
@@ -14,7 +15,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-from ..files.picture_headers import PNG_SIGNATURE, jpeg_size, png_chunks, png_size
+from ..files.picture_headers import (
+    PNG_SIGNATURE,
+    is_webp,
+    is_whole_webp,
+    jpeg_size,
+    png_chunks,
+    png_size,
+    webp_size,
+)
 from ..files.png.decode import inflated
 
 if TYPE_CHECKING:
@@ -26,8 +35,9 @@ if TYPE_CHECKING:
 
 _JPEG = b'\xff\xd8\xff'
 _JPEG_END = b'\xff\xd9'
+_SIZES = {'PNG': png_size, 'JPEG': jpeg_size, 'WebP': webp_size}
 _PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
-_PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0)}
+_PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0), (16, 2, 0, 0, 0)}
 """Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
 
 MOST_PIXELS = 2**26
@@ -46,6 +56,7 @@ class _Encoding(NamedTuple):
     conversion: str = ''
 
 
+_FLOATS = _Encoding(4, 1)
 _ENCODINGS = {
     'mono8': _Encoding(1, 1),
     'mono16': _Encoding(2, 1),
@@ -72,35 +83,52 @@ _ENCODINGS = {
 }
 
 
-def decode_pixels(message: ImageMsg) -> Pixels:
+def decode_pixels(message: ImageMsg, *, deep: bool = False) -> Pixels:
     """Decode to (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; a view if nothing is converted.
 
     8UC1, 16UC1 and 8UC3 are decoded as mono8, mono16 and bgr8; a mosaic is interpolated bilinearly.
+    If deep, colour of 16 bits stays uint16.
 
     Raises:
         ValueError: The encoding is unknown, the image is empty, or the data are too short.
     """
-    encoding = _ENCODINGS.get(message.encoding)
-    if encoding is None:
-        raise ValueError(
-            f'unknown encoding {message.encoding!r}; known are {", ".join(_ENCODINGS)}'
-        )
+    encoding = _encoding_of(message)
     values = _values(message, encoding)
     if encoding.conversion:
-        return _converted(_upper_bits(values), encoding.conversion)
-    return values if encoding.channels == 1 else _upper_bits(values)
+        return _converted(_kept_bits(values, deep=deep), encoding.conversion)
+    return values if encoding.channels == 1 else _kept_bits(values, deep=deep)
 
 
-def pixels_of(message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+def pixels_of(message: Any, *, deep: bool = False) -> Pixels:  # noqa: ANN401 - of the bag's types
     """Decode an Image or CompressedImage; see decode_pixels and decode_compressed_pixels.
 
     Raises:
         ValueError: It cannot be decoded.
     """
-    return (decode_compressed_pixels if hasattr(message, 'format') else decode_pixels)(message)
+    decode = decode_compressed_pixels if hasattr(message, 'format') else decode_pixels
+    return decode(message, deep=deep)
 
 
-def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
+def stored_values(message: ImageMsg) -> npt.NDArray[Any]:
+    """Return the values of an Image of any known encoding, or of 32FC1, as they are stored.
+
+    Raises:
+        ValueError: As decode_pixels.
+    """
+    encoding = _FLOATS if message.encoding == '32FC1' else _encoding_of(message)
+    return _values(message, encoding)
+
+
+def _encoding_of(message: ImageMsg) -> _Encoding:
+    encoding = _ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ValueError(
+            f'unknown encoding {message.encoding!r}; known are {", ".join(_ENCODINGS)}'
+        )
+    return encoding
+
+
+def _values(message: ImageMsg, encoding: _Encoding) -> npt.NDArray[Any]:
     """Return (H, W) or (H, W, channels) of the stored values.
 
     Raises:
@@ -120,24 +148,26 @@ def _values(message: ImageMsg, encoding: _Encoding) -> Pixels:
             f'{len(data)} bytes of data; {height} rows of {step} bytes are {height * step}'
         )
     order = '>' if message.is_bigendian else '<'
-    values: Pixels = np.ndarray(
+    kind = 'f' if encoding is _FLOATS else 'u'
+    values: npt.NDArray[Any] = np.ndarray(
         (height, width, encoding.channels),
-        f'{order}u{encoding.value_bytes}',
+        f'{order}{kind}{encoding.value_bytes}',
         data,
         strides=(step, pixel_bytes, encoding.value_bytes),
     )
     if encoding.value_bytes > 1:
-        values = np.require(values, np.dtype(np.uint16), 'A')
+        values = np.require(values, values.dtype.newbyteorder('='), 'A')
     return values[..., 0] if encoding.channels == 1 else values
 
 
-def _upper_bits(values: Pixels) -> npt.NDArray[np.uint8]:
-    """Return the upper 8 bits of 16-bit values; others unchanged."""
-    upper = values if values.dtype.itemsize == 1 else values >> 8
-    return upper.astype(np.uint8, copy=False)
+def _kept_bits(values: Pixels, *, deep: bool) -> Pixels:
+    """Return the upper 8 bits of 16-bit values unless deep; others unchanged."""
+    if deep or values.dtype.itemsize == 1:
+        return values
+    return (values >> 8).astype(np.uint8, copy=False)
 
 
-def _converted(values: npt.NDArray[np.uint8], conversion: str) -> npt.NDArray[np.uint8]:
+def _converted(values: Pixels, conversion: str) -> Pixels:
     """Convert stored values to (H, W, 3) BGR.
 
     Raises:
@@ -150,11 +180,11 @@ def _converted(values: npt.NDArray[np.uint8], conversion: str) -> npt.NDArray[np
         raise ValueError(f'a mosaic of {width} x {height} pixels')
     if 'YUV' in conversion and width % 2:
         raise ValueError(f'an odd width, {width} pixels, of which each two share their colour')
-    return np.asarray(cv2.cvtColor(values, getattr(cv2, conversion)), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(values, getattr(cv2, conversion)), dtype=values.dtype)
 
 
-def decode_compressed_pixels(message: CompressedImage) -> Pixels:
-    """Decode a PNG or JPEG to (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
+def decode_compressed_pixels(message: CompressedImage, *, deep: bool = False) -> Pixels:
+    """Decode a PNG, JPEG or WebP to (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
 
     The kind is detected from the data; format only determines whether grey pixels are a mosaic.
 
@@ -165,7 +195,7 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
 
     kind = picture_kind(message)
     data = message.data.tobytes()
-    width, height = (png_size if kind == 'PNG' else jpeg_size)(data)
+    width, height = _SIZES[kind](data)
     if width * height > MOST_PIXELS:
         raise ValueError(f'a {kind} of {width} x {height} pixels')
     file = np.frombuffer(inflated(data) if kind == 'PNG' else data, dtype=np.uint8)
@@ -179,13 +209,13 @@ def decode_compressed_pixels(message: CompressedImage) -> Pixels:
         raise ValueError(f'the {kind} cannot be decoded')
     values = cast('Pixels', pixels)
     if values.ndim == 3:
-        return _upper_bits(values)
+        return _kept_bits(values, deep=deep)
     mosaic = _mosaic(message.format)
-    return _converted(_upper_bits(values), mosaic) if mosaic else values
+    return _converted(_kept_bits(values, deep=deep), mosaic) if mosaic else values
 
 
 def picture_kind(message: CompressedImage) -> str:
-    """Detect PNG or JPEG from the data, not the format; the data are not decoded.
+    """Detect PNG, JPEG or WebP from the data, not the format; the data are not decoded.
 
     Raises:
         ValueError: The data are of another kind, or truncated.
@@ -193,12 +223,19 @@ def picture_kind(message: CompressedImage) -> str:
     kind = _kind_of(message)
     if not kind:
         start = message.data[: len(PNG_SIGNATURE)].tobytes()
-        raise ValueError(f'neither PNG nor JPEG: format {message.format!r}, data {start!r}')
+        raise ValueError(
+            f'neither PNG nor JPEG nor WebP: format {message.format!r}, data {start!r}'
+        )
     data = message.data.tobytes()
-    whole = _JPEG_END in data if kind == 'JPEG' else png_chunks(data) is not None
-    if not whole:
+    if not _is_whole(kind, data):
         raise ValueError(f'the {kind} is cut after {len(data)} bytes')
     return kind
+
+
+def _is_whole(kind: str, data: bytes) -> bool:
+    if kind == 'WebP':
+        return is_whole_webp(data)
+    return _JPEG_END in data if kind == 'JPEG' else png_chunks(data) is not None
 
 
 def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
@@ -207,15 +244,16 @@ def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
         size = int(message.width), int(message.height)
     else:
         data = message.data.tobytes()
-        size = png_size(data) if data.startswith(PNG_SIGNATURE) else jpeg_size(data)
+        kind = 'PNG' if data.startswith(PNG_SIGNATURE) else 'WebP' if is_webp(data) else 'JPEG'
+        size = _SIZES[kind](data)
     return size if all(size) else None
 
 
 def png_of(message: CompressedImage) -> bytes | None:
     """Return the message's own bytes if KITTI's loaders support them, else None.
 
-    They must be a complete PNG of 8 bits grey or RGB or of 16 bits grey, not interlaced, without a
-    transparent colour, and not a mosaic.
+    They must be a complete PNG of 8 or 16 bits grey or RGB, not interlaced, without a transparent
+    colour, and not a mosaic.
 
     Raises:
         ValueError: A depth image (compressedDepth), or a damaged PNG.
@@ -235,7 +273,7 @@ def png_of(message: CompressedImage) -> bytes | None:
 
 
 def _kind_of(message: CompressedImage) -> str:
-    """Detect PNG or JPEG from the first bytes, '' for others.
+    """Detect PNG, JPEG or WebP from the first bytes, '' for others.
 
     Raises:
         ValueError: A depth image: a header of 12 bytes, then a PNG or run lengths.
@@ -245,6 +283,8 @@ def _kind_of(message: CompressedImage) -> str:
         return 'PNG'
     if head.startswith(_JPEG):
         return 'JPEG'
+    if is_webp(head):
+        return 'WebP'
     if head.endswith(PNG_SIGNATURE) or 'compressedDepth' in message.format:
         raise ValueError(f'a depth image (format {message.format!r}), which is no picture')
     return ''

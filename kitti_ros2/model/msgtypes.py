@@ -15,6 +15,9 @@ FIX = 'sensor_msgs/msg/NavSatFix'
 HEADER = 'std_msgs/msg/Header'
 IMAGE = 'sensor_msgs/msg/Image'
 IMU = 'sensor_msgs/msg/Imu'
+LASER_SCAN = 'sensor_msgs/msg/LaserScan'
+LIVOX = frozenset({'livox_ros_driver/msg/CustomMsg', 'livox_ros_driver2/msg/CustomMsg'})
+"""Clouds of Livox' drivers."""
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 PATH = 'nav_msgs/msg/Path'
@@ -26,3 +29,4 @@ TF_TYPES = frozenset({TF, 'tf/msg/tfMessage'})
 TRACKED_OBJECTS = 'autoware_perception_msgs/msg/TrackedObjects'
 TWIST = 'geometry_msgs/msg/TwistStamped'
 TWIST_COVARIANCE = 'geometry_msgs/msg/TwistWithCovarianceStamped'
+VELODYNE = 'velodyne_msgs/msg/VelodyneScan'

@@ -23,6 +23,7 @@ from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.poses import read_moving, read_track
 from ..importer.report import LossTally, damage
+from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD
@@ -79,7 +80,7 @@ class BagFrames:
         path = path_of(bag)
         self.name = path.name
         guess = guess_plan(survey, Layout.OBJECT, path)
-        plan = _to_look_at(guess.plan)
+        plan = _to_look_at(without_unreadable_scans(guess.plan, survey))
         notes = list(guess.notes)
         assumptions: list[str] = []
         losses = LossTally()

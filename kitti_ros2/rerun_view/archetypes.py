@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import rerun as rr
 
 from ..messages.clouds import decode_cloud, guess_intensity_scale
-from ..messages.pixels import decode_pixels, picture_kind
+from ..messages.pixels import decode_compressed_pixels, decode_pixels, picture_kind
 from .boxes import Box2DConverter, Box3DConverter, rows_of, unit_quaternions
 from .cameras import PinholeConverter
 from .colors import height_colors, reflectance_colors
@@ -78,12 +78,17 @@ class ImageConverter(Converter):
 
 
 class CompressedImageConverter(Converter):
-    """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG."""
+    """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG, or the pixels."""
 
     def convert(self, message: CompressedImage) -> Iterator[EntityUpdate]:
         """Yield one update."""
-        media = _MEDIA[picture_kind(message)]
-        components = rr.EncodedImage(contents=message.data, media_type=media)
+        media = _MEDIA.get(picture_kind(message))
+        components: rr.EncodedImage | rr.Image
+        if media is None:
+            pixels = decode_compressed_pixels(message)
+            components = rr.Image(pixels, 'L' if pixels.ndim == 2 else 'BGR')
+        else:
+            components = rr.EncodedImage(contents=message.data, media_type=media)
         yield EntityUpdate(self.path, [components], image_frame(self.topic))
 
 

@@ -98,6 +98,17 @@ class Rectifier:
         return np.asarray(rectified, pixels.dtype)
 
 
+def rectify_pixels(pixels: Float64Array, camera: CameraModel) -> Float64Array:
+    """Return the places of (N, 2) pixels of an unrectified image in the rectified one."""
+    import cv2  # noqa: PLC0415 - as above
+
+    fisheye = _ALIASES.get(camera.model, camera.model) == _FISHEYE
+    undistort = cv2.fisheye.undistortPoints if fisheye else cv2.undistortPoints
+    places = np.ascontiguousarray(pixels[:, None], dtype=np.float64)
+    moved = undistort(places, camera.k, camera.d, R=camera.r, P=camera.p[:, :3])
+    return np.asarray(moved[:, 0], np.float64)
+
+
 def _invertible(name: str, matrix: Float64Array) -> Float64Array:
     """Return a (3, 3) matrix in contiguous memory, as OpenCV needs it.
 

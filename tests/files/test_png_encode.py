@@ -120,7 +120,7 @@ def test_a_photograph_gets_hardly_larger_than_from_opencv(encoder):  # noqa: ARG
         ((5, 0, 3), np.uint8),
         ((5, 5, 4), np.uint8),
         ((5, 5, 1), np.uint8),
-        ((5, 5, 3), np.uint16),
+        ((5, 5, 3), np.int16),
         ((5, 5), np.int8),
         ((5, 5), np.float32),
     ],
@@ -128,6 +128,12 @@ def test_a_photograph_gets_hardly_larger_than_from_opencv(encoder):  # noqa: ARG
 def test_other_pixels_are_refused(shape, dtype):
     with pytest.raises(ValueError, match='pixels of shape'):
         encode_png(np.zeros(shape, dtype))
+
+
+def test_colour_of_16_bits_comes_back():
+    pixels = np.random.default_rng(0).integers(0, 2**16, (7, 9, 3), np.uint16)
+    back = cv2.imdecode(np.frombuffer(encode_png(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(back, pixels)
 
 
 def test_every_thread_writes_the_same_bytes(encoder):

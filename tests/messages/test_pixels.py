@@ -188,13 +188,17 @@ def png(depth: int, colour: int, row_bytes: int, more: bytes = b'', interlace: i
     return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + more + data + chunk(b'IEND')
 
 
-PLAIN = {'grey': png(8, 0, 5), 'rgb': png(8, 2, 15), 'grey16': png(16, 0, 10)}
+PLAIN = {
+    'grey': png(8, 0, 5),
+    'rgb': png(8, 2, 15),
+    'grey16': png(16, 0, 10),
+    'rgb16': png(16, 2, 30),
+}
 OTHERS = {
     'alpha': png(8, 6, 20),
     'grey and alpha': png(8, 4, 10),
     'palette': png(8, 3, 5, chunk(b'PLTE', b'\xc8' * 768)),
     'bilevel': png(1, 0, 1),
-    'rgb16': png(16, 2, 30),
     'interlaced': png(8, 0, 5, interlace=1),
     'transparent colour': png(8, 2, 15, chunk(b'tRNS', bytes(6))),
 }
@@ -251,7 +255,7 @@ class TestCompressedImage:
             (encoded('.jpg', picture())[:-2], 'the JPEG is cut after'),
             (PLAIN['rgb'][:8] + chunk(b'IEND'), 'the PNG cannot be decoded'),
             (b'\xff\xd8\xff\xff\xd9', 'the JPEG cannot be decoded'),
-            (b'', "neither PNG nor JPEG: format 'png', data b''"),
+            (b'', "neither PNG nor JPEG nor WebP: format 'png', data b''"),
             (b'\0\0\0\x01h264 and so on', 'neither PNG nor JPEG'),
         ],
     )

@@ -35,6 +35,8 @@ _STORED_HEAD = b'\x78\x01'
 def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
     """Decode to pixels: (H, W) uint8 or uint16, as in the file, or (H, W, 3) uint8 BGR.
 
+    Of colour of 16 bits these are the upper 8.
+
     Raises:
         ValueError: The PNG cannot be decoded.
     """

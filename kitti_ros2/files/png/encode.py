@@ -41,7 +41,7 @@ def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
     """Encode pixels as a PNG file, lossless.
 
     Args:
-        pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR; any strides.
+        pixels: (H, W), or (H, W, 3) BGR, uint8 or uint16; any strides.
 
     Raises:
         ValueError: The pixels have another shape or type, or there are none.
@@ -55,6 +55,9 @@ def encode_png(pixels: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
         return _file(pixels.astype('>u2', order='C').view(np.uint8), _GREY, 1, 2)
     if kind == (np.uint8, (3,)):
         return _encode_colour(pixels)
+    if kind == (np.uint16, (3,)):
+        deep = pixels[..., ::-1].astype('>u2', order='C')
+        return _file(deep.view(np.uint8).reshape(len(deep), -1), _RGB, 3, 2)
     raise ValueError(f'pixels of shape {pixels.shape} and type {pixels.dtype}')
 
 

@@ -25,7 +25,6 @@ _CRC_AND_CHUNK = struct.Struct('>II4s')
 TRAILING_BYTES = 64
 """The end of a PNG is searched in so many of the last bytes."""
 
-_GREY = 0
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
 
 
@@ -41,19 +40,15 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
         size: Bytes of the file, where data is only its ends.
 
     Raises:
-        BadFileError: The file is empty, not a PNG, truncated, damaged, or of 16 bits a channel and
-            not grey.
+        BadFileError: The file is empty, not a PNG, truncated or damaged.
     """
     if not data:
         raise BadFileError(path, 'the file is empty', 'a PNG image', remedy=_REMEDY)
     if len(data) < _HEADER.size or not data.startswith(_SIGNATURE):
         raise BadFileError(path, 'no PNG signature and header', 'a PNG image', remedy=_REMEDY)
-    _, _, kind, width, height, depth, colour = _HEADER.unpack_from(data)
+    _, _, kind, width, height, _, colour = _HEADER.unpack_from(data)
     if kind != b'IHDR' or colour not in _CHANNELS or not width or not height:
         raise BadFileError(path, 'a broken PNG header', 'a PNG image', remedy=_REMEDY)
-    if depth > 8 and colour != _GREY:
-        expected = 'an image of 8 bits a channel, or of 16 bits grey'
-        raise BadFileError(path, f'{depth} bits a channel', expected)
     # Some programs put a few bytes behind the end, which decoders ignore.
     if data.rfind(_END, -TRAILING_BYTES) < 0:
         raise BadFileError(

@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes of detectors become labels: 3D and 2D joined, markers of several arrays; deep pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import detector_robot as robot
+import numpy as np
+import pytest
+import robot_bags as bags
+
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.join_boxes import rectified_boxes
+from kitti_ros2.importer.label_groups import group_messages
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.survey import look
+from kitti_ros2.kitti.label_file import parse_box
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.camera_info import CameraModel
+from kitti_ros2.messages.detections import ImageBox
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.read import ReadOptions
+
+
+def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
+    """(plan, report) of a bag."""
+    options = ImportOptions(layout=layout)
+    survey = look([bag])
+    plan = change(guess([bag], survey, options).plan)
+    plan = parse_plan(format_plan(plan), out.with_suffix('.yaml'))
+    return plan, convert_by_plan([bag], plan, survey, out, options)
+
+
+def labels(out, number):
+    """The boxes of a frame, in the order of the file."""
+    text = (out / 'training' / 'label_2' / f'{number:06d}.txt').read_text()
+    return [parse_box(line) for line in text.splitlines()]
+
+
+class Test2D:
+    @pytest.mark.parametrize('container', ['mcap', 'ros1'])
+    def test_boxes_are_joined_by_id_then_by_overlap_and_the_rest_is_2d_only(
+        self, tmp_path, container
+    ):
+        bag = bags.write(tmp_path / 'bag', robot.said({'solid', 'flat'}), container)
+        plan, report = convert(bag, tmp_path / 'out')
+        assert (plan.labels.topic, plan.labels.boxes_2d) == ('/boxes', '/boxes_2d')
+        assert report.losses == ()
+        flat = [box for _, _, box in robot.flat_boxes()]
+        for number in range(robot.FRAMES):
+            found = labels(tmp_path / 'out', number)
+            assert [box.class_name for box in found] == ['Car', 'Car', 'Pedestrian', 'Cyclist']
+            true = [flat[0], flat[1], robot.projected(*robot.SOLID[2][2:]), flat[2]]
+            assert np.abs(np.array([box.box_2d for box in found]) - true).max() < 1e-3
+            alone = found[3]
+            assert alone.size_hwl == (-1, -1, -1)
+            assert alone.location == (-1000, -1000, -1000)
+            assert (alone.alpha, alone.rotation_y) == (-10, -10)
+            assert [box.size_hwl[0] for box in found[:3]] == [1.5, 1.4, 1.8]
+
+    def test_2d_boxes_alone_are_labels(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said({'flat'}))
+        plan, report = convert(bag, tmp_path / 'out')
+        assert (plan.labels.topic, plan.labels.boxes_2d) == ('/boxes_2d', '')
+        assert report.losses == ()
+        found = labels(tmp_path / 'out', 1)
+        assert [box.class_name for box in found] == ['Car', 'Car', 'Cyclist']
+        true = [box for _, _, box in robot.flat_boxes()]
+        assert np.abs(np.array([box.box_2d for box in found]) - true).max() < 1e-3
+        assert all(box.location == (-1000, -1000, -1000) for box in found)
+
+    def test_raw_says_that_tracklets_have_no_2d_boxes(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said({'solid', 'flat'}))
+        _, report = convert(bag, tmp_path / 'out', layout=Layout.RAW)
+        assert f'{robot.FRAMES} boxes without a 3D box' in ' '.join(report.notes)
+
+    def test_those_of_another_camera_are_left_out_aloud(self, tmp_path):
+        said = robot.said({'solid'})
+        said += [
+            bags.Said(
+                '/boxes_2d',
+                robot.START_NS + n * robot.PERIOD_NS,
+                'vision_msgs/msg/Detection2DArray',
+                robot.flat_message(robot.START_NS + n * robot.PERIOD_NS, 'other'),
+            )
+            for n in range(robot.FRAMES)
+        ]
+        bag = bags.write(tmp_path / 'bag', said)
+        plan, _ = convert(bag, tmp_path / 'out')
+        assert plan.labels.boxes_2d == ''
+        _, report = convert(
+            bag,
+            tmp_path / 'out2',
+            lambda plan: replace(plan, labels=replace(plan.labels, boxes_2d='/boxes_2d')),
+        )
+        assert '12 boxes in the pixels of another camera' in ' '.join(report.notes)
+
+    def test_a_topic_of_another_type_is_refused(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said({'solid', 'flat'}))
+        with pytest.raises(UsageError, match=r'labels\.boxes_2d: /boxes is a vision_msgs'):
+            convert(
+                bag,
+                tmp_path / 'out',
+                lambda plan: replace(plan, labels=replace(plan.labels, boxes_2d='/boxes')),
+            )
+
+
+def test_boxes_in_pixels_of_the_lens_move_with_the_rectified_image():
+    """The box around the rectified sides: compared with sides of a thousand points."""
+    d = np.array([-0.3, 0.1, 0.001, -0.002, 0.0])
+    p = np.array([[450.0, 0, 310, 0], [0, 450, 175, 0], [0, 0, 1, 0]])
+    camera = CameraModel('c', robot.SIZE, robot.K, d, np.eye(3), p)
+    box = ImageBox('Car', '', (20.0, 30.0, 200.0, 330.0), None, 'c')
+    (moved,) = rectified_boxes([box], camera)
+    share = np.linspace(0, 1, 1000)
+    x, y = 20 + 180 * share, 30 + 300 * share
+    sides = [(x, 30 + 0 * x), (x, 330 + 0 * x), (20 + 0 * y, y), (200 + 0 * y, y)]
+    pixels = np.vstack([np.column_stack(side) for side in sides])
+    true = cv2.undistortPoints(pixels[:, None], robot.K, d, P=p[:, :3])[:, 0]
+    assert moved.box_2d == pytest.approx([*true.min(axis=0), *true.max(axis=0)], abs=0.5)
+
+
+@pytest.mark.parametrize('container', ['mcap', 'ros1'])
+def test_marker_arrays_of_one_stamp_are_joined(tmp_path, container):
+    bag = bags.write(tmp_path / 'bag', robot.said({'markers'}), container)
+    _, report = convert(bag, tmp_path / 'out')
+    assert report.losses == ()
+    assert report.frames == robot.FRAMES
+    for number in range(robot.FRAMES):
+        found = sorted(labels(tmp_path / 'out', number), key=lambda box: box.location[2])
+        assert [box.class_name for box in found] == ['Pedestrian', 'Car', 'Car']
+        assert [box.size_hwl[0] for box in found] == [1.8, 1.5, 1.4]
+
+
+@pytest.mark.parametrize('kind', ['tracked', 'detected'])
+def test_objects_of_autoware_become_labels(tmp_path, kind):
+    bag = bags.write(tmp_path / 'bag', robot.said({kind, 'flat'}))
+    plan, report = convert(bag, tmp_path / 'out')
+    assert (plan.labels.topic, plan.labels.boxes_2d) == ('/objects', '/boxes_2d')
+    assert report.losses == ()
+    found = labels(tmp_path / 'out', 2)
+    assert [box.class_name for box in found[:3]] == ['Car', 'Car', 'Pedestrian']
+    assert [box.size_hwl[0] for box in found[:3]] == pytest.approx([1.5, 1.4, 1.8])
+    second = robot.flat_boxes()[1][2]
+    assert np.abs(np.array(found[1].box_2d) - second).max() < 1e-3
+
+
+class TestGroups:
+    def test_arrays_of_one_stamp_belong_together(self):
+        stamps = [100, 100, 200, 200, 200]
+        assert group_messages(stamps, [0, 1, 10, 11, 12]) == [[0, 1], [2, 3, 4]]
+
+    def test_an_empty_array_belongs_to_the_nearest(self):
+        stamps = [100, 0, 100, 200, 0, 200, 0]
+        logs = [0, 1, 2, 100, 101, 102, 160]
+        assert group_messages(stamps, logs) == [[0, 1, 2], [3, 4, 5], [6]]
+
+    @pytest.mark.parametrize('stamps', [[0, 0, 0], [7, 7, 7, 7], [1, 2, 3], [5], []])
+    def test_others_stay_alone(self, stamps):
+        logs = [10 * place for place in range(len(stamps))]
+        assert group_messages(stamps, logs) == [[place] for place in range(len(stamps))]
+
+
+class TestPixels:
+    def read(self, out, number=1):
+        (path,) = out.glob(f'training/image_2/{number:06d}.png')
+        return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+
+    @pytest.mark.parametrize('encoding', ['mono16', 'rgb16', 'bgr16'])
+    def test_16_bits_stay_and_are_told(self, tmp_path, encoding):
+        bag = bags.write(tmp_path / 'bag', robot.said(set(), encoding))
+        _, report = convert(bag, tmp_path / 'out')
+        assert report.losses == ()
+        true = robot.picture(1, encoding)
+        if encoding == 'rgb16':
+            true = true[..., ::-1]
+        found = self.read(tmp_path / 'out')
+        assert found.dtype == np.uint16
+        assert np.array_equal(found, true)
+        assert any('16 bits' in note and '/camera/image' in note for note in report.notes)
+        recording = open_recording(tmp_path / 'out', ReadOptions(layout=Layout.OBJECT))
+        assert recording.read(Stream.IMAGE_2, 1).width == robot.SIZE[0]
+
+    def test_a_mosaic_of_16_bits(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said(set(), 'bayer_rggb16'))
+        _, report = convert(bag, tmp_path / 'out')
+        true = cv2.cvtColor(robot.picture(1, 'bayer_rggb16'), cv2.COLOR_BayerRGGB2BGR)
+        assert np.array_equal(self.read(tmp_path / 'out'), true)
+        assert report.losses == ()
+
+    def test_8_bits_are_not_told(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said(set(), 'rgb8'))
+        _, report = convert(bag, tmp_path / 'out')
+        assert not any('16 bits' in note for note in report.notes)
+
+    def test_webp(self, tmp_path):
+        bag = bags.write(tmp_path / 'bag', robot.said(set(), 'webp'))
+        _, report = convert(bag, tmp_path / 'out')
+        assert report.losses == ()
+        found = self.read(tmp_path / 'out')
+        assert np.array_equal(found[150, 100], (20, 200, 90))
+        assert not found[:90].any()
+
+    @pytest.mark.parametrize('cut', [0, 11, 20, 40, -1])
+    def test_a_truncated_webp_is_a_loss(self, tmp_path, cut):
+        said = robot.said(set(), 'webp')
+        places = [n for n, each in enumerate(said) if each.topic == '/camera/image/compressed']
+        values = dict(said[places[2]].values)
+        values['data'] = values['data'][:cut]
+        said[places[2]] = said[places[2]]._replace(values=values)
+        _, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        assert [loss.count for loss in report.losses] == [1]
