@@ -111,6 +111,30 @@ def test_a_stereo_pair_of_ros_1_is_paired_by_p(tmp_path):
         assert_true(tmp_path / 'out/training', camera, index=index)
 
 
+def test_a_right_camera_by_p_alone_is_of_the_left_one_of_its_name(convert):
+    stereo = small_rigs.stereo(joins=False)
+    left, right = stereo.cameras
+    front = replace(left, folder='/front', frame='front_eye', base_T_camera=small_rigs.LIDAR)
+    right = replace(right, frame='stereo_right')
+    front = replace(front, base_T_camera=camera_rigs.looking(0.0, (0.5, 0.0, 1.5)))
+    links = (*stereo.links, ('base_link', 'front_eye', front.base_T_camera))
+    plan, _, split = convert(replace(stereo, cameras=(front, left, right), links=links))
+    assert plan.cameras[2].topic == '/front/image_rect_color'
+    assert 3 not in plan.cameras
+    assert_true(split, front)
+
+
+def test_a_camera_in_a_frame_with_x_forward_is_pointed_out(convert):
+    robot = small_rigs.sides('front')
+    links = tuple(
+        (parent, child, small_rigs.LIDAR if child == 'front_eye' else place)
+        for parent, child, place in robot.links
+    )
+    _, notes, _ = convert(replace(robot, links=links, with_boxes=False))
+    assert 'z of front_eye, the direction the camera looks in, is 89 degrees up' in notes
+    assert 'if it is no optical frame' in notes
+
+
 def test_a_camera_that_is_not_calibrated_is_passed_over(convert):
     robot = small_rigs.sides('front', 'left')
     bare = replace(robot.cameras[0], k=np.zeros((3, 3)))
