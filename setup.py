@@ -65,8 +65,8 @@ EXTRAS = {
     ],
     # The figures of `eval odometry` and `eval tracking`.
     'eval': ['evo>=1.31,<2', 'trackeval>=1.3,<2'],
-    # The server that `play --foxglove` shows a recording with.
-    'foxglove': ['foxglove-sdk>=0.30,<0.31'],
+    # The server that `play --foxglove` shows a recording with; Foxglove's schemas in protobuf.
+    'foxglove': ['foxglove-sdk>=0.30,<0.31', 'mcap-protobuf-support>=0.5.3,<0.7'],
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
@@ -82,9 +82,11 @@ EXTRAS = {
 EXTRAS['test'] = [
     *EXTRAS['video'],
     'evo>=1.31,<2',  # trackeval brings a second OpenCV
-    *EXTRAS['foxglove'],
+    'foxglove-schemas-protobuf>=0.3,<0.5',
+    *EXTRAS['foxglove'][:1],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],
+    *EXTRAS['foxglove'][1:],
     'mcap-ros2-support>=0.5.5,<0.7',
     'mypy>=1.15,<3',
     'packaging>=23,<27',

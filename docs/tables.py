@@ -275,6 +275,8 @@ def _type_name(kind: Any) -> str:  # noqa: ANN401 - a type or an annotation
     names = {str: 'text', float: 'number', int: 'number', bool: 'true or false'}
     if inspect.isclass(kind) and issubclass(kind, Enum):
         return ' or '.join(str(each.value) for each in kind)
+    if kind == dict[str, str]:
+        return 'names with classes'
     return names.get(kind, 'keys, see below')
 
 

@@ -68,6 +68,7 @@ KEY_OF = {
 
 # Where the name to import differs from the name to install.
 INSTALLED_AS = {
+    'mcap_protobuf': 'mcap-protobuf-support',
     'cv2': 'opencv-python-headless',
     'foxglove': 'foxglove-sdk',
     'rerun': 'rerun-sdk',

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,15 @@ def wait_until(condition: Callable[[], object], seconds: float = PATIENCE_S) -> 
     while not condition():
         assert time.monotonic() < end, f'the condition did not hold within {seconds:g} s'
         time.sleep(0.002)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is there, also one that has ended and was not waited for."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 UNTIL_A_SIGNAL = """

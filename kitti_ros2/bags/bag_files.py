@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from ..model.errors import BadBagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
+from .foxglove_channels import appearing
 from .locate import locate_bag, reindex_advice
 from .storages import storage_of
 from .summary import BagIndex
@@ -50,6 +51,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
             findings.lose(str(error))
             continue
         stack.callback(file.close)
+        file.channels = {key: appearing(each) for key, each in file.channels.items()}
         found.append((path, file))
     if failure is not None and not found:
         raise failure

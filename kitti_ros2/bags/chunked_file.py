@@ -83,6 +83,10 @@ class ChunkedFile(BagFile, Generic[Head]):
             place = f'{self._file.name}: the chunk at byte {piece.position}'
             self._findings.lose(f'{place} has other messages than its index lists', lost)
 
+    def expect(self, piece: Piece) -> None:
+        """Ask the system to read a piece ahead of its turn."""
+        self._file.expect(piece.position, piece.length)
+
     def close(self) -> None:
         """Close the file."""
         self._file.close()

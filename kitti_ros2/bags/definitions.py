@@ -64,6 +64,20 @@ class Definitions:
         """Add the types of ROS 2 Jazzy that some types need; returns those without a definition."""
         return frozenset(name for name in sorted(set(msgtypes)) if not _complete(self._types, name))
 
+    def check_known(self, msgtype: str) -> None:
+        """Check that a type, complete, is that of ROS 2 Jazzy, as which messages are made.
+
+        Raises:
+            ValueError: A bag defines it, or a type in it, otherwise.
+        """
+        own = [name for name in _closure(self._types, msgtype) if name in self._origins]
+        if not own:
+            return
+        known = _jazzy()
+        for name in own:
+            if name in known and known[name][1] != self._types[name][1]:
+                raise ValueError(f'{self._origins[name]} defines {name} otherwise than ROS 2 Jazzy')
+
     def typestore(self) -> Typestore:
         """Make the store of all types."""
         store = get_typestore(Stores.EMPTY)

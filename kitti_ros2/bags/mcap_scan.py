@@ -66,6 +66,7 @@ class Descriptions:
             channel.message_encoding,
             schema.data.decode(errors='replace') if schema else '',
             schema.encoding if schema else '',
+            schema=schema.data if schema and schema.encoding == 'protobuf' else b'',
             **offered_qos(channel.metadata.get('offered_qos_profiles', '')),
         )
 

@@ -6,54 +6,34 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from ..model.errors import BadBagError
 from ..model.losses import Loss
 from .bag_files import opened, path_of
-from .decompressors import ZSTD_MAGIC, decompress_message
 from .definitions import Definitions
 from .findings import Findings
+from .foxglove_channels import (
+    MissingLibraryError,
+    described,
+    stored,
+    types_of,
+    why_unread,
+)
 from .pieces import in_time_order
+from .reading import BagMessage, Reading
+from .to_cdr import READ, ToCdr
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
-    from pathlib import Path
 
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
     from .bag_files import BagSource
-    from .pieces import Buffer, StoredChannel
+    from .pieces import StoredChannel
 
-_READ = ('cdr', 'ros1')
 _BEGINNING = -(2**63)
-
-
-class BagMessage(NamedTuple):
-    """One message.
-
-    Attributes:
-        topic: Topic name.
-        msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
-        stamp_ns: Log time, nanoseconds since 1970.
-        data: CDR with its encapsulation header; ROS 1 messages are converted.
-    """
-
-    topic: str
-    msgtype: str
-    stamp_ns: int
-    data: bytes | memoryview
-
-
-class _Reading(NamedTuple):
-    """A channel that is read, with the number of its file, its id there, and bag and file."""
-
-    number: int
-    channel_id: int
-    bag: Path
-    file: Path
-    channel: StoredChannel
 
 
 class BagMessages:
@@ -67,6 +47,7 @@ class BagMessages:
         topics: The topics to read; all of them by default.
         as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
             and the typestore returns the original texts of definitions.
+        as_ros: Whether messages with Foxglove's schemas are converted; by default unless as_stored.
 
     Attributes:
         channels: Topic and type of each channel that is read, sorted by topic.
@@ -87,13 +68,16 @@ class BagMessages:
         topics: Collection[str] | None = None,
         *,
         as_stored: bool = False,
+        as_ros: bool | None = None,
     ) -> None:
         self._path = path_of(bags[0])
         self._findings = Findings()
         self._topics = topics
         self._as_stored = as_stored
+        as_ros = not as_stored if as_ros is None else as_ros
+        self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
-        self._first_lost: dict[tuple[_Reading, str], int] = {}
+        self._first_lost: dict[tuple[Reading, str], int] = {}
         with ExitStack() as stack:
             entered = [stack.enter_context(opened(bag)) for bag in bags]
             found = [
@@ -103,7 +87,7 @@ class BagMessages:
             ]
             self._files = [file for _, _, file in found]
             self._readings = [
-                _Reading(number, channel_id, bag, path, channel)
+                Reading(number, channel_id, bag, path, channel if as_ros else stored(channel))
                 for number, (bag, path, file) in enumerate(found)
                 for channel_id, channel in file.channels.items()
                 if topics is None or channel.topic in topics
@@ -114,6 +98,7 @@ class BagMessages:
             self._leave_out_encodings()
             self._leave_out_second_types()
             self._define()
+            self._prepare()
             self._stack = stack.pop_all()
         self.sources = {each.channel.topic: each.channel for each in reversed(self._readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
@@ -167,37 +152,28 @@ class BagMessages:
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """Yield the messages from a log time on; None is the beginning."""
-        readings: list[dict[int, _Reading]] = [{} for _ in self._files]
+        readings: list[dict[int, Reading]] = [{} for _ in self._files]
         for each in self._readings:
             readings[each.number][each.channel_id] = each
         files = [
             (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
         ]
         since_ns = _BEGINNING if start_ns is None else start_ns
-        for number, (stamp_ns, channel_id, stored) in in_time_order(files, since_ns):
+        for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
             reading = readings[number][channel_id]
             try:
-                data = self._as_cdr(reading.channel, stored)
+                cdr = self._to_cdr(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything
                 self._lose(reading, stamp_ns, error)
                 continue
-            yield BagMessage(reading.channel.topic, reading.channel.msgtype, stamp_ns, data)
+            yield BagMessage(reading.channel.topic, reading.channel.msgtype, stamp_ns, cdr)
 
-    def _lose(self, reading: _Reading, stamp_ns: int, error: Exception) -> None:
+    def _lose(self, reading: Reading, stamp_ns: int, error: Exception) -> None:
         """Enter a lost message; those of one topic and reason share one line."""
         reason = ' '.join(str(error).split())
         first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
         place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
         self._findings.lose_one(f'{place} cannot be read ({reason})')
-
-    def _as_cdr(self, channel: StoredChannel, stored: Buffer) -> Buffer:
-        """Convert a message from its stored form, unless that is requested."""
-        if channel.encoding == 'ros1':
-            if self._as_stored:
-                return stored
-            return self.typestore.ros1_to_cdr(stored, channel.msgtype)
-        # The first bytes distinguish a CDR message from one that rosbag2 compressed.
-        return decompress_message(stored) if stored[:4] == ZSTD_MAGIC else stored
 
     def _leave_out_encodings(self) -> None:
         """Skip channels that cannot be converted to CDR.
@@ -207,17 +183,16 @@ class BagMessages:
         """
         found: set[str] = set()
         for reading in list(self._readings):
-            encoding = reading.channel.encoding
-            if encoding not in _READ:
-                found.add(encoding)
-                text = f'{reading.channel.topic} is {encoding}, which is not read'
-                self._leave_out(reading, text)
+            channel = reading.channel
+            if channel.encoding not in READ:
+                found.add(channel.encoding)
+                self._leave_out(reading, why_unread(channel))
         if found and not self._readings:
             kinds = ', '.join(sorted(found))
             expected = 'messages in cdr or of ROS 1, of which none is there'
             raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
-    def _leave_out(self, reading: _Reading, text: str) -> None:
+    def _leave_out(self, reading: Reading, text: str) -> None:
         """Skip a channel that is undamaged: a loss only if the bag is copied."""
         self._readings.remove(reading)
         reason = f'{reading.file}: {text}'
@@ -234,7 +209,7 @@ class BagMessages:
         Raises:
             BadBagError: Bags disagree about the type.
         """
-        first: dict[str, _Reading] = {}
+        first: dict[str, Reading] = {}
         for reading in list(self._readings):
             topic, msgtype = reading.channel.topic, reading.channel.msgtype
             known = first.setdefault(topic, reading)
@@ -254,10 +229,10 @@ class BagMessages:
         """
         definitions = Definitions(self._findings)
         for reading in list(self._readings):
-            conflict = definitions.add(reading.bag, reading.file, reading.channel)
+            conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
             if conflict:
                 self._leave_out_undefined(reading, conflict)
-        needed = {each.channel.msgtype for each in self._readings}
+        needed = {name for each in self._readings for name in types_of(each.channel)}
         undefined = definitions.complete(needed)
         self._definitions = definitions
         reasons = {
@@ -269,10 +244,29 @@ class BagMessages:
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
         for reading in list(self._readings):
-            if reading.channel.msgtype in reasons:
-                self._leave_out_undefined(reading, reasons[reading.channel.msgtype])
+            lacking = [name for name in types_of(reading.channel) if name in reasons]
+            if lacking:
+                self._leave_out_undefined(reading, reasons[lacking[0]])
 
-    def _leave_out_undefined(self, reading: _Reading, reason: str) -> None:
+    def _prepare(self) -> None:
+        """Skip channels whose messages cannot be converted.
+
+        Raises:
+            MissingLibraryError: A library is not installed, and a topic was requested by name, or
+                nothing can be read without it.
+        """
+        for reading in list(self._readings):
+            try:
+                self._to_cdr.prepare(reading.channel, self._definitions)
+            except MissingLibraryError as error:
+                encodings = {stored(each.channel).encoding for each in self._readings}
+                if self._topics is not None or encodings == {'protobuf'}:
+                    raise
+                self._lose_channel(reading, str(error))
+            except ValueError as error:
+                self._lose_channel(reading, f'{reading.channel.topic} cannot be read: {error}')
+
+    def _leave_out_undefined(self, reading: Reading, reason: str) -> None:
         text = f'{reading.channel.topic} cannot be read: {reason}'
         if self._topics is not None:
             raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
@@ -282,11 +276,11 @@ class BagMessages:
         else:
             self._leave_out(reading, text)
 
-    def _lose_channel(self, reading: _Reading, text: str) -> None:
+    def _lose_channel(self, reading: Reading, text: str) -> None:
         """Skip a channel whose messages are lost."""
         self._readings.remove(reading)
         self._findings.lose(f'{reading.file}: {text}', self._count(reading))
 
-    def _count(self, reading: _Reading) -> int:
+    def _count(self, reading: Reading) -> int:
         pieces = self._files[reading.number].pieces
         return sum(piece.counts.get(reading.channel_id, 0) for piece in pieces)

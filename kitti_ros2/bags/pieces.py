@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field
 from heapq import heappop, heappush, heapreplace
@@ -33,21 +34,28 @@ StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""
 
 
+_PIECES_AHEAD = 4
+_ADVICE_BYTES = 2**18
+"""Linux reads no more for one piece of advice than the disk takes in one request."""
+
+
 @dataclass(frozen=True)
 class StoredChannel(Channel):
     """A topic as stored in a file.
 
     Attributes:
-        encoding: Of the messages: cdr, ros1, or an unsupported one.
+        encoding: Of the messages: cdr, ros1, protobuf, json, or an unsupported one.
         definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
         profiles: rosbag2's text of the offered QoS profiles, empty if missing.
+        schema: The definition of a protobuf type, a serialised FileDescriptorSet; empty for others.
     """
 
     encoding: str
     definition: str = ''
     definition_encoding: str = ''
     profiles: str = field(default='', kw_only=True)
+    schema: bytes = field(default=b'', kw_only=True, repr=False)
 
 
 class Piece(NamedTuple):
@@ -103,6 +111,9 @@ class BagFile(ABC):
         index.compressions.update(self.compressions)
         return index
 
+    def expect(self, piece: Piece) -> None:  # noqa: B027 - a database reads as it is asked
+        """Ask the system to read a piece ahead of its turn; it is only advice."""
+
     def reporting_to(self, findings: Findings) -> Self:
         """Return the same open file, which enters what it finds damaged into other findings."""
         other = copy(self)
@@ -150,6 +161,14 @@ class FileBytes:
             raise
         return data
 
+    def expect(self, position: int, length: int) -> None:
+        """Ask the system to read bytes from the disk meanwhile; it is only advice."""
+        if hasattr(os, 'posix_fadvise'):
+            with suppress(OSError):  # of a file system without a page cache
+                file, end = self._file.fileno(), min(position + length, self.size)
+                for start in range(position, end, _ADVICE_BYTES):
+                    os.posix_fadvise(file, start, _ADVICE_BYTES, os.POSIX_FADV_WILLNEED)
+
     def is_cut(self) -> bool:
         """Whether it has become shorter since it was opened."""
         return os.fstat(self._file.fileno()).st_size < self.size
@@ -181,6 +200,9 @@ def in_time_order(
         while waiting and (not active or waiting[-1][0] <= active[0][0]):
             _, number, position, piece = waiting.pop()
             file, wanted = files[number]
+            if len(waiting) >= _PIECES_AHEAD:
+                _, later, _, expected = waiting[-_PIECES_AHEAD]
+                files[later][0].expect(expected)
             messages = iter(file.read(piece, wanted, since_ns))
             first = next(messages, None)
             if first is not None:

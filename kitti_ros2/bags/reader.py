@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ..model.errors import UsageError
 from .bag_files import BagSource, OpenBag, opened, path_of
-from .message_source import BagMessage, BagMessages
+from .message_source import BagMessages
+from .reading import BagMessage
 from .summary import BagIndex, BagSummary, TopicSummary, summarize
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .locate import BagFiles
-    from .message_source import BagMessage
+    from .reading import BagMessage
     from .writer import BagWriter
 
 

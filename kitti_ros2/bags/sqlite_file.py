@@ -39,6 +39,7 @@ _IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
 _TO_SORT = _DATA.format('', '{}', 'timestamp, id')
 _DEFINITION_COLUMNS = 4
 _LEAST_TOPIC_COLUMNS = 3
+_AHEAD_BYTES = 2**22
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
 
@@ -188,6 +189,7 @@ class SqliteFile(BagFile):
         query = query.format(', '.join('?' * len(wanted)))
         try:
             found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
+            done = expected = 0
             for row_id, topic_id, stamp_ns in rows.tolist():
                 row = next(found, None)
                 # SQLite reads zeros from a file that was truncated meanwhile.
@@ -196,6 +198,11 @@ class SqliteFile(BagFile):
                 if not isinstance(row[1], bytes):
                     return
                 yield stamp_ns, topic_id, row[1]
+                # Rows stored in order lie about as far in the file as their data together.
+                done += len(row[1])
+                if done >= expected:
+                    self._file.expect(done + _AHEAD_BYTES, _AHEAD_BYTES)
+                    expected = done + _AHEAD_BYTES
         except sqlite3.Error:
             return
 

@@ -11,9 +11,9 @@ import signal
 import sys
 from io import TextIOWrapper
 
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import KittiRos2Error, UnsynchronisedError, describe_error
 from ..model.text import one_line
-from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
+from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
 _DEBUG = '--debug'
 
@@ -64,7 +64,7 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
         if debug:
             raise
         _complain(_describe(error, words))
-        return EXIT_USAGE
+        return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
     except Exception as error:
         if debug:
             raise

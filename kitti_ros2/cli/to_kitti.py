@@ -7,18 +7,28 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from ..bags.locate import is_bag
 from ..bags.open_source import open_bag_source
 from ..files.staging import refuse_inside
 from ..model.errors import UsageError
 from ..options.table import make_import_options
-from ..own_bags.to_kitti import Conversion, own_bags
+from ..own_bags.to_kitti import Conversion, is_restored, own_bags
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .memory import keep_freed_memory, keep_imports
+from .plan_look import (
+    PlanRequest,
+    check_preview,
+    drawn_values,
+    print_look,
+    print_table,
+    say_drawn,
+    see,
+)
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 
@@ -37,18 +47,20 @@ def run_to_kitti(
     plan_file: Path | None,
     *,
     plan_only: bool,
+    preview: Path | None = None,
     quiet: bool,
     json: bool = False,
 ) -> int:
-    """Convert and print a summary; or print the plan.
+    """Convert and print a summary; or show the plan, or what it makes of three frames.
 
     Args:
-        paths: Bags, and the output last unless plan_only.
+        paths: Bags, and the output last; without an output the plan is shown on a terminal.
         given: Options by name.
         plan_file: A plan to use.
-        plan_only: Whether to print the plan and stop.
+        plan_only: Whether to print the plan as YAML and stop.
+        preview: A picture of three frames to write first.
         quiet: Print only losses.
-        json: Whether to print the summary as JSON.
+        json: Whether to print the summary, or the plan, as JSON.
 
     Returns:
         The exit code.
@@ -59,38 +71,87 @@ def run_to_kitti(
     keep_imports()
     options = make_import_options(given)
     if plan_only:
-        if options.overwrite or not options.selection.is_whole or json:
+        if options.overwrite or not options.selection.is_whole or json or preview is not None:
             raise UsageError(
                 '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
-                ' and --json with the conversion'
+                ' and --json with the conversion, and --preview without --plan'
             )
         return _print_plan(paths, options)
-    if len(paths) < 2:
+    shown = sys.stdout.isatty() and not (quiet or json)
+    bags, out = _split(paths, alone=shown or json or preview is not None)
+    if out is not None:
+        for bag in bags:
+            refuse_inside(bag, out)
+    if preview is not None:
+        check_preview(preview, bags, out)
+    keep_freed_memory()
+    request = PlanRequest(given, options, plan_file, preview)
+    with ExitStack() as stack:
+        opened = _open(bags, stack)
+        if out is None:
+            return print_look(request, opened, quiet=quiet, json=json)
+        return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)
+
+
+def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path | None]:
+    """Return the bags, and the output; None without one, if bags may be alone.
+
+    An existing bag is never an output.
+
+    Raises:
+        UsageError: The output is missing.
+    """
+    *bags, last = paths
+    if alone and (not bags or (last.exists() and is_bag(last))):
+        return paths, None
+    if not bags:
         raise UsageError(
             'OUT is missing (the folder to create); usage: kitti-ros2 to-kitti BAG... OUT'
         )
-    *bags, out = paths
-    for bag in bags:
-        refuse_inside(bag, out)
-    keep_freed_memory()
+    return bags, last
+
+
+def _convert(
+    request: PlanRequest,
+    bags: Sequence[OpenBag],
+    out: Path,
+    *,
+    shown: bool,
+    quiet: bool,
+    json: bool,
+) -> int:
+    """Convert, after a look at the plan where one is wanted, and print a summary."""
+    shown = shown and request.plan_file is None and not _restores(bags, request.options)
+    seen = None
+    if shown or request.preview is not None:
+        seen = see(request, bags)
+        if shown:
+            print_table(bags, seen.outlook)
+        if not (quiet or json):
+            say_drawn(request, seen)
     started = time.monotonic()
     notes: list[str] = []
     tell = _note if not (quiet or json) else notes.append
-    with ExitStack() as stack:
-        opened = _open(bags, stack)
-        show = not (quiet or json)
-        progress = partial(conversion_progress, show=show)
-        reports = Conversion(opened, out, options, plan_file, tell, progress).run()
+    progress = partial(conversion_progress, show=not (quiet or json))
+    survey = None if seen is None else seen.outlook.survey
+    conversion = Conversion(bags, out, request.options, request.plan_file, tell, progress, survey)
+    reports = conversion.run()
     elapsed = time.monotonic() - started
     losses = tuple(loss for report in reports for loss in report.losses)
     if json:
         values = [{**asdict(each), 'losses': losses_json(each.losses)} for each in reports]
-        print_json({'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed})
+        result = {'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed}
+        print_json(result | drawn_values(request, None if seen is None else seen.drawn))
     elif not quiet:
         for report in reports:
             _summarize(report, out, elapsed)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _restores(bags: Sequence[OpenBag], options: ImportOptions) -> bool:
+    """Whether the original files come back, so that no plan is used."""
+    return is_restored(own_bags(bags, options)[0], options)
 
 
 def _note(text: str) -> None:
@@ -104,31 +165,13 @@ def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
     """Print the plan as YAML, with missing data as comments."""
+    from ..importer.plan_text import format_plan
+    from ..own_bags.outlook import make_outlook
+
     with ExitStack() as stack:
-        sys.stdout.write(_make_plan(_open(paths, stack), options))
+        outlook = make_outlook(_open(paths, stack), options)
+        sys.stdout.write(format_plan(outlook.plan, outlook.notes))
     return EXIT_OK
-
-
-def _make_plan(bags: Sequence[OpenBag], options: ImportOptions) -> str:
-    from ..importer.apply_plan import guess
-    from ..importer.plan import format_plan
-    from ..importer.survey import look
-
-    notes: tuple[str, ...] = ()
-    own, damaged = own_bags(bags, options)
-    if own:
-        blueprint = own[0][1]
-        if options.layout in (None, blueprint.layout):
-            named = options.name or blueprint.name
-            options = replace(options, layout=blueprint.layout, name=named)
-        name = blueprint.name
-        notes = (f'made by to-bag: without a plan every file of {name} comes back as it was',)
-    survey = look(bags)
-    found = guess(bags, survey, options)
-    notes += (*found.notes, *(loss.text() for loss in (*damaged, *found.losses)))
-    notes += (*survey.notes, *survey.losses)
-    notes = tuple(dict.fromkeys(notes))
-    return format_plan(found.plan, notes)
 
 
 def _summarize(report: ImportReport, out: Path, elapsed: float) -> None:

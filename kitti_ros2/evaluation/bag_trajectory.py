@@ -23,7 +23,8 @@ from .trajectories import CameraTrajectory
 
 if TYPE_CHECKING:
     from ..bags.reader import OpenBag
-    from ..importer.survey import Survey, TopicSurvey
+    from ..importer.survey import Survey
+    from ..importer.topic_survey import TopicSurvey
     from ..options.eval_odometry import OdometryOptions
 
 _POSES = (types.ODOMETRY, types.POSE, types.PATH)

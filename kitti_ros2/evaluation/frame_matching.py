@@ -13,7 +13,7 @@ from ..importer.sync import NONE
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss, describe_frames, format_numbers
-from ..model.motion import ScannerMotion
+from ..model.scanner_motion import ScannerMotion
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.text import format_count
 from .pose_errors import rigid

@@ -13,7 +13,8 @@ from .checksums import crc32
 
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _CHUNK = struct.Struct('>I4s')
-_CHUNK_CRC_BYTES = 4
+_CRC_AND_CHUNK = struct.Struct('>II4s')
+_CRC_BYTES = 4
 _PNG_SIZE = struct.Struct('>16xII')
 # Frame headers are C0 to CF without C4, C8 and CC.
 _JPEG_SEGMENT = struct.Struct('>BBH')
@@ -47,22 +48,28 @@ def png_chunks(png: bytes) -> tuple[set[bytes], int] | None:
     Raises:
         ValueError: The checksum of a chunk is wrong.
     """
-    view = memoryview(png)
-    kinds: set[bytes] = set()
-    offset, kind = len(PNG_SIGNATURE), b''
-    while kind != b'IEND':
-        if offset + _CHUNK.size > len(png):
-            return None
-        length, kind = _CHUNK.unpack_from(png, offset)
+    view, size = memoryview(png), len(png)
+    offset = len(PNG_SIGNATURE)
+    if offset + _CHUNK.size > size:
+        return None
+    length, kind = _CHUNK.unpack_from(png, offset)
+    kinds = {kind}
+    end = offset + _CHUNK.size + length
+    # One unpacking a chunk: OpenCV writes one every 8 KiB.
+    while kind != b'IEND' and end + _CRC_AND_CHUNK.size <= size:
+        crc, length, following = _CRC_AND_CHUNK.unpack_from(png, end)
+        if crc32(view[offset + 4 : end]) != crc:
+            raise _wrong_checksum(kind, offset)
+        offset, kind = end + _CRC_BYTES, following
         kinds.add(kind)
         end = offset + _CHUNK.size + length
-        crc = view[end : end + _CHUNK_CRC_BYTES]
-        if len(crc) == _CHUNK_CRC_BYTES and crc32(view[offset + 4 : end]) != int.from_bytes(
-            crc, 'big'
-        ):
-            name = kind.decode('ascii', 'replace')
-            raise ValueError(
-                f'the PNG is damaged: its {name} at byte {offset} has a wrong checksum'
-            )
-        offset = end + _CHUNK_CRC_BYTES
-    return (kinds, offset) if offset <= len(png) else None
+    if end + _CRC_BYTES > size:
+        return None
+    if crc32(view[offset + 4 : end]) != int.from_bytes(view[end : end + _CRC_BYTES], 'big'):
+        raise _wrong_checksum(kind, offset)
+    return (kinds, end + _CRC_BYTES) if kind == b'IEND' else None
+
+
+def _wrong_checksum(kind: bytes, offset: int) -> ValueError:
+    name = kind.decode('ascii', 'replace')
+    return ValueError(f'the PNG is damaged: its {name} at byte {offset} has a wrong checksum')

@@ -16,8 +16,10 @@ from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
 from .camera_sets import build_sets, folder_of, plans_of
+from .clocks import clock_notes, clocked
 from .convert import Target, build
 from .guess import Guess, guess_plan
+from .passed_over import passed_over
 from .plan import NONE
 
 if TYPE_CHECKING:
@@ -54,7 +56,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    return replace(found, plan=plan, notes=notes + _label_notes(plan))
+    notes += (*clock_notes(clocked(survey, plan), plan), *_label_notes(plan))
+    return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
 
 
 def _label_notes(plan: Plan) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ from ..model import msgtypes as types
 
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 _DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
 _GREY = re.compile(r'infra|mono|gr[ae]y', re.IGNORECASE)

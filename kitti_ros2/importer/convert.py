@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,24 +17,29 @@ from ..bags.reader import open_messages, path_of
 from ..files.workers import ordered_map, worker_count
 from ..kitti.layout_files import make_writer
 from ..kitti.write_object import WriteOptions
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, UnsynchronisedError
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .clocks import clocked
+from .convert_scans import dropped_notes
+from .excerpt import numbered
 from .frames import Frames, choose_frames, frame_topics
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
 from .poses import read_track
 from .report import ImportReport, LossTally, damage, unread
+from .stream_gaps import unit_losses
 from .sync import NONE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages, BagSource
+    from ..bags.reader import BagMessage, BagSource
     from ..kitti.writer import LayoutWriter
     from ..model.losses import Loss
     from ..options.importing import ImportOptions
+    from .excerpt import Excerpt
     from .plan import Plan
     from .pose_track import PoseTrack
     from .survey import Survey
@@ -61,12 +67,14 @@ class Target:
         first: The number of the first frame.
         frames: Its frames, None to choose them.
         without: Streams that are placed there from another set.
+        excerpt: The few frames to convert, None for all; only what they need is read.
     """
 
     stage: Path
     first: int = 0
     frames: Frames | None = None
     without: frozenset[Stream] = frozenset()
+    excerpt: Excerpt | None = None
 
 
 def build(
@@ -75,7 +83,7 @@ def build(
     survey: Survey,
     target: Target,
     options: ImportOptions,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
 ) -> ImportReport:
     """Convert bags as apply_plan.convert_by_plan does, into the folder of a target.
 
@@ -84,17 +92,27 @@ def build(
         OSError: A file cannot be written.
     """
     losses = LossTally()
+    survey = clocked(survey, plan)
     track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
     frames = target.frames
     if frames is None:
         frames = choose_frames(plan, survey, track, options.selection)
+    if frames.unsynchronised:
+        raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
+    if target.excerpt is not None:
+        frames = target.excerpt.of(frames)
     rigging = Rigging(plan, survey)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
         builder = _Builder(plan, survey, frames, rigging, writer, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
-            outcomes = ordered_map(_do, builder.jobs(messages), worker_count())
+            read = numbered(messages)
+            if target.excerpt is not None:
+                read = target.excerpt.read(messages, survey, frames, frame_topics(plan))
+            outcomes = ordered_map(
+                _do, builder.jobs(read, Decoder(messages.typestore)), worker_count()
+            )
             for count, (job, outcome) in enumerate(outcomes, 1):
                 builder.take(job, outcome)
                 progress(count, builder.size_bytes)
@@ -139,7 +157,8 @@ class _Builder:
         }
         self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
         self._losses = losses
-        self._points_dropped = 0
+        self._lock = Lock()  # scans are written by several threads
+        self._points_dropped: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.size_bytes = 0
 
@@ -159,13 +178,14 @@ class _Builder:
                 self._writer.write_calibration(self._first + number, calibration)
                 self.counts[Stream.CALIBRATION.value] += 1
 
-    def jobs(self, messages: BagMessages) -> Iterator[_Job]:
-        """Yield the files of the samples in frames, in the order of reading."""
-        seen: Counter[str] = Counter()
-        decode = Decoder(messages.typestore)
-        for message in messages:
-            place = seen[message.topic]
-            seen[message.topic] += 1
+    def jobs(self, messages: Iterable[tuple[int, BagMessage]], decode: Decoder) -> Iterator[_Job]:
+        """Yield the files of the samples in frames, in the order of reading.
+
+        Args:
+            messages: Each with its place in its topic.
+            decode: By the types of their bags.
+        """
+        for place, message in messages:
             wanted = [
                 (stream, self._numbers[stream][place])
                 for stream in self._streams.get(message.topic, ())
@@ -218,7 +238,8 @@ class _Builder:
 
     def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
         scan, dropped = self._rigging.scans.scan(cloud)
-        self._points_dropped += dropped
+        with self._lock:
+            self._points_dropped.update(dropped)
         self._writer.write_scan(number, stamp_ns, scan)
         return scan.points.nbytes
 
@@ -259,9 +280,8 @@ class _Builder:
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
-        if self._points_dropped:
-            missing = f'{self._points_dropped} points without a return (x y z not finite, or 0 0 0)'
-            notes.append(f'{missing} were dropped')
+        if self._plan.scan is not None:
+            notes += dropped_notes(self._plan.scan.topic, self._points_dropped)
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(
@@ -270,7 +290,14 @@ class _Builder:
             counts={name: count for name, count in self.counts.items() if count},
             frames=len(self._frames),
             size_bytes=self.size_bytes,
-            losses=(*damaged, *undecoded, *lost, *self._rigging.labels.losses()),
+            losses=(
+                *damaged,
+                *undecoded,
+                *lost,
+                *self._frames.losses,
+                *unit_losses(survey, self._plan, self._frames.stamps_ns),
+                *self._rigging.labels.losses(),
+            ),
             notes=tuple(notes),
         )
 

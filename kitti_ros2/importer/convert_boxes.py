@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from ..model.geometry import Transform
 from ..model.losses import Loss
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from .frames import topic_of
+from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
 
@@ -65,6 +67,10 @@ class BoxConversion:
         self._max_tilt = 0.0
         self._tracks = TrackIds()
         self._scores = self._check(survey)
+        labels = plan.labels
+        self._classes = (
+            None if labels is None else LabelClasses(labels, own=is_own(survey, labels.topic))
+        )
 
     def _check(self, survey: Survey) -> bool:
         """Check the options of labels; return whether they have scores."""
@@ -110,11 +116,14 @@ class BoxConversion:
         if plan is None or calibration is None:
             return []
         if plan.topic == LABEL_LINES:
-            return boxes_of_lines(decode_text(message).text, self._tracks)
+            return self._lines(decode_text(message).text)
         size = self._images.size(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         cuboids, left_out = self.cuboids(message)
+        if self._classes is not None:
+            find = self._classes.find
+            cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
         boxes, unseen = make_boxes(
             cuboids,
             calibration,
@@ -128,6 +137,13 @@ class BoxConversion:
         self.left_out[OUT_OF_VIEW] += unseen
         self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
         return boxes
+
+    def _lines(self, text: str) -> list[Box]:
+        boxes = boxes_of_lines(text, self._tracks)
+        if self._classes is None or not self._plan.labels or not self._plan.labels.classes:
+            return boxes
+        find = self._classes.find
+        return [replace(each, class_name=find(each.class_name)) for each in boxes]
 
     def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
@@ -149,7 +165,7 @@ class BoxConversion:
                 f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
                 f' axis, about which alone labels turn: their heading was kept'
             )
-        return found
+        return found if self._classes is None else [*found, *self._classes.notes()]
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the boxes so far that a label cannot represent."""

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.errors import UsageError
+from ..model.errors import UnsynchronisedError, UsageError
+from ..model.losses import Loss
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from .clocks import clock_notes, clocked
 from .plan import Incomplete
+from .stream_gaps import describe_gap
 from .sync import NONE, match_frames
 
 if TYPE_CHECKING:
@@ -25,8 +28,9 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
     from .plan import Plan
     from .pose_track import PoseTrack
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
     from .sync import StreamMatch
+    from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'
@@ -41,12 +45,16 @@ class Frames:
         samples: By stream, (N,) index of the sample in its topic's order of reading, NONE without.
         stamps: By topic the stamps used, in the order of reading.
         notes: How well the streams matched, and what was dropped; a line each.
+        losses: Streams of which no sample has a frame.
+        unsynchronised: Why no two streams were matched, empty if some were.
     """
 
     stamps_ns: Int64Array
     samples: Mapping[Stream, Int64Array]
     stamps: Mapping[str, Int64Array]
     notes: tuple[str, ...]
+    losses: tuple[Loss, ...] = ()
+    unsynchronised: str = ''
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -71,7 +79,7 @@ def choose_frames(
     """Choose the frames of a plan.
 
     Args:
-        plan: Names the reference stream and the treatment of incomplete frames.
+        plan: Names the reference stream, the clocks and the treatment of incomplete frames.
         survey: The stamps of all topics.
         track: The poses, where each frame needs one: frames without a pose are dropped.
         selection: First and last of these frames, by their positions from 0, seconds from the
@@ -79,14 +87,14 @@ def choose_frames(
 
     Raises:
         UsageError: The plan names a missing topic, or no frame is left.
+        UnsynchronisedError: No frame is left, for a stream has no sample near any.
     """
     topics = frame_topics(plan)
-    notes: list[str] = []
+    survey = clocked(survey, plan)
+    notes = list(clock_notes(survey, plan))
     stamps = {}
     for name in topics.values():
-        stamps[name], reason = topic_of(survey, name).stamps()
-        if reason is not None:
-            notes.append(f'{name}: {reason}')
+        stamps[name], _ = topic_of(survey, name).stamps()
     reference = _reference(plan, topics, stamps, track)
     others = {
         stream: stamps[name] for stream, name in topics.items() if stream.value != plan.reference
@@ -95,6 +103,11 @@ def choose_frames(
     samples = {stream: np.arange(len(reference)) for stream in topics}
     samples |= {stream: match.indices for stream, match in matches.items()}
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
+    apart = {
+        stream: describe_gap(survey, plan, stream.value, reference, stamps[topics[stream]])
+        for stream, match in matches.items()
+        if not match.matched
+    }
     kept = np.ones(len(reference), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
@@ -103,6 +116,8 @@ def choose_frames(
         unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
         kept &= _without(unknown, 'pose around them', notes)
     if not kept.any():
+        if apart:
+            raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart.values())}')
         dropped = [note for note in notes if note.startswith(_DROPPED)]
         raise UsageError(
             f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
@@ -115,6 +130,11 @@ def choose_frames(
         {stream: indices[kept] for stream, indices in samples.items()},
         stamps,
         tuple(notes),
+        tuple(
+            Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
+            for stream, text in apart.items()
+        ),
+        '; '.join(apart.values()) if len(apart) == len(matches) else '',
     )
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..model import msgtypes as types
@@ -14,6 +14,8 @@ from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
 from .camera_geometry import find_heading
 from .camera_topics import find_cameras
+from .clock_offsets import estimate_offsets
+from .clocks import clocked
 from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
@@ -102,9 +104,16 @@ def guess_plan(
         labels=guess_labels(survey, viewed, notes) if Stream.LABELS in traits.streams else None,
         imu_frame=imu_frame,
         calibration=_calibration(survey, viewed, notes),
+        imu=unit.get('imu', ''),
+        fix=unit.get('fix', ''),
+        velocity=unit.get('velocity', ''),
         camera_sets=sets,
-        **unit,
     )
+    plan, offsets = estimate_offsets(survey, plan)
+    if offsets:
+        stamps, _ = clocked(survey, plan).topics[topic].stamps()
+        plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
+        notes += offsets
     return Guess(plan, tuple(notes), _unreadable(survey, layout))
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..messages.source import LABEL_LINES
@@ -11,12 +12,14 @@ from ..messages.topics import prediction_topics
 from ..model import msgtypes as types
 from .guess_cameras import main_camera
 from .guess_names import is_truth
+from .label_classes import default_classes, is_own, others_note, others_of
 from .plan import LabelPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
     from .plan import CameraPlan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 def guess_labels(
@@ -44,7 +47,11 @@ def guess_labels(
         return None
     best = max(topics, key=lambda each: (is_truth(each.name), each.count))
     notes += pass_over('labels', best, topics)
-    return LabelPlan(best.name, main_camera(cameras))
+    plan = LabelPlan(best.name, main_camera(cameras))
+    if is_own(survey, best.name):
+        return plan
+    notes += others_note(best.name, others_of(best.classes), 'of those looked at are written')
+    return replace(plan, classes=default_classes(best.classes))
 
 
 def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:

@@ -14,7 +14,8 @@ from .plan import ScanPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
 

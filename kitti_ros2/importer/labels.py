@@ -181,7 +181,22 @@ def make_boxes(
         )
         for place in kept
     ]
+    made = [_region(box) if box.class_name == DONT_CARE else box for box in made]
     return made, len(cuboids) - len(made)
+
+
+def _region(box: Box) -> Box:
+    """Return a box of DontCare, as KITTI's files have it: a region of the image alone."""
+    return replace(
+        box,
+        truncated=-1.0,
+        occluded=-1,
+        alpha=-10.0,
+        size_hwl=(-1.0, -1.0, -1.0),
+        location=(-1000.0, -1000.0, -1000.0),
+        rotation_y=-10.0,
+        track_id=-1,
+    )
 
 
 def class_name(kind: str) -> str:

@@ -4,29 +4,25 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, get_type_hints
-
-from ..model.errors import UsageError
-from ..model.layouts import Layout
-from ..model.spelling import did_you_mean
-from ..model.text import one_line
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+
+    from ..model.layouts import Layout
 
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
 UNKNOWN_OCCLUSION = 3
-_SET_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,99}')
+QUIET = 'quiet'
+"""Metadata of the fields that a printed plan leaves out at their default."""
 
 
-_UNPRINTED: Mapping[str, object] = {'unprinted': True}
-"""Of fields that a printed plan leaves out at their default."""
+def _quiet(value: Any) -> Any:  # noqa: ANN401 - of the field
+    return field(default=value, metadata={QUIET: True})
 
 
 class Incomplete(str, Enum):
@@ -34,6 +30,13 @@ class Incomplete(str, Enum):
 
     DROP = 'drop'
     KEEP = 'keep'
+
+
+class StampSource(str, Enum):
+    """The stamps of all streams: of the messages' headers, or their log times."""
+
+    HEADER = 'header'
+    LOG = 'log'
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ class ScanPlan:
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
+        minimum_range_m: Returns nearer to the scanner are dropped, metres.
+        offset_s: Added to the stamps, seconds, where a clock is wrong.
         forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
             orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
             -y (up is z) or z (up is -y, an optical frame). The origin stays that of the frame.
@@ -54,7 +59,9 @@ class ScanPlan:
     topic: str
     frame: str
     intensity_scale: float = 1.0
-    forward: str = field(default='', metadata=_UNPRINTED)
+    minimum_range_m: float = _quiet(0.0)
+    offset_s: float = _quiet(0.0)
+    forward: str = _quiet('')
 
 
 @dataclass(frozen=True)
@@ -66,12 +73,14 @@ class CameraPlan:
         info: Its CameraInfo, empty for none.
         rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
+        offset_s: As of the scan.
     """
 
     topic: str
     info: str = ''
     rectify: bool = False
     frame: str = ''
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -82,11 +91,13 @@ class PosePlan:
         topic: An Odometry, PoseStamped, Path or TFMessage.
         body: The frame whose poses they are.
         world: The frame they are given in.
+        offset_s: As of the scan.
     """
 
     topic: str
     body: str
     world: str = ''
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -101,12 +112,20 @@ class LabelPlan:
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
             Label lines have their own.
+        classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
+            that are not listed have a default: see Classes of labels of the how-to.
+        keep_classes: Whether classes without one of KITTI's keep their names, such as forklift;
+            otherwise they become Misc.
+        offset_s: As of the scan.
     """
 
     topic: str
     camera: int = 2
     out_of_view: bool = False
     occluded: int = UNKNOWN_OCCLUSION
+    classes: Mapping[str, str] = field(default_factory=dict, metadata={QUIET: True})
+    keep_classes: bool = _quiet(value=False)
+    offset_s: float = _quiet(0.0)
 
 
 @dataclass(frozen=True)
@@ -129,6 +148,11 @@ class Plan:
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
+        stamps: The stamps of all streams: header, or log (the times of recording) where the clocks
+            of the sensors cannot be used.
+        imu_offset_s: As offset_s of the scan, for imu.
+        fix_offset_s: The same for fix.
+        velocity_offset_s: The same for velocity.
         camera_sets: The sources of images of one data set a camera, by the sets' names, with the
             keys of a camera: it is camera 2 of its set, and scans and labels are in common
             (--all-cameras). Excludes cameras.
@@ -148,127 +172,8 @@ class Plan:
     velocity: str = ''
     imu_frame: str = ''
     calibration: str = TF
-    camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict)
-
-
-def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
-    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
-    import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
-
-    values = {each.name: _values(getattr(plan, each.name)) for each in fields(plan)}
-    values['layout'] = plan.layout.value
-    values['incomplete'] = plan.incomplete.value
-    values['cameras'] = dict(sorted(values['cameras'].items()))
-    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
-    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
-    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
-
-
-def _values(part: Any) -> Any:  # noqa: ANN401 - a part of a plan
-    """Return a part of a plan as plain values, without unprinted defaults."""
-    if isinstance(part, dict):
-        return {name: _values(value) for name, value in part.items()}
-    if not is_dataclass(part) or isinstance(part, type):
-        return part
-    return {
-        each.name: getattr(part, each.name)
-        for each in fields(part)
-        if 'unprinted' not in each.metadata or getattr(part, each.name) != each.default
-    }
-
-
-def parse_plan(text: str, path: Path) -> Plan:
-    """Parse a plan from YAML.
-
-    Raises:
-        UsageError: It is not a valid plan; the error names the key.
-    """
-    import yaml  # noqa: PLC0415 - as above
-
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
-    if not isinstance(values, dict):
-        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
-    made = dict(values)
-    made['cameras'] = cameras = _parse_cameras(made.pop('cameras', None) or {}, path)
-    made['camera_sets'] = _parse_sets(made.pop('camera_sets', None) or {}, path)
-    if made['camera_sets'] and cameras:
-        raise UsageError(f'{path}: camera_sets: each has its own camera; expected no cameras')
-    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
-        if made.get(name) is not None:
-            made[name] = _make(kind, made[name], path, name)
-    labels = made.get('labels')
-    if labels is not None and labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
-        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete)):
-        if name in made:
-            made[name] = _choose(choice, made[name], f'{path}: {name}')
-    plan: Plan = _make(Plan, made, path, '')
-    return plan
-
-
-def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
-    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
-        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
-    return {
-        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
-    }
-
-
-def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
-    place = f'{path}: camera_sets'
-    if not isinstance(sets, dict):
-        raise UsageError(f'{place}: {sets!r}; expected names of sets, each with a camera')
-    for name in sets:
-        if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
-            raise UsageError(
-                f'{place}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
-            )
-    if len({name.lower() for name in sets}) < len(sets):
-        raise UsageError(f'{place}: names of sets must differ by more than case')
-    return {
-        name: _make(CameraPlan, value, path, f'camera_sets: {name}') for name, value in sets.items()
-    }
-
-
-def _choose(kind: type[Enum], value: object, where: str) -> Enum:
-    try:
-        return kind(value)
-    except ValueError:
-        known = [str(each.value) for each in kind]
-        hint = did_you_mean(str(value), known)
-        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
-
-
-def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
-    """Make a dataclass from a mapping, its values checked against the types of the fields."""
-    place = f'{path}: {where}: ' if where else f'{path}: '
-    if not isinstance(values, dict):
-        raise UsageError(f'{place}expected {", ".join(f.name for f in fields(kind))}')
-    known = {each.name: each for each in fields(kind)}
-    unknown = [str(key) for key in values if key not in known]
-    if unknown:
-        hint = did_you_mean(unknown[0], known)
-        keys = ', '.join(known)
-        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
-    hints = get_type_hints(kind, localns={'Mapping': dict})
-    checked = {}
-    for name, value in values.items():
-        wanted = hints[name]
-        if wanted is float and type(value) is int:
-            checked[name] = float(value)
-        elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{name}: {value!r}; expected {_WORDS[wanted]}')
-        else:
-            checked[name] = value
-    try:
-        return kind(**checked)
-    except TypeError:
-        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
-        missing = [name for name in needed if name not in checked]
-        raise UsageError(f'{place}missing {", ".join(missing)}') from None
-
-
-_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}
+    stamps: StampSource = field(default=StampSource.HEADER, metadata={QUIET: True})
+    imu_offset_s: float = _quiet(0.0)
+    fix_offset_s: float = _quiet(0.0)
+    velocity_offset_s: float = _quiet(0.0)
+    camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})

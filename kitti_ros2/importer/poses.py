@@ -62,7 +62,7 @@ def read_track(
             if message.msgtype == types.PATH:
                 found.clear()  # each path repeats the earlier poses: the last one has all
             found.extend(poses)
-    stamps = [stamp_ns for stamp_ns, _ in found]
+    stamps = [stamp_ns + topic.offset_ns for stamp_ns, _ in found]
     if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
         stamps = topic.stamps()[0].tolist()
     if not found:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from ..model.layouts import Layout
     from .plan import Plan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 @dataclass(frozen=True)
@@ -109,5 +110,5 @@ def undecoded(topic: TopicSurvey) -> Loss:
 
 def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
     """Return a note of the topics that were not chosen for a stream; empty without any."""
-    others = ', '.join(each.name for each in topics if each is not best)
+    others = ', '.join(f'{each.name} ({each.count})' for each in topics if each is not best)
     return [f'passed over for {what}: {others}'] if others else []

@@ -7,18 +7,18 @@ Of large messages only the header is parsed, so the pass is as fast as reading t
 
 from __future__ import annotations
 
-from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.reader import open_messages, opened
-from ..messages.header import body_after_header, peek_header
-from ..messages.source import CALIBRATION, decode_text
+from ..messages.header import body_after_header, peek_first_stamp, peek_header
+from ..messages.point_spans import turn_of
+from ..messages.solid_boxes import classes_in
+from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import (
     CAMERA_INFO,
@@ -39,7 +39,7 @@ from ..model.msgtypes import (
     TWIST,
 )
 from ..rig.tf_tree import LinkTally
-from .sync import usable_stamps
+from .topic_survey import TopicSurvey
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -47,87 +47,18 @@ if TYPE_CHECKING:
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..model.losses import Loss
-    from ..model.samples import Int64Array, TextFile
+    from ..model.samples import TextFile
     from ..rig.tf_tree import Link
 
 
 _BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
+_BOXES_OR_MARKERS = _BOXES | {MARKERS}
 _HEADED = _BOXES | {CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
 _DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
 _READ = _HEADED | TF_TYPES | {MARKERS}
 _LOOKS = 8
-
-
-@dataclass
-class TopicSurvey:
-    """One topic.
-
-    Attributes:
-        name, msgtype: As the bag has them.
-        log_ns: Log times in the order of reading, nanoseconds.
-        header_ns: Header stamps of the same messages; empty where the type has no header.
-        frames: Header frames, with the number of messages of each.
-        looks: A few decoded messages, at doubling distances.
-        failures: Number of messages that failed to decode.
-        failure: The reason of the first failure, empty without one.
-        headless: Indices of the messages without a readable header.
-        changes: Of CameraInfo: number of changes of its content.
-        size_bytes: Of its messages as CDR.
-        forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
-    """
-
-    name: str
-    msgtype: str
-    log_ns: list[int] = field(default_factory=list)
-    header_ns: list[int] = field(default_factory=list)
-    frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
-    looks: list[Any] = field(default_factory=list)
-    failures: int = 0
-    failure: str = ''
-    headless: list[int] = field(default_factory=list)
-    changes: int = 0
-    size_bytes: int = 0
-    forward_ns: Mapping[int, int] = field(default_factory=dict)
-
-    def fail(self, error: ValueError) -> None:
-        """Count a message that failed to decode."""
-        self.failures += 1
-        self.failure = self.failure or str(error)
-
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return len(self.log_ns)
-
-    @property
-    def is_readable(self) -> bool:
-        """Whether a message can be decoded, or was not tried."""
-        return self.count > self.failures
-
-    @property
-    def frame(self) -> str:
-        """The frame of most messages, without a leading slash."""
-        return max(self.frames, key=lambda name: self.frames[name]) if self.frames else ''
-
-    def stamps(self) -> tuple[Int64Array, str | None]:
-        """Select the stamps to use, (N,) nanoseconds in the order of reading.
-
-        Header stamps of 0 or out of order are invalid; log times are used instead, and the reason
-        is returned.
-        """
-        log = np.array(self.log_ns, dtype=np.int64)
-        if len(self.header_ns) != len(self.log_ns) or len(self.headless) == len(log):
-            return log, None
-        header = np.array(self.header_ns, dtype=np.int64)
-        if self.headless:
-            # A damaged one gets the distance to its neighbour in the log.
-            headed = np.setdiff1d(np.arange(len(log)), self.headless)
-            nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
-            header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
-        used, reason = usable_stamps(header, log)
-        if reason is None and self.forward_ns:
-            used = np.array([self.forward_ns.get(stamp, stamp) for stamp in used.tolist()])
-        return used, reason
+_ALL_OF_FIRST = 64
+_EVERY = 16
 
 
 @dataclass(frozen=True)
@@ -234,6 +165,8 @@ class _Pass:
         for topic in self._topics.values():
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
+                if RECORDING not in self._topics:  # scans of to-bag are stamped facing forward
+                    topic.turn_ns = turn_of(topic.looks)
         found = *self._links.sorted(), self._calibrations, notes, losses, left_out
         return Survey(self._topics, *found)
 
@@ -266,6 +199,8 @@ class _Pass:
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in _HEADED:
             _enter_header(topic, message)
+        elif topic.msgtype == MARKERS:
+            _enter_first_stamp(topic, message)
         is_due = topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS
         changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
         if is_due or changed or not topic.looks:
@@ -273,6 +208,11 @@ class _Pass:
             if look is not None:
                 topic.changes += changed and bool(topic.looks)
                 topic.looks = [*topic.looks, look][:_LOOKS]
+                _count_classes(topic, look)
+        elif topic.msgtype in _BOXES_OR_MARKERS and _is_sampled(topic):
+            look = self._decoded(topic, message)
+            if look is not None:
+                _count_classes(topic, look)
 
     def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
         """Whether a message differs from the one before, header apart."""
@@ -298,3 +238,21 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
         return
     topic.header_ns.append(stamp_ns)
     topic.frames[frame.lstrip('/')] += 1
+
+
+def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
+    """Enter the stamp of the first marker; without one that of the log, as late as those before."""
+    stamp_ns = peek_first_stamp(message.data)
+    lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
+    topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
+
+
+def _is_sampled(topic: TopicSurvey) -> bool:
+    """Whether the classes of the last message are counted: decoding all takes too long."""
+    return topic.count <= _ALL_OF_FIRST or topic.count % _EVERY == 0
+
+
+def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
+    if topic.msgtype in _BOXES_OR_MARKERS:
+        with suppress(ValueError):
+            topic.classes.update(classes_in(look))

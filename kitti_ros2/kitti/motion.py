@@ -20,14 +20,8 @@ import numpy as np
 
 from ..model.errors import MissingDataError
 from ..model.losses import format_numbers
-from ..model.motion import (
-    Deskew,
-    ScannerMotion,
-    compensate,
-    make_twist,
-    move_rigidly,
-    undo_compensation,
-)
+from ..model.motion import Deskew, compensate, move_rigidly, undo_compensation
+from ..model.scanner_motion import ScannerMotion, make_twist
 from ..model.streams import Stream
 
 if TYPE_CHECKING:

@@ -63,6 +63,7 @@ class ObjectWriter(LayoutWriter):
         self._options = options or WriteOptions()
         self._numbers: set[int] = set()
         self._unlisted: set[int] = set()
+        self._formatted: tuple[Calibration, str] | None = None
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
@@ -96,7 +97,10 @@ class ObjectWriter(LayoutWriter):
         return self._file(names.CALIB, number, names.TXT)
 
     def _format_calibration(self, calibration: Calibration) -> str:
-        return format_object(calibration)
+        # Frames share their calibration, and formatting it takes longer than writing it.
+        if self._formatted is None or self._formatted[0] is not calibration:
+            self._formatted = calibration, format_object(calibration)
+        return self._formatted[1]
 
     def _file(self, folder: str, number: int, suffix: str) -> Path:
         self._numbers.add(number)

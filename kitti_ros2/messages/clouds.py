@@ -8,6 +8,7 @@ estimated once, from a few clouds of a stream, and applied to all of them.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +37,10 @@ _XYZ = ('x', 'y', 'z')
 _INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
 _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
+_RANGE = 'range'
+NOT_FINITE = 'x y z not finite'
+AT_ZERO = 'x y z 0 0 0'
+RANGE_ZERO = 'range 0'
 FILE_INDEX = 'file_index'
 """The field with a point's index in KITTI's file, in clouds that to-bag sorted by time."""
 
@@ -64,8 +69,9 @@ def read_points(
     if not message.width * message.height:
         return np.empty((0, 4), dtype=np.float32)
     cloud = _fields_of(message, _chosen(message))
-    if intensity_scale == 1.0 and cloud.dtype == _KITTI_POINT and cloud.flags.c_contiguous:
-        return cloud.reshape(-1).view('<f4').reshape(-1, 4)
+    if cloud.dtype == _KITTI_POINT and cloud.flags.c_contiguous:
+        stored = cloud.reshape(-1).view('<f4').reshape(-1, 4)
+        return stored if intensity_scale == 1.0 else _scaled(stored, intensity_scale)
     reflectance = _intensity_of(cloud)
     points = np.empty((*cloud.shape, 4), dtype=np.float32)
     with np.errstate(over='ignore', invalid='ignore'):
@@ -74,6 +80,14 @@ def read_points(
         points[..., 3] = 0 if reflectance is None else cloud[reflectance] / intensity_scale
     points = points.reshape(-1, 4)
     return points if order is None else points.take(order, axis=0)
+
+
+def _scaled(stored: Float32Array, intensity_scale: float) -> Float32Array:
+    """Return a copy of (N, 4) points with their intensities divided: one copy, not one a field."""
+    points = stored.astype(np.float32)
+    with np.errstate(over='ignore', invalid='ignore'):
+        points[:, 3] /= intensity_scale
+    return points
 
 
 def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Float32Array, int]:
@@ -87,10 +101,62 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
         ValueError: As read_points.
     """
     points = read_points(message, file_order(message), intensity_scale)
-    x, y, z, reflectance = points.T
-    is_return = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    missing = _not_finite(points)
     if message.height > 1:
-        is_return &= (x != 0) | (y != 0) | (z != 0)
+        missing |= _at_zero(points)
+    return _kept(points, ~missing)
+
+
+def decode_returns(
+    message: PointCloud2, intensity_scale: float = 1.0
+) -> tuple[Float32Array, Counter[str]]:
+    """Decode the returns of any cloud; also return how many points were dropped, by reason.
+
+    As decode_cloud, but 0 0 0 is a missing return in any cloud, and so is a point whose field range
+    is 0 (Ouster's clouds have it, and 0 0 0 is elsewhere after a transformation).
+
+    Raises:
+        ValueError: As read_points.
+    """
+    order = file_order(message)
+    points = read_points(message, order, intensity_scale)
+    missing = np.zeros(len(points), dtype=np.bool_)
+    dropped: Counter[str] = Counter()
+    for reason, wrong in (
+        (NOT_FINITE, _not_finite(points)),
+        (AT_ZERO, _at_zero(points)),
+        (RANGE_ZERO, _range_zero(message, order, len(points))),
+    ):
+        dropped[reason] = int(np.count_nonzero(wrong & ~missing))
+        missing |= wrong
+    return _kept(points, ~missing)[0], +dropped
+
+
+def _not_finite(points: Float32Array) -> npt.NDArray[np.bool_]:
+    x, y, z = points.T[:3]
+    return np.asarray(~(np.isfinite(x) & np.isfinite(y) & np.isfinite(z)))
+
+
+def _at_zero(points: Float32Array) -> npt.NDArray[np.bool_]:
+    x, y, z = points.T[:3]
+    return np.asarray(~((x != 0) | (y != 0) | (z != 0)))
+
+
+def _range_zero(
+    message: PointCloud2, order: npt.NDArray[np.intp] | None, count: int
+) -> npt.NDArray[np.bool_]:
+    if not count or all(field.name != _RANGE for field in message.fields):
+        return np.zeros(count, dtype=np.bool_)
+    try:
+        ranges = read_field(message, _RANGE)
+    except ValueError:
+        return np.zeros(count, dtype=np.bool_)
+    return np.asarray((ranges if order is None else ranges[order]) == 0)
+
+
+def _kept(points: Float32Array, is_return: npt.NDArray[np.bool_]) -> tuple[Float32Array, int]:
+    """Return the returns with their reflectance in 0..1, and the number of other points."""
+    reflectance = points[:, 3]
     if is_return.all() and ((reflectance >= 0) & (reflectance <= 1)).all():
         return points, 0
     kept = points[is_return]

@@ -50,6 +50,19 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
     return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
 
 
+def peek_first_stamp(data: bytes | memoryview) -> int:
+    """Read the stamp (nanoseconds) of the first element of a serialised array of stamped messages.
+
+    0 without an element, or if the message is too short.
+    """
+    order = '<' if data[1:2] == b'\1' else '>'
+    try:
+        count, sec, nanosec = struct.unpack_from(f'{order}IiI', data, _ENCAPSULATION)
+    except struct.error:
+        return 0
+    return sec * NS_PER_S + nanosec if count else 0
+
+
 def body_after_header(data: bytes | memoryview) -> bytes:
     """Return the bytes after the Header at the start of a serialised message, with padding.
 

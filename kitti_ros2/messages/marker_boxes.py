@@ -29,7 +29,7 @@ _DELETE = 2
 _DELETE_ALL = 3
 _EGO = 'ego'
 
-_CLASS = re.compile(r'\(?[^\W\d_][\w-]+\)?')
+_CLASS = re.compile(r'\(?[^\W\d_][\w.-]+\)?')
 _SCORE = re.compile(r'(?<![\w.-])(0?\.\d+|1\.0*|\d{1,3}(?=%))(%?)(?![\w.]| ?m)', re.ASCII)
 _EDGES = ':;,.#"\'[]{}'
 _GENERIC = re.compile(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..model.geometry import Transform
 from .autoware_objects import cuboids_of_objects
 from .detections import cuboids_of_detections, frames_of_detections
 from .marker_boxes import cuboids_of_markers, frames_of_markers
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..model.boxes import Cuboid
-    from ..model.geometry import Transform
 
 
 def cuboids_in(
@@ -41,6 +41,16 @@ def cuboids_in(
     if hasattr(message, 'objects'):
         return cuboids_of_objects(message, to_velo, scores=scores)
     return cuboids_of_markers(message, to_velo, scores=scores)
+
+
+def classes_in(message: Any) -> list[str]:  # noqa: ANN401 - as above
+    """Return the class of each box that cuboids_in decodes, as it is in the message.
+
+    Raises:
+        ValueError: They cannot be read.
+    """
+    here = dict.fromkeys(frames_in(message), Transform.identity())
+    return [each.class_name for each in cuboids_in(message, here, scores=False)[0]]
 
 
 def frames_in(message: Any) -> set[str]:  # noqa: ANN401 - as above

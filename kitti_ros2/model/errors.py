@@ -76,6 +76,10 @@ class UsageError(KittiRos2Error):
     """Invalid option or argument."""
 
 
+class UnsynchronisedError(UsageError):
+    """The streams of a recording have no time in common: there is no frame."""
+
+
 class MissingPathError(UsageError, FileNotFoundError):
     """A path of the user does not exist."""
 

@@ -19,33 +19,21 @@ from ..model.losses import Loss
 from ..model.motion import Deskew
 from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
+from .description import DescribedRecording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..kitti.real_time import RealTimes
-    from ..model.layouts import Layout
     from ..model.samples import Turn
-    from .folders import Folder
 
 
-@dataclass(frozen=True)
-class Blueprint:
+@dataclass(frozen=True, kw_only=True)
+class Blueprint(DescribedRecording):
     """The layout of one recording.
 
     Attributes:
-        layout: Which of the four.
-        name: Drive, sequence or split.
-        epoch_ns: The time of the first frame in layouts without absolute time.
-        period_ns: Distance of the frames in layouts without time.
-        scan_stamp: The moment of a scan used as its stamp.
-        folders: By stream.
         texts: Whole text files by path relative to the recording's root, calibration apart.
         calibrations: Calibration files, in the order of their frames.
-        times: The true stamps of an object set in real time; None for others.
-        deskew: What to-bag did to the scans; None: they are those of the files.
-        stereo: Whether right images have the stamps of their left ones.
-        grey: Streams of colour images whose raw images are grey.
         topics: Topics of the bag.
         missing: Text files missing in the bag.
         selected: File numbers of the requested part, by stream; None is all.
@@ -54,18 +42,8 @@ class Blueprint:
             None: unknown.
     """
 
-    layout: Layout
-    name: str
-    epoch_ns: int
-    period_ns: int
-    scan_stamp: ScanStamp
-    folders: Mapping[Stream, Folder]
     texts: Mapping[PurePosixPath, str]
     calibrations: Mapping[PurePosixPath, str]
-    times: RealTimes | None = None
-    deskew: Deskew | None = None
-    stereo: bool = False
-    grey: frozenset[Stream] = frozenset()
     topics: frozenset[str] = frozenset()
     missing: frozenset[PurePosixPath] = frozenset()
     selected: Mapping[Stream, frozenset[int]] | None = None

@@ -56,17 +56,21 @@ class EarlierVersionError(UndescribedError):
         )
 
 
-@dataclass(frozen=True)
-class RecordingDescription:
-    """A validated description.
+@dataclass(frozen=True, kw_only=True)
+class DescribedRecording:
+    """What a description says of one recording, beside its files of text.
 
     Attributes:
-        layout, name, epoch_ns, period_ns, scan_stamp, deskew, stereo, grey: As Blueprint has them.
+        layout: Which of the four.
+        name: Drive, sequence or split.
+        epoch_ns: The time of the first frame in layouts without absolute time.
+        period_ns: Distance of the frames in layouts without time.
+        scan_stamp: The moment of a scan used as its stamp.
         folders: By stream.
-        texts: The text files in the bag, calibration apart; None if the description does not list
-            them.
-        calibrations: The calibration files in the bag, if these are not numbered.
         times: The true stamps of an object set in real time; None for others.
+        deskew: What to-bag did to the scans; None: they are those of the files.
+        stereo: Whether right images have the stamps of their left ones.
+        grey: Streams of colour images whose raw images are grey.
     """
 
     layout: Layout
@@ -75,12 +79,24 @@ class RecordingDescription:
     period_ns: int
     scan_stamp: ScanStamp
     folders: Mapping[Stream, Folder]
-    texts: tuple[PurePosixPath, ...] | None
-    calibrations: tuple[PurePosixPath, ...]
-    deskew: Deskew | None
     times: RealTimes | None = None
+    deskew: Deskew | None = None
     stereo: bool = False
     grey: frozenset[Stream] = frozenset()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingDescription(DescribedRecording):
+    """A validated description.
+
+    Attributes:
+        texts: The text files in the bag, calibration apart; None if the description does not list
+            them.
+        calibrations: The calibration files in the bag, if these are not numbered.
+    """
+
+    texts: tuple[PurePosixPath, ...] | None
+    calibrations: tuple[PurePosixPath, ...]
 
 
 def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa: ANN401

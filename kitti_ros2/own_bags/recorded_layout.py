@@ -9,7 +9,7 @@ message is detected.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 from ..bags.decoding import Decoder
@@ -22,7 +22,12 @@ from ..model.errors import BadBagError
 from ..model.losses import Loss
 from ..model.msgtypes import STRING
 from .blueprint import Blueprint
-from .description import EarlierVersionError, UndescribedError, parse_description
+from .description import (
+    DescribedRecording,
+    EarlierVersionError,
+    UndescribedError,
+    parse_description,
+)
 from .earlier_descriptions import implied_texts, without_absent_streams
 from .source_texts import TEXT_FILE, TextFiles
 
@@ -130,22 +135,13 @@ class _Source:
         missing = [path for path in dict.fromkeys(listed) if path not in present]
         absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
         return Blueprint(
-            layout=description.layout,
-            name=description.name,
-            epoch_ns=description.epoch_ns,
-            period_ns=description.period_ns,
-            scan_stamp=description.scan_stamp,
-            folders=description.folders,
             texts=texts,
             calibrations=calibrations,
-            times=description.times,
-            deskew=description.deskew,
-            stereo=description.stereo,
-            grey=description.grey,
             topics=topics,
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),
             damage=damaged,
+            **{each.name: getattr(description, each.name) for each in fields(DescribedRecording)},
         )
 
     def _files(self, description: RecordingDescription) -> TextFiles:

@@ -21,8 +21,11 @@ if TYPE_CHECKING:
 
     from ..bags.reader import OpenBag
     from ..exporter.to_bag import ShowProgress
+    from ..importer.plan import Plan
     from ..importer.report import ImportReport
+    from ..importer.survey import Survey
     from ..options.importing import ImportOptions
+    from ..options.selection import SelectionOptions
     from .blueprint import Blueprint
 
 
@@ -38,6 +41,7 @@ class Conversion:
         note: Called with each note that is known before anything is written.
         progress: Called with the number of samples and of frames; returns a context with a function
             that is called with the samples done and the bytes written so far.
+        survey: The content of the bags, if it is known already.
     """
 
     bags: Sequence[OpenBag]
@@ -46,6 +50,7 @@ class Conversion:
     plan_file: Path | None
     note: Callable[[str], None]
     progress: ShowProgress
+    survey: Survey | None = None
 
     def run(self) -> list[ImportReport]:
         """Restore the recordings of bags written by to-bag, or convert by a plan.
@@ -56,8 +61,7 @@ class Conversion:
         """
         options = self.options
         own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
-        keeps = all(options.keeps(blueprint.layout) for _, blueprint in own)
-        if not own or not keeps or self.plan_file is not None:
+        if not is_restored(own, options) or self.plan_file is not None:
             return self._convert_by_plan(own, losses)
         selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
         files = sum(blueprint.files for _, blueprint in selected)
@@ -78,36 +82,36 @@ class Conversion:
         from ..importer.apply_plan import adapt, convert, guess  # noqa: PLC0415
         from ..importer.camera_sets import plans_of  # noqa: PLC0415
         from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
-        from ..importer.plan import parse_plan  # noqa: PLC0415
+        from ..importer.passed_over import passed_over  # noqa: PLC0415
+        from ..importer.plan_text import parse_plan  # noqa: PLC0415
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
-        survey = look(self.bags)
+        survey = self.survey or look(self.bags)
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
+        reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
+            for remark in passed_over(survey, plan):
+                self.note(remark)
         else:
             found = guess(self.bags, survey, self.options)
             plan, losses = found.plan, (*losses, *found.losses)
             for remark in found.notes:
                 self.note(remark)
+            reported |= set(found.notes)
         for remark in mend(self.out) if self.options.append else ():
             self.note(remark)
         plans = plans_of(plan).values()
-        topics = frame_topics(plan)
-        options = self.options
-        if len(recordings) == 1:
-            reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
-            selection = select_times(*recordings[0], reference, options.selection)
-            options = replace(options, selection=selection)
+        options = replace(self.options, selection=selected(recordings, plan, self.options))
         samples = sum(
             topic_of(survey, topic).count for each in plans for topic in frame_topics(each).values()
         )
         with self.progress(samples, samples) as show:
             reports = convert(self.bags, plan, survey, self.out, options, show)
-        reported = {loss.text() for loss in losses}
+        reported |= {loss.text() for loss in losses}
         for place, report in enumerate(reports):
             notes = tuple(each for each in report.notes if each not in reported)
             before = losses if place == 0 else ()
@@ -120,6 +124,33 @@ def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
         return len(frozenset().union(*map(blueprint.requested, blueprint.folders)))
     numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
+
+
+def is_restored(recordings: Sequence[tuple[OpenBag, Blueprint]], options: ImportOptions) -> bool:
+    """Whether the original files of bags written by to-bag come back, without a plan."""
+    return bool(recordings) and all(options.keeps(each.layout) for _, each in recordings)
+
+
+def selected(
+    recordings: Sequence[tuple[OpenBag, Blueprint]], plan: Plan, options: ImportOptions
+) -> SelectionOptions:
+    """Return the selection of a conversion by a plan; KITTI's file numbers become stamps.
+
+    Args:
+        recordings: The bags with their layouts, if to-bag wrote all of them.
+        plan: Of the conversion.
+        options: Of the conversion.
+
+    Raises:
+        UsageError: The bag has no sample of these numbers.
+    """
+    if len(recordings) != 1:
+        return options.selection
+    from ..importer.frames import frame_topics  # noqa: PLC0415
+
+    topics = frame_topics(plan)
+    reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
+    return select_times(*recordings[0], reference, options.selection)
 
 
 def own_bags(

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
+import cv2
+import numpy as np
+
 from ..drawing.annotate import is_labelled
 from ..drawing.birds_eye import birds_eye
 from ..drawing.boxes_2d import draw_boxes_2d
@@ -46,6 +49,17 @@ class Shown(NamedTuple):
     def projection(self, frame: FrameData) -> Projection:
         """Return the projection from velo_link into the picture."""
         return frame_projection(frame, self.camera).resized(self.scale_x, self.scale_y)
+
+
+def fit_image(camera: int, image: Pixels, size: tuple[int, int]) -> Shown:
+    """Scale a camera's image to fit a (width, height), pixels."""
+    scale = min(size[0] / image.shape[1], size[1] / image.shape[0])
+    width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
+    # Down to half the size, linear interpolation still uses every pixel, at a fifth of the cost of
+    # area averaging.
+    interpolation = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
+    picture = np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.uint8)
+    return Shown(camera, picture, width / image.shape[1], height / image.shape[0])
 
 
 Painter: TypeAlias = 'Callable[[Pixels, Shown, FrameData, PictureOptions], None]'

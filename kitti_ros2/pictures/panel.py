@@ -23,7 +23,7 @@ from ..model.errors import MissingDataError
 from ..options.pictures import ColorBy
 from .facts import draw_classes, draw_facts, moment_of
 from .frame_parts import camera_image, frame_points, name_of, of_classes
-from .painters import Shown, draw_bird, paint_boxes_2d, paint_boxes_3d, paint_scan
+from .painters import draw_bird, fit_image, paint_boxes_2d, paint_boxes_3d, paint_scan
 from .panel_parts import CLASSES, EDGE, FACTS, SIZE, parts_of
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _draw_images(
 ) -> None:
     """Draw the camera image three times: with 2D boxes, 3D boxes, and the scan."""
     try:
-        shown = _fit(*camera_image(frame, options), areas[0])
+        shown = fit_image(*camera_image(frame, options), (areas[0].width, areas[0].height))
     except MissingDataError as error:
         for area in areas:
             _say(area.of(page), frame, error)
@@ -109,17 +109,6 @@ def _draw_images(
             paint(window, shown, frame, options)
         except MissingDataError as error:
             _say(area.of(page), frame, error)
-
-
-def _fit(camera: int, image: Pixels, area: Area) -> Shown:
-    """Scale the image to fit an area."""
-    scale = min(area.width / image.shape[1], area.height / image.shape[0])
-    width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
-    # Down to half the size, linear interpolation still uses every pixel, at a fifth of the cost of
-    # area averaging.
-    interpolation = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
-    picture = np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.uint8)
-    return Shown(camera, picture, width / image.shape[1], height / image.shape[0])
 
 
 def _draw_bird(window: Pixels, frame: FrameData, options: PictureOptions) -> None:

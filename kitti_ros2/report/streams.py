@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.summary import TopicSummary
-    from ..importer.survey import Survey, TopicSurvey
+    from ..importer.survey import Survey
+    from ..importer.topic_survey import TopicSurvey
     from ..kitti.recording import KittiRecording
     from ..model.samples import Int64Array
     from .timing import Timing

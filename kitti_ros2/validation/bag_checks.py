@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from ..bags.message_source import BagMessage
+    from ..bags.reading import BagMessage
     from ..messages.ros_types import Typestore
     from ..options.validating import ValidateOptions
     from .results import FindingTally
@@ -72,7 +72,7 @@ class _BagPass:
         located = self._bag.located
         try:
             # As stored: of ROS 1 only the messages that are checked are converted.
-            with BagMessages([self._bag], as_stored=True) as messages:
+            with BagMessages([self._bag], as_stored=True, as_ros=True) as messages:
                 if not self._options.quick:
                     self._read(messages, progress)
                 self._facts.left_out = [loss.message for _, loss in messages.left_out]

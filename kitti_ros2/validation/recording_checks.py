@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .frame_checks import FrameResult
     from .results import FindingTally
 
-_BATCH = 24
+_BATCH = 50
 """Frames that are checked at a time."""
 _LEAST_FORKED = 4
 """Batches from which on starting processes, 10 ms, is worth it."""

@@ -33,6 +33,7 @@ TYPED = [
     ('to-bag --layout od\t', 'to-bag --layout odometry'),
     ('to-bag --preset kitti\t', 'to-bag --preset kitti2bag'),
     ('view --mode bo\t', 'view --mode boxes'),
+    ('to-kitti drive.mcap --prev\t', 'to-kitti drive.mcap --preview'),
     ('demo --layout tr\t', 'demo --layout tracking'),
     ('to-bag raw out --topics /kitti/ve\t', 'to-bag raw out --topics /kitti/velo/points'),
     ('to-bag raw --sequence 2011\t', 'to-bag raw --sequence 2011_09_26_drive_0001_sync'),

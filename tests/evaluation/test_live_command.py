@@ -21,6 +21,7 @@ from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 from builders import convert_recording  # isort: skip
 from shared_files import made_once  # isort: skip
 from terminals import read_to_the_end, read_until  # isort: skip
+from waiting import is_running  # isort: skip
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -151,14 +152,6 @@ from kitti_ros2.cli import main
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run with &
 sys.exit(main())
 """
-
-
-def is_running(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 @pytest.mark.parametrize(('sent', 'code'), [(None, 130), (signal.SIGTERM, 143)])

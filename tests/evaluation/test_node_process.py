@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process of a node: its words, its output, its end."""
 
-import os
 import re
 import shlex
 import signal
@@ -14,21 +13,13 @@ from kitti_ros2.evaluation import node_process
 from kitti_ros2.evaluation.node_process import NodeProcess
 from kitti_ros2.model.errors import UsageError
 
-from waiting import wait_until  # isort: skip
+from waiting import is_running, wait_until  # isort: skip
 
 SHORT_STOPS = ((signal.SIGINT, 0.1), (signal.SIGTERM, 0.1), (signal.SIGKILL, 20.0))
 
 
 def python(code):
     return shlex.join([sys.executable, '-c', code])
-
-
-def is_running(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,8 @@ def test_every_stream_of_the_layout_is_there_and_nothing_is_lost(made):
     assert report.losses == ()
     assert recording.losses == []
     assert report.frames == foreign.FRAMES
-    assert '48 points without a return (x y z not finite, or 0 0 0) were dropped' in report.notes
+    dropped = '48 points without a return were dropped: x y z not finite (48)'
+    assert f'/sensors/ouster/points: {dropped}' in report.notes
 
 
 def test_points_are_those_of_the_sensor(made):

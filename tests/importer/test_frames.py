@@ -10,7 +10,8 @@ import pytest
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from kitti_ros2.importer.pose_track import PoseTrack
-from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.importer.survey import Survey
+from kitti_ros2.importer.topic_survey import TopicSurvey
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform

@@ -16,7 +16,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import parse_plan
+from kitti_ros2.importer.plan_text import parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.cdr import join, serialize

@@ -17,14 +17,9 @@ from kitti_ros2.kitti.oxts_file import format_packet
 from kitti_ros2.messages.point_values import rings
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.motion import (
-    ScannerMotion,
-    compensate,
-    make_twist,
-    twist_of,
-    undo_compensation,
-)
+from kitti_ros2.model.motion import compensate, undo_compensation
 from kitti_ros2.model.samples import Turn
+from kitti_ros2.model.scanner_motion import ScannerMotion, make_twist, twist_of
 from kitti_ros2.model.stamps import format_stamp, parse_stamp
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ReadOptions, ScanStamp

@@ -19,7 +19,6 @@ from kitti_ros2.messages.autoware_objects import (
     encode_detected_objects,
     encode_tracked_objects,
 )
-from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import ABSURD, has_scores
 from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -36,6 +35,8 @@ from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.msgtypes import DETECTED_OBJECTS, TRACKED_OBJECTS
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.table import make_settings
+
+from decoded_message import decoded  # isort: skip
 
 STAMP = 1317042145951199337
 BASE_T_VELO = Transform(rotation_from_rpy(0.01, -0.02, 0.1), np.array([0.76, -0.01, 1.7]))
@@ -59,14 +60,6 @@ CUBOIDS = st.builds(
     score=st.none() | st.floats(0, 1, width=32),
     track_id=st.none() | st.integers(-1, 2**32 - 1),
 )
-
-
-def decoded(parts, msgtype):
-    """The message of its CDR, which is what rosbags would have written too."""
-    data = join(parts)
-    message = deserialize(data, msgtype)
-    assert join(serialize(message)) == data
-    return message
 
 
 def cuboid(**values) -> Cuboid:

@@ -16,7 +16,6 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.detections import (
     ABSURD,
     boxes_of_detections_2d,
@@ -32,6 +31,7 @@ from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
 
 from builders import boxes_2d_in  # isort: skip
+from decoded_message import decoded  # isort: skip
 
 STAMP = 1317042145951199337
 TO_VELO = {'velo_link': Transform.identity()}
@@ -69,14 +69,6 @@ BOXES = st.builds(
     rotation_y=st.just(-10.0),
     score=st.none() | st.floats(-1e3, 1e3),
 )
-
-
-def decoded(parts, msgtype):
-    """The message of its CDR, which is what rosbags would have written too."""
-    data = join(parts)
-    message = deserialize(data, msgtype)
-    assert join(serialize(message)) == data
-    return message
 
 
 def cuboid(**values) -> Cuboid:

@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
@@ -26,6 +25,8 @@ from kitti_ros2.model.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.markers import MarkerColors, MarkerOptions
+
+from decoded_message import decoded  # isort: skip
 
 STAMP = 1317042145951199337
 KINDS = {'box': Marker.CUBE, 'edges': Marker.LINE_LIST, 'heading': Marker.ARROW,
@@ -59,9 +60,7 @@ def cuboid(kind='Car', track_id=None, **values) -> Cuboid:
 
 def markers(*cuboids, trails=None, options=OPTIONS, frames=None, stamp_ns=STAMP):
     parts = encode_markers(cuboids, trails or {}, stamp_ns, frames or FrameNames(), options)
-    data = join(parts)
-    message = deserialize(data, 'visualization_msgs/msg/MarkerArray')
-    assert join(serialize(message)) == data  # it is what rosbags would have written
+    message = decoded(parts, 'visualization_msgs/msg/MarkerArray')
     return message.markers
 
 

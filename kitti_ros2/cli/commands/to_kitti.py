@@ -15,7 +15,9 @@ def to_kitti(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            metavar='BAG... OUT', help='Bags of one recording, then the folder to create'
+            metavar='BAG... OUT',
+            help='Bags of one recording, then the folder to create; a terminal shows the plan'
+            ' where OUT is left out',
         ),
     ],
     plan: Annotated[
@@ -25,13 +27,22 @@ def to_kitti(
         Optional[Path],
         typer.Option(metavar='PATH', help='Use this plan, in the format that --plan prints'),
     ] = None,
+    preview: Annotated[
+        Optional[Path],
+        typer.Option(
+            metavar='PATH',
+            help='First draw points and boxes of three frames on the images (.png, .jpg, .webp);'
+            ' without OUT only that',
+        ),
+    ] = None,
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
     """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
 
-    A bag written by to-bag becomes the original recording; others are converted by a plan.
+    A bag written by to-bag becomes the original recording; others are converted by a plan. In a
+    terminal, a bag without OUT shows the plan: which topic becomes what.
 
     Examples:
       kitti-ros2 to-kitti drive_0005.mcap raw_data
@@ -39,4 +50,12 @@ def to_kitti(
     """
     from ..to_kitti import run_to_kitti
 
-    return run_to_kitti(paths, chosen(given), plan_file, plan_only=plan, json=json, quiet=quiet)
+    return run_to_kitti(
+        paths,
+        chosen(given),
+        plan_file,
+        plan_only=plan,
+        preview=preview,
+        json=json,
+        quiet=quiet,
+    )

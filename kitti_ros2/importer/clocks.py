@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stamps that a plan asks for: offsets, log times, the middle of a turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ..model.stamps import NS_PER_S
+from .plan import StampSource
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from .plan import Plan
+    from .survey import Survey
+    from .topic_survey import TopicSurvey
+
+_EVEN_NS = 5_000_000
+"""Turns of scanners, and their stamps, are uneven by a few milliseconds."""
+
+LATENCY_NS = NS_PER_S
+"""Drivers and video encoders take up to a second; a larger difference is one of clocks."""
+
+_DETECTION_NS = 10 * NS_PER_S
+
+_ROLES = ('imu', 'fix', 'velocity')
+
+
+@dataclass(frozen=True)
+class PlannedStream:
+    """A stream of a plan with stamps.
+
+    Attributes:
+        name: In texts: scan, image_2, pose, labels, imu.
+        key: Of its offset in the plan: scan.offset_s.
+        topic: Its topic.
+        offset_s: Of the plan, seconds.
+    """
+
+    name: str
+    key: str
+    topic: str
+    offset_s: float
+
+    def __str__(self) -> str:
+        return f'{self.name} ({self.topic})'
+
+
+def planned_streams(plan: Plan) -> dict[str, PlannedStream]:
+    """Return the streams of a plan by name, the reference first."""
+    found = [
+        PlannedStream(name, f'{name}.offset_s', part.topic, part.offset_s)
+        for name, part in (('scan', plan.scan), ('pose', plan.pose), ('labels', plan.labels))
+        if part is not None
+    ]
+    found += [
+        PlannedStream(f'image_{index}', f'cameras.{index}.offset_s', camera.topic, camera.offset_s)
+        for index, camera in plan.cameras.items()
+    ]
+    unit = (
+        (plan.imu, plan.imu_offset_s),
+        (plan.fix, plan.fix_offset_s),
+        (plan.velocity, plan.velocity_offset_s),
+    )
+    found += [
+        PlannedStream(name, f'{name}_offset_s', topic, offset_s)
+        for name, (topic, offset_s) in zip(_ROLES, unit, strict=True)
+        if topic
+    ]
+    found.sort(key=lambda each: each.name != plan.reference)
+    return {each.name: each for each in found}
+
+
+def with_offset(plan: Plan, name: str, offset_s: float) -> Plan:
+    """Return a plan with the offset of a stream, by the name of planned_streams."""
+    if name.startswith('image_'):
+        index = int(name.removeprefix('image_'))
+        camera = replace(plan.cameras[index], offset_s=offset_s)
+        return replace(plan, cameras={**plan.cameras, index: camera})
+    if name in _ROLES:
+        # mypy does not know the types of fields by name.
+        return replace(plan, **{f'{name}_offset_s': offset_s})  # type: ignore[arg-type]
+    part = {'scan': plan.scan, 'pose': plan.pose, 'labels': plan.labels}[name]
+    moved = None if part is None else replace(part, offset_s=offset_s)
+    return replace(plan, **{name: moved})  # type: ignore[arg-type]
+
+
+def clocked(survey: Survey, plan: Plan) -> Survey:
+    """Return a survey whose topics have the stamps that a plan asks for: see TopicSurvey.stamps.
+
+    Scans are stamped in the middle of their turn: those whose points have times from the start of
+    the turn on, or up to its end, would be paired with the images of another moment.
+    """
+    topics = dict(survey.topics)
+    by_log = plan.stamps is StampSource.LOG
+    if by_log:
+        topics = {name: replace(topic, by_log=True) for name, topic in topics.items()}
+    for stream in planned_streams(plan).values():
+        if stream.topic in topics:
+            offset_ns = round(stream.offset_s * NS_PER_S)
+            topics[stream.topic] = replace(topics[stream.topic], offset_ns=offset_ns)
+    middle_ns = 0 if by_log else scan_middle_ns(survey, plan)
+    if plan.scan is not None and middle_ns:
+        names = {plan.scan.topic}
+        if plan.labels is not None and plan.labels.topic in topics:
+            labels = topics[plan.labels.topic]
+            if share_stamps(topics[plan.scan.topic], labels):
+                names.add(labels.name)
+        for name in names:
+            topics[name] = replace(topics[name], middle_ns=middle_ns)
+    return replace(survey, topics=topics)
+
+
+def scan_middle_ns(survey: Survey, plan: Plan) -> int:
+    """Return the nanoseconds from the stamps of scans to the middle of their turns.
+
+    0 if points have no times, or if images have the very stamps of the scans: then the recorder
+    has paired them.
+    """
+    topic = None if plan.scan is None else survey.topics.get(plan.scan.topic)
+    if topic is None or not topic.turn_ns:
+        return 0
+    images = (survey.topics.get(camera.topic) for camera in plan.cameras.values())
+    if any(each is not None and share_stamps(topic, each) for each in images):
+        return 0
+    start, end = topic.turn_ns
+    middle_ns = (start + end) // 2
+    return middle_ns if abs(middle_ns) > _EVEN_NS else 0
+
+
+def share_stamps(first: TopicSurvey, second: TopicSurvey) -> bool:
+    """Whether most header stamps of the smaller topic are also those of the other.
+
+    Messages of one stamp are also recorded within moments, where detectors take up to ten seconds:
+    clocks that differ by a whole number of periods have the same stamps at other times.
+    """
+    least = min(len(set(first.header_ns)), len(set(second.header_ns)))
+    if not least or len(first.header_ns) != first.count or len(second.header_ns) != second.count:
+        return False
+    within_ns = _DETECTION_NS if first.classes or second.classes else LATENCY_NS
+    logs = dict(zip(first.header_ns, first.log_ns, strict=True))
+    same = {
+        stamp
+        for stamp, log in zip(second.header_ns, second.log_ns, strict=True)
+        if stamp and abs(logs.get(stamp, log + 2 * within_ns) - log) <= within_ns
+    }
+    return 2 * len(same) > least
+
+
+def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
+    """Yield notes on the stamps of a plan's streams: faults, and middles of turns.
+
+    Args:
+        survey: The result of clocked.
+        plan: Names the streams.
+    """
+    seen = set()
+    for stream in planned_streams(plan).values():
+        topic = survey.topics.get(stream.topic)
+        if topic is None or topic.name in seen:
+            continue
+        seen.add(topic.name)
+        yield from topic.oddities()
+    scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
+    if scan is not None and scan.middle_ns and scan.turn_ns:
+        start, end = (f'{each / 1e6:.1f}' for each in scan.turn_ns)
+        yield (
+            f'{scan.name}: its points were measured from {start} to {end} ms after the stamp;'
+            f' scans are paired and stamped in the middle, {scan.middle_ns / 1e6:.1f} ms from it'
+        )

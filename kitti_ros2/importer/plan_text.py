@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A plan as YAML: formatted, and parsed with the key of each error."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from math import isfinite
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from ..model.errors import UsageError
+from ..model.layouts import Layout
+from ..model.spelling import did_you_mean
+from ..model.text import one_line
+from .plan import (
+    QUIET,
+    UNKNOWN_OCCLUSION,
+    CameraPlan,
+    Incomplete,
+    LabelPlan,
+    Plan,
+    PosePlan,
+    ScanPlan,
+    StampSource,
+)
+from .plan_classes import check_classes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_SET_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,99}')
+
+
+def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
+    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
+    import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
+
+    values = _values(plan)
+    values['cameras'] = dict(sorted(values['cameras'].items()))
+    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
+    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
+    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def _values(part: Any) -> Any:  # noqa: ANN401 - a plan, or a part of it
+    """Return a part of a plan as YAML has it, without quiet fields at their default."""
+    if isinstance(part, Enum):
+        return part.value
+    if isinstance(part, dict):
+        return {name: _values(value) for name, value in part.items()}
+    if not is_dataclass(part):
+        return part
+    values = {each: getattr(part, each.name) for each in fields(part)}
+    return {
+        _key(each.name): _values(value)
+        for each, value in values.items()
+        if not (QUIET in each.metadata and value in (each.default, {}))
+    }
+
+
+def _key(name: str) -> str:
+    """Return the key of a field: from of from_, which is a word of Python."""
+    return name.rstrip('_')
+
+
+def parse_plan(text: str, path: Path) -> Plan:
+    """Parse a plan from YAML.
+
+    Raises:
+        UsageError: It is not a valid plan; the error names the key.
+    """
+    import yaml  # noqa: PLC0415 - as above
+
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
+    if not isinstance(values, dict):
+        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
+    made = dict(values)
+    made['cameras'] = cameras = _parse_cameras(made.pop('cameras', None) or {}, path)
+    made['camera_sets'] = _parse_sets(made.pop('camera_sets', None) or {}, path)
+    if made['camera_sets'] and cameras:
+        raise UsageError(f'{path}: camera_sets: each has its own camera; expected no cameras')
+    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
+        if made.get(name) is not None:
+            made[name] = _make(kind, made[name], path, name)
+    _check_parts(made, path)
+    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', StampSource)):
+        if name in made:
+            made[name] = _choose(choice, made[name], f'{path}: {name}')
+    plan: Plan = _make(Plan, made, path, '')
+    return plan
+
+
+def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
+    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
+        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
+    return {
+        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
+    }
+
+
+def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
+    place = f'{path}: camera_sets'
+    if not isinstance(sets, dict):
+        raise UsageError(f'{place}: {sets!r}; expected names of sets, each with a camera')
+    for name in sets:
+        if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
+            raise UsageError(
+                f'{place}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
+            )
+    if len({name.lower() for name in sets}) < len(sets):
+        raise UsageError(f'{place}: names of sets must differ by more than case')
+    return {
+        name: _make(CameraPlan, value, path, f'camera_sets: {name}') for name, value in sets.items()
+    }
+
+
+def _check_parts(made: dict[str, Any], path: Path) -> None:
+    """Check the values of scan and labels; classes get KITTI's spelling."""
+    scan, labels = made.get('scan'), made.get('labels')
+    if scan is not None and scan.minimum_range_m < 0:
+        raise UsageError(
+            f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
+        )
+    if labels is None:
+        return
+    if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
+        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
+    where = f'{path}: labels: classes'
+    classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
+    made['labels'] = replace(labels, classes=classes)
+
+
+def _choose(kind: type[Enum], value: object, where: str) -> Enum:
+    try:
+        return kind(value)
+    except ValueError:
+        known = [str(each.value) for each in kind]
+        hint = did_you_mean(str(value), known)
+        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
+
+
+def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
+    """Make a dataclass from a mapping, its values checked against the types of the fields."""
+    place = f'{path}: {where}: ' if where else f'{path}: '
+    if not isinstance(values, dict):
+        raise UsageError(f'{place}expected {", ".join(_key(f.name) for f in fields(kind))}')
+    known = {_key(each.name): each for each in fields(kind)}
+    unknown = [str(key) for key in values if key not in known]
+    if unknown:
+        hint = did_you_mean(unknown[0], known)
+        keys = ', '.join(known)
+        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
+    hints = get_type_hints(kind, localns={'Mapping': dict, 'Layout': Layout})
+    checked = {}
+    for key, value in values.items():
+        name = known[key].name
+        wanted = hints[name]
+        if wanted is float and type(value) is int:
+            checked[name] = float(value)
+        elif wanted is float and type(value) is float and not isfinite(value):
+            raise UsageError(f'{place}{key}: {value}; expected a finite number')
+        elif wanted in _WORDS and type(value) is not wanted:
+            raise UsageError(f'{place}{key}: {value!r}; expected {_WORDS[wanted]}')
+        else:
+            checked[name] = value
+    try:
+        return kind(**checked)
+    except TypeError:
+        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
+        missing = [name for name in needed if known[name].name not in checked]
+        raise UsageError(f'{place}missing {", ".join(missing)}') from None
+
+
+_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Survey of one topic: its stamps, frames, and a few of its messages."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .sync import usable_stamps
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from ..model.samples import Int64Array
+
+
+@dataclass
+class TopicSurvey:
+    """One topic.
+
+    Attributes:
+        name, msgtype: As the bag has them.
+        log_ns: Log times in the order of reading, nanoseconds.
+        header_ns: Header stamps of the same messages; empty where the type has no header.
+        frames: Header frames, with the number of messages of each.
+        looks: A few decoded messages, at doubling distances.
+        failures: Number of messages that failed to decode.
+        failure: The reason of the first failure, empty without one.
+        headless: Indices of the messages without a readable header.
+        changes: Of CameraInfo: number of changes of its content.
+        size_bytes: Of its messages as CDR.
+        forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
+        classes: Of topics with boxes: number of boxes of each class in the messages decoded.
+        turn_ns: Of clouds with a time for each point: when the first and the last point were
+            measured, nanoseconds from the stamp; medians of a few.
+        by_log: Whether log times are used, not stamps.
+        offset_ns: Added to the stamps, nanoseconds.
+        middle_ns: Added to header stamps, nanoseconds: the way to the middle of a turn.
+    """
+
+    name: str
+    msgtype: str
+    log_ns: list[int] = field(default_factory=list)
+    header_ns: list[int] = field(default_factory=list)
+    frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    looks: list[Any] = field(default_factory=list)
+    failures: int = 0
+    failure: str = ''
+    headless: list[int] = field(default_factory=list)
+    changes: int = 0
+    size_bytes: int = 0
+    forward_ns: Mapping[int, int] = field(default_factory=dict)
+    classes: Counter[str] = field(default_factory=Counter)
+    turn_ns: tuple[int, int] | None = None
+    by_log: bool = False
+    offset_ns: int = 0
+    middle_ns: int = 0
+
+    def fail(self, error: ValueError) -> None:
+        """Count a message that failed to decode."""
+        self.failures += 1
+        self.failure = self.failure or str(error)
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return len(self.log_ns)
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether a message can be decoded, or was not tried."""
+        return self.count > self.failures
+
+    @property
+    def frame(self) -> str:
+        """The frame of most messages, without a leading slash."""
+        return max(self.frames, key=lambda name: self.frames[name]) if self.frames else ''
+
+    @property
+    def has_own_stamps(self) -> bool:
+        """Whether header stamps are used, not log times."""
+        return not self.by_log and bool(self.header_ns) and self._stamps()[1] is None
+
+    def stamps(self) -> tuple[Int64Array, str | None]:
+        """Select the stamps to use, (N,) nanoseconds in the order of reading.
+
+        Header stamps of 0 or out of order are invalid; log times are used instead, and the reason
+        is returned. The offset is added.
+        """
+        used, reason = self._stamps()
+        if self.middle_ns and reason is None:
+            used = used + self.middle_ns
+        return (used + self.offset_ns if self.offset_ns else used), reason
+
+    def oddities(self) -> Iterator[str]:
+        """Yield notes where header stamps are not used, and where they repeat."""
+        _, reason = self.stamps()
+        if reason is not None:
+            yield f'{self.name}: {reason}'
+        if self.by_log or len(self.header_ns) != self.count:
+            return
+        header = np.array(self.header_ns, dtype=np.int64)
+        again = np.flatnonzero(np.diff(header) == 0) + 1
+        again = again[header[again] != 0]
+        if len(again):
+            yield (
+                f'{self.name}: {len(again)} of {len(header)} messages have the stamp of the one'
+                f' before (the first is message {again[0] + 1}); each is a sample of its own'
+            )
+
+    def _stamps(self) -> tuple[Int64Array, str | None]:
+        log = np.array(self.log_ns, dtype=np.int64)
+        if self.by_log or len(self.header_ns) != len(self.log_ns) or len(self.headless) == len(log):
+            return log, None
+        header = np.array(self.header_ns, dtype=np.int64)
+        if self.headless:
+            # A damaged one gets the distance to its neighbour in the log.
+            headed = np.setdiff1d(np.arange(len(log)), self.headless)
+            nearest = headed[np.maximum(np.searchsorted(headed, self.headless) - 1, 0)]
+            header[self.headless] = log[self.headless] + header[nearest] - log[nearest]
+        used, reason = usable_stamps(header, log)
+        if reason is None and self.forward_ns:
+            used = np.array([self.forward_ns.get(stamp, stamp) for stamp in used.tolist()])
+        return used, reason

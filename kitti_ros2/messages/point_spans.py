@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The time of the first and last point of a turn, of any driver's clouds.
+
+Drivers agree neither on the field nor on its unit: t (Ouster, uint32 nanoseconds), time (Velodyne,
+float32 seconds), timestamp (Hesai and RoboSense, float64 seconds since 1970; Livox, nanoseconds),
+time_stamp (Autoware, uint32 nanoseconds), offset_time (Livox, uint32 nanoseconds), offset_ns
+(Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values tells their unit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .clouds import read_field
+from .header import stamp_ns_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    from .ros_types import PointCloud2
+
+_FIELDS = (
+    't',
+    'time',
+    'timestamp',
+    'time_stamp',
+    'timeStamp',
+    'offset_time',
+    'time_offset',
+    'offset_ns',
+    'timeOffset',
+    'ts',
+)
+_UNITS_NS = (1_000_000_000, 1_000_000, 1_000, 1)
+_LEAST_SPAN_NS = 15_000_000
+_MOST_SPAN_NS = 350_000_000
+
+
+def turn_of(clouds: Iterable[PointCloud2]) -> tuple[int, int] | None:
+    """Return when the first and last points were measured, nanoseconds from the stamp.
+
+    Returns:
+        Medians over clouds with a time for each point; None if there are none.
+    """
+    spans = [span for cloud in clouds if (span := point_span_ns(cloud)) is not None]
+    if not spans:
+        return None
+    start, end = (int(each) for each in np.median(np.array(spans), axis=0))
+    return start, end
+
+
+def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
+    """Return the times of the first and last point of a cloud, nanoseconds from its stamp.
+
+    None if it has no such field, or if the times are not those of a turn around the stamp.
+    """
+    names = {field.name for field in cloud.fields}
+    name = next((name for name in _FIELDS if name in names), None)
+    if name is None or not {'x', 'y', 'z'} <= names or not cloud.width * cloud.height:
+        return None
+    try:
+        values = read_field(cloud, name)[_is_return(cloud)]
+    except ValueError:
+        return None
+    if values.dtype.kind == 'f':
+        values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    lowest, highest = values.min().item(), values.max().item()
+    for unit in _UNITS_NS:
+        if not _LEAST_SPAN_NS <= (highest - lowest) * unit <= _MOST_SPAN_NS:
+            continue
+        start = round(lowest * unit)
+        if abs(start) > _MOST_SPAN_NS:  # since 1970, or since the scanner started
+            start -= stamp_ns_of(cloud.header)
+        span = start, start + round((highest - lowest) * unit)
+        return span if all(abs(each) <= _MOST_SPAN_NS for each in span) else None
+    return None
+
+
+def _is_return(cloud: PointCloud2) -> npt.NDArray[np.bool_]:
+    """Return (N,) which points were measured: others may have any time.
+
+    Raises:
+        ValueError: A coordinate cannot be read.
+    """
+    places = np.stack([read_field(cloud, name) for name in 'xyz'])
+    found: npt.NDArray[np.bool_] = np.isfinite(places).all(axis=0) & places.any(axis=0)
+    return found

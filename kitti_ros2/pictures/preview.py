@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of three frames of a conversion to KITTI, to check its plan before hours of work.
+
+The frames are converted into a folder of their own and read back. So the points are projected by
+the calibration that KITTI's files hold (P R0_rect Tr_velo_to_cam), and the boxes are those of the
+label files. A row is a frame, a column a camera. Where points cannot be shown on an image, there is
+a bird's-eye view.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..drawing.birds_eye import BACKGROUND
+from ..drawing.strokes import new_picture
+from ..drawing.text import captioned
+from ..importer.convert import Target, build
+from ..importer.excerpt import Excerpt, spread
+from ..importer.plan import NONE
+from ..kitti.layouts import open_recording
+from ..model.errors import KittiRos2Error, MissingDataError
+from ..model.stamps import NS_PER_S
+from ..model.streams import Stream
+from ..model.text import format_count
+from ..options.pictures import BirdOptions, PictureOptions
+from ..options.read import ReadOptions
+from .frame_parts import frame_projection
+from .painters import draw_bird, fit_image, paint_boxes_3d, paint_scan
+from .recording_frames import RecordingFrames
+from .series import select_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from ..bags.reader import BagSource
+    from ..drawing.pixels import Pixels
+    from ..importer.plan import Plan
+    from ..importer.survey import Survey
+    from ..model.losses import Loss
+    from ..options.importing import ImportOptions
+    from ..options.selection import SelectionOptions
+    from .frame import FrameData, FrameSource
+
+_FRAMES = 3
+_CAMERAS = (2, 3, 0, 1, 4)
+"""Cameras by preference: that of the labels, then its partner to the right."""
+_MOST_CAMERAS = 2
+_TILE = (960, 600)
+"""Most width and height of an image on the page, pixels."""
+_GAP = 6
+_BIRD = PictureOptions(bird=BirdOptions((-10.0, 50.0), (-30.0, 30.0), 10.0))
+_OPTIONS = PictureOptions()
+_BLANK = (640, 60)
+_PATH = re.compile(r'^/\S*: ')
+_UNCALIBRATED = 'no calibration in the plan: no points on images, no labels'
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """The picture of a few frames.
+
+    Attributes:
+        picture: (H, W, 3) uint8 BGR.
+        numbers: The frames, by position in the conversion.
+        missing: What could not be drawn, a line each.
+        losses: What was skipped.
+    """
+
+    picture: Pixels
+    numbers: tuple[int, ...]
+    missing: tuple[str, ...]
+    losses: tuple[Loss, ...]
+
+
+def draw_preview(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions
+) -> Preview:
+    """Draw the first, the middle and the last complete frame as a plan converts them.
+
+    Of the bags only the messages of these frames are read, and all poses.
+
+    Args:
+        bags: Those of one recording.
+        plan: The rules of the conversion.
+        survey: The content of the bags.
+        options: Of the conversion: its selection counts.
+
+    Raises:
+        KittiRos2Error: The plan or a bag is invalid.
+        MissingDataError: The frames have neither an image nor a scan.
+    """
+    # Packets of a GPS/IMU unit are not drawn; their messages may be far from the frame's.
+    plan = replace(plan, imu='', fix='', velocity='')
+    with TemporaryDirectory(prefix='kitti_ros2_preview_') as folder:
+        try:
+            return _drawn(bags, plan, survey, options, Path(folder) / 'whole')
+        except KittiRos2Error as error:
+            if plan.calibration == NONE:
+                raise
+            cameras = {
+                index: replace(camera, info='', rectify=False)
+                for index, camera in plan.cameras.items()
+            }
+            bare = replace(plan, calibration=NONE, labels=None, cameras=cameras)
+            try:
+                found = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
+            except KittiRos2Error:
+                raise error from None
+            others = (each for each in found.missing if each != _UNCALIBRATED)
+            return replace(found, missing=(f'no points and boxes on images: {error}', *others))
+
+
+def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
+    """Draw the first, the middle and the last complete frame of a recording that comes back.
+
+    Args:
+        source: The recording in a bag written by to-bag.
+        selection: Of its frames.
+
+    Raises:
+        UsageError: The selection takes no frame.
+        MissingDataError: The frames have neither an image nor a scan.
+    """
+    numbers = np.array(select_frames(source, selection), np.int64)
+    wanted = [Stream.SCAN.value, *(f'image_{camera}' for camera in source.cameras)]
+    present = np.zeros(len(numbers), np.int64)
+    for name in wanted:
+        present += np.isin(numbers, source.streams.get(name, ()))
+    chosen: list[int] = numbers[spread(present, _FRAMES)].tolist()
+    page = _Page(
+        {camera: f'image_{camera} {name}' for camera, name in source.cameras.items()},
+        labelled=Stream.LABELS.value in source.streams,
+    )
+    for number in chosen:
+        page.add(source.frame(number, page.streams), f'frame {number}', f'frame {number}')
+    return Preview(page.picture(), tuple(chosen), page.missing, ())
+
+
+def _drawn(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, stage: Path
+) -> Preview:
+    stage.mkdir()
+    excerpt = Excerpt(_FRAMES)
+    report = build(bags, plan, survey, Target(stage, excerpt=excerpt), options)
+    source = RecordingFrames(open_recording(stage, ReadOptions(layout=plan.layout)))
+    page = _Page(
+        {
+            index: f'image_{index} {camera.topic}{", rectified" if camera.rectify else ""}'
+            for index, camera in plan.cameras.items()
+        },
+        labelled=plan.labels is not None,
+        calibrated=plan.calibration != NONE,
+    )
+    if plan.scan is None:
+        page.lack('no scan in the plan')
+    if not plan.cameras:
+        page.lack('no camera in the plan')
+    if plan.calibration == NONE:
+        page.lack(_UNCALIBRATED)
+    seconds = ((excerpt.stamps_ns - excerpt.stamps_ns[:1]) / NS_PER_S).tolist()
+    for place, number in enumerate(excerpt.numbers.tolist()):
+        title = f'frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
+        if place in source.numbers:
+            page.add(source.frame(place, page.streams), title, f'frame {number}')
+    return Preview(page.picture(), tuple(excerpt.numbers.tolist()), page.missing, report.losses)
+
+
+class _Page:
+    """Collects the pictures of frames, row by row.
+
+    Args:
+        cameras: By KITTI's index the title of the images of each camera.
+        labelled: Whether there are labels.
+        calibrated: Whether there is a calibration.
+    """
+
+    def __init__(
+        self, cameras: Mapping[int, str], *, labelled: bool, calibrated: bool = True
+    ) -> None:
+        shown = [each for each in _CAMERAS if each in cameras][:_MOST_CAMERAS]
+        self._cameras = {camera: cameras[camera] for camera in shown}
+        self._labelled = labelled
+        self._calibrated = calibrated
+        self._rows: list[list[Pixels]] = []
+        self._missing: dict[str, None] = {}
+        streams = Stream.SCAN.value, Stream.LABELS.value, *(f'image_{each}' for each in shown)
+        self.streams = frozenset(streams)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What could not be drawn; a reason that frames have in common is there once."""
+        return tuple(self._missing)
+
+    def lack(self, reason: str) -> None:
+        """Enter what could not be drawn."""
+        self._missing[reason] = None
+
+    def add(self, frame: FrameData, title: str, name: str) -> None:
+        """Add the row of a frame.
+
+        Args:
+            frame: As it was read back.
+            title: Of its images.
+            name: Of the frame, for what is missing.
+        """
+        for part, reason in frame.missing.items():
+            if self._calibrated or not part.startswith(Stream.CALIBRATION.value):
+                # Without the path of the file, which is gone when it is read.
+                self.lack(f'{name}: no {part}: {_PATH.sub("", reason)}')
+        row = [self._image(frame, camera, title) for camera in self._cameras]
+        if frame.points is not None and not _is_projected(frame, self._cameras):
+            text = f"{title}: bird's-eye view{self._labels(frame)}"
+            row.append(captioned(draw_bird(frame, _BIRD), text))
+        if row:
+            self._rows.append(row)
+
+    def _image(self, frame: FrameData, camera: int, title: str) -> Pixels:
+        """Draw the scan and the boxes on the image of a camera."""
+        text = f'{title}: {self._cameras[camera]}'
+        image = frame.images.get(camera)
+        if image is None:
+            return captioned(new_picture(_BLANK, BACKGROUND), f'{text}: no image')
+        most = min(_TILE[0], image.shape[1]), min(_TILE[1], image.shape[0])
+        shown = fit_image(camera, image, most)
+        for paint in (paint_scan, paint_boxes_3d):
+            with suppress(MissingDataError):  # it is among the missing data of the plan or frame
+                paint(shown.picture, shown, frame, _OPTIONS)
+        return captioned(shown.picture, text + self._labels(frame))
+
+    def _labels(self, frame: FrameData) -> str:
+        """Format the number of labels with a 3D box in a title."""
+        count = sum(each.cuboid is not None for each in frame.objects)
+        return f', {format_count(count, "label")}' if self._labelled else ''
+
+    def picture(self) -> Pixels:
+        """Return the rows below each other.
+
+        Raises:
+            MissingDataError: There is nothing to show.
+        """
+        if not self._rows:
+            reason = '; '.join(self.missing) or 'no frame'
+            raise MissingDataError(f'nothing to draw for --preview: {reason}')
+        widths = [
+            max(tile.shape[1] for tile in column if tile is not None)
+            for column in zip_longest(*self._rows)
+        ]
+        heights = [max(tile.shape[0] for tile in row) for row in self._rows]
+        size = sum(widths) + _GAP * (len(widths) - 1), sum(heights) + _GAP * (len(heights) - 1)
+        page = new_picture(size, BACKGROUND)
+        top = 0
+        for row, height in zip(self._rows, heights, strict=True):
+            left = 0
+            for tile, width in zip(row, widths, strict=False):
+                page[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+                left += width + _GAP
+            top += height + _GAP
+        return page
+
+
+def _is_projected(frame: FrameData, cameras: Iterable[int]) -> bool:
+    """Whether points can be shown on the image of any camera."""
+    for camera in cameras:
+        with suppress(MissingDataError):
+            frame_projection(frame, camera)
+            return True
+    return False

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot whose detector names classes in its own way: a Detection3DArray, a box of each class."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import clocks_apart as base
+import numpy as np
+from rosbags.typesys import get_types_from_msg
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+_DEFINITIONS = {
+    'ObjectHypothesis': 'string class_id\nfloat64 score',
+    'ObjectHypothesisWithPose': (
+        'vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose'
+    ),
+    'BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
+    'Detection3D': (
+        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
+        'vision_msgs/BoundingBox3D bbox\nstring id'
+    ),
+    'Detection3DArray': 'std_msgs/Header header\nvision_msgs/Detection3D[] detections',
+}
+for _name, _text in _DEFINITIONS.items():
+    base.STORE.register(get_types_from_msg(_text, f'vision_msgs/msg/{_name}'))
+TYPES = base.STORE.types
+
+
+def detection(name: str, place: int, header: Any) -> Any:
+    """A box in view, 10 m ahead and further; its width is 1 m and place cm."""
+    pose = TYPES['geometry_msgs/msg/Pose'](
+        TYPES['geometry_msgs/msg/Point'](10.0 + place / 4, 0.0, 0.0),
+        TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
+    )
+    result = TYPES['vision_msgs/msg/ObjectHypothesisWithPose'](
+        TYPES['vision_msgs/msg/ObjectHypothesis'](name, 1.0),
+        TYPES['geometry_msgs/msg/PoseWithCovariance'](pose, np.zeros(36)),
+    )
+    size = TYPES['geometry_msgs/msg/Vector3'](2.0, 1.0 + place / 100, 1.5)
+    bounds = TYPES['vision_msgs/msg/BoundingBox3D'](pose, size)
+    return TYPES['vision_msgs/msg/Detection3D'](header, [result], bounds, str(place))
+
+
+def write(path: Path, names: Sequence[str]) -> Path:
+    """All classes in every message, but the last of them in the last message only."""
+    found = base.messages(replace(base.Robot(), latency_ns=(1_000_000, 1_000_000)))
+    for number in range(base.FRAMES):
+        stamp = base.START_NS + number * base.PERIOD_NS
+        header = base.header(stamp, 'lidar')
+        shown = names if number == base.FRAMES - 1 else names[:-1]
+        boxes = [detection(name, place, header) for place, name in enumerate(shown)]
+        array = TYPES['vision_msgs/msg/Detection3DArray'](header, boxes)
+        found.append(('/detections', stamp + 80_000_000, array))
+    return base.write(path, sorted(found, key=lambda each: each[1]))
