@@ -120,8 +120,8 @@ def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
 
 def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
     """Whether two cameras are a stereo pair, in this order."""
-    longest = max(left.focal, right.focal)
-    if left.size != right.size or abs(left.focal - right.focal) > _SAME_FOCAL * longest:
+    shortest, longest = sorted((left.focal, right.focal))
+    if left.size != right.size or 0 < shortest < (1 - _SAME_FOCAL) * longest:
         return False
     baseline = _baseline(tree, left, right)
     if baseline is None:
