@@ -31,6 +31,7 @@ _SIDEWAYS = 0.2
 _NO_BASELINE_M = 1e-3
 _BASELINE_M = (0.01, 3.0)
 _SAME_FOCAL = 0.1
+_STEEP = np.sin(np.radians(75))
 _OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
 
 
@@ -91,6 +92,7 @@ def choose_cameras(
     )
     chosen = {2: main}
     mates = [each for each in cameras if is_pair(tree, main, each)]
+    mates = [each for each in mates if not _is_of_another(tree, main, each, cameras)]
     if not mates and not joined:
         mates = [each for each in cameras if main.is_left_of(each) and each.frame == main.frame]
     if mates:
@@ -103,14 +105,23 @@ def choose_cameras(
     return Choice(chosen, by_name=not joined and len(cameras) > len(chosen))
 
 
+def _is_of_another(
+    tree: FrameTree, left: RigCamera, right: RigCamera, cameras: Sequence[RigCamera]
+) -> bool:
+    """Whether a camera that no transform joins to a left one is by its name of another left one."""
+    if tree.find(left.frame, right.frame) is not None or left.is_left_of(right):
+        return False
+    return any(each.is_left_of(right) for each in cameras)
+
+
 def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
     return left.is_grey != right.is_grey, not left.is_left_of(right), right.name
 
 
 def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
     """Whether two cameras are a stereo pair, in this order."""
-    longest = max(left.focal, right.focal)
-    if left.size != right.size or abs(left.focal - right.focal) > _SAME_FOCAL * longest:
+    shortest, longest = sorted((left.focal, right.focal))
+    if left.size != right.size or 0 < shortest < (1 - _SAME_FOCAL) * longest:
         return False
     baseline = _baseline(tree, left, right)
     if baseline is None:
@@ -186,6 +197,7 @@ def describe_others(
         notes.append(
             f'camera 2 is {main} by its name: no static transform tells where the cameras look'
         )
+    notes += _steep(tree, heading, choice.cameras[2])
     for each in others:
         direction = direction_of(tree, heading, each)
         looks = 'no static transform tells where it looks'
@@ -195,3 +207,16 @@ def describe_others(
     if others:
         notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
     return notes
+
+
+def _steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
+    """Return a note on a camera that looks up or down: its frame may be no optical one."""
+    direction = direction_of(tree, heading, camera)
+    if direction is None or abs(direction[2]) < _STEEP:
+        return []
+    note = (
+        f'{camera.topic.name}: z of {camera.frame}, the direction the camera looks in, is'
+        f' {describe_direction(direction)}; if it is no optical frame, name one as frame of the'
+        f' camera in the plan'
+    )
+    return [note]

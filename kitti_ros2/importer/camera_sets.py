@@ -95,7 +95,9 @@ def build_sets(
             _link_scans(first, target.stage)
         first = first or stage / name
         done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
-        reports.append(replace(report, name=folder_of(plan, name)))
+        known = {loss for each in reports for loss in each.losses}  # of topics in common
+        losses = tuple(loss for loss in report.losses if loss not in known)
+        reports.append(replace(report, name=folder_of(plan, name), losses=losses))
     if plan.layout.traits.frame_set:
         _beside_each_other(stage, plan, plans)
     return reports

@@ -70,7 +70,13 @@ def guess_camera_sets(
     layout: Layout, rig: Sequence[RigCamera], notes: list[str]
 ) -> dict[str, CameraPlan]:
     """Return the plans of all cameras, by the names of their sets."""
-    cameras = _with_info(rig, notes) if rig else []
+    known = _with_info(rig, notes) if rig else []
+    cameras = [each for each in known if each.focal] or known
+    notes += [
+        f'passed over: {each.topic.name}; its camera_info is not calibrated'
+        for each in known
+        if each not in cameras
+    ]
     names = _short_names([each.name for each in cameras])
     return {
         name: _plan(layout, camera)
@@ -89,17 +95,16 @@ def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
 
 
 def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
-    """Return the cameras with a calibrated CameraInfo, or with any, or all without."""
+    """Return the cameras with a CameraInfo, or all where none has one."""
     known = [each for each in rig if each.info is not None]
     if not known:
         return list(rig)
-    found = [each for each in known if each.focal] or known
-    for each in rig:
-        if each.info is None:
-            notes.append(f'passed over: {each.topic.name}; it has no camera_info')
-        elif each not in found:
-            notes.append(f'passed over: {each.topic.name}; {each.info.name} is not calibrated')
-    return found
+    notes += [
+        f'passed over: {each.topic.name}; it has no camera_info'
+        for each in rig
+        if each.info is None
+    ]
+    return known
 
 
 def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:

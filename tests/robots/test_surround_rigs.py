@@ -111,13 +111,51 @@ def test_a_stereo_pair_of_ros_1_is_paired_by_p(tmp_path):
         assert_true(tmp_path / 'out/training', camera, index=index)
 
 
-def test_a_camera_that_is_not_calibrated_is_passed_over(convert):
+def test_a_right_camera_by_p_alone_is_of_the_left_one_of_its_name(convert):
+    stereo = small_rigs.stereo(joins=False)
+    left, right = stereo.cameras
+    front = replace(left, folder='/front', frame='front_eye', base_T_camera=small_rigs.LIDAR)
+    right = replace(right, frame='stereo_right')
+    front = replace(front, base_T_camera=camera_rigs.looking(0.0, (0.5, 0.0, 1.5)))
+    links = (*stereo.links, ('base_link', 'front_eye', front.base_T_camera))
+    plan, _, split = convert(replace(stereo, cameras=(front, left, right), links=links))
+    assert plan.cameras[2].topic == '/front/image_rect_color'
+    assert 3 not in plan.cameras
+    assert_true(split, front)
+
+
+def test_a_camera_in_a_frame_with_x_forward_is_pointed_out(convert):
+    robot = small_rigs.sides('front')
+    links = tuple(
+        (parent, child, small_rigs.LIDAR if child == 'front_eye' else place)
+        for parent, child, place in robot.links
+    )
+    _, notes, _ = convert(replace(robot, links=links, with_boxes=False))
+    assert 'z of front_eye, the direction the camera looks in, is 89 degrees up' in notes
+    assert 'if it is no optical frame' in notes
+
+
+@pytest.mark.parametrize(('broken', 'code'), [('front', 2), ('left', 0)])
+def test_a_camera_that_is_not_calibrated_matters_where_it_is_taken(broken, code, tmp_path, capsys):
     robot = small_rigs.sides('front', 'left')
-    bare = replace(robot.cameras[0], k=np.zeros((3, 3)))
-    plan, notes, split = convert(replace(robot, cameras=(bare, robot.cameras[1])))
-    assert topics(plan) == {2: '/left/image_rect_color'}
-    assert '/front/image_rect_color; /front/camera_info is not calibrated' in notes
-    assert_true(split, robot.cameras[1])
+    bag = camera_rigs.write(
+        robot,
+        tmp_path / 'bag',
+        change_info=lambda camera: (
+            replace(camera, k=np.zeros((3, 3))) if camera.folder == f'/{broken}' else camera
+        ),
+    )
+    words = ['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'object']
+    assert main(words) == code
+    if code:
+        assert '/front/camera_info: a CameraInfo that is not calibrated' in capsys.readouterr().err
+    else:
+        assert_true(tmp_path / 'out/training', robot.cameras[0])
+    words[2] = str(tmp_path / 'sets')
+    assert main([*words, '--all-cameras']) == 0
+    assert f'passed over: /{broken}/image_rect_color; its camera_info' in capsys.readouterr().out
+    (split,) = (tmp_path / 'sets').glob('training_*')
+    assert_true(split, next(each for each in robot.cameras if each.folder != f'/{broken}'))
 
 
 def test_a_camera_info_without_a_frame_is_of_the_image_s_frame(tmp_path):
