@@ -266,8 +266,15 @@ def plan_keys() -> str:
 def _fields(kind: type) -> str:
     meaning = attributes(kind)
     hints = get_type_hints(kind, localns={'Mapping': dict})
-    rows = [(_code(each.name.rstrip('_')), _type_name(hints[each.name]), _default(each), meaning[each.name])
-            for each in dataclasses.fields(kind)]  # fmt: skip
+    rows = [
+        (
+            _code(each.name.rstrip('_')),  # from of from_, which is a word of Python
+            _type_name(hints[each.name]),
+            _default(each),
+            meaning[each.name],
+        )
+        for each in dataclasses.fields(kind)
+    ]
     return table(('key', 'type', 'default', 'meaning'), rows)
 
 

@@ -118,7 +118,7 @@ def guess_plan(
         stamps, _ = clocked(survey, plan).topics[topic].stamps()
         plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
         notes += offsets
-    return Guess(plan, tuple(notes), _unreadable(survey, layout))
+    return Guess(plan, tuple(notes), _unreadable(survey, layout, scans=plan.scan is None))
 
 
 def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str]) -> str:
@@ -135,7 +135,7 @@ def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str
 def _nothing(survey: Survey, layout: Layout) -> str:
     """Describe the content of a bag that has no data that a layout requires."""
     there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
-    reasons = [loss.text() for loss in _unreadable(survey, layout)]
+    reasons = [loss.text() for loss in _unreadable(survey, layout, scans=True)]
     reasons += [*survey.losses, *survey.notes]
     reason = f' ({reasons[0]})' if reasons else ''
     if not there:
@@ -147,14 +147,18 @@ def _nothing(survey: Survey, layout: Layout) -> str:
     return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}{reason}'
 
 
-def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
-    """Return the topics of types that a layout supports of which no message can be read."""
-    wanted = {types.IMAGE, types.COMPRESSED, types.CAMERA_INFO, *SCAN_TYPES}
+def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, ...]:
+    """Return the topics of types that a layout supports of which no message can be read.
+
+    Those that scans are made from in place of clouds are included if scans are missing.
+    """
+    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
+    wanted |= SCAN_TYPES if scans else set()
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
         wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
-        wanted |= {types.MARKERS, types.DETECTIONS_2D}
+        wanted |= {types.MARKERS}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (
