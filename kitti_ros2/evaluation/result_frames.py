@@ -9,7 +9,6 @@ part of the tree that the player publishes, it is made from the calibration.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,15 +16,15 @@ import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
-from ..importer.pose_track import PoseTrack
-from ..messages.header import stamp_ns_of
+from ..importer.motion import LinkTracks
 from ..messages.naming import FrameNames, base_t_imu, every_naming
-from ..messages.transforms import decode_static, static_links
+from ..messages.transforms import static_links
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.msgtypes import TF_TYPES
 from ..options.messages import MessageOptions
-from ..rig.tf_tree import FrameTree, LinkTally
+from ..rig.link_tally import LinkTally
+from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessages, BagSource
     from ..importer.report import LossTally
     from ..model.samples import Calibration
+    from ..rig.pose_track import PoseTrack
     from ..rig.tf_tree import Link
 
 _VELO = FrameNames().velo
@@ -144,8 +144,7 @@ class ResultFrames:
     def _read_transforms(
         self, messages: BagMessages
     ) -> tuple[list[Link], Mapping[tuple[str, str], PoseTrack]]:
-        tally = LinkTally()
-        poses: dict[tuple[str, str], list[tuple[int, Transform]]] = defaultdict(list)
+        tally, links = LinkTally(), LinkTracks()
         decode = Decoder(messages.typestore)
         for message in messages:
             try:
@@ -157,14 +156,13 @@ class ResultFrames:
             tally.add(decoded, still=still)
             if still:
                 continue
-            for stamped, (parent, child, pose) in zip(
-                decoded.transforms, decode_static(decoded), strict=True
-            ):
-                link = parent.lstrip('/'), child.lstrip('/')
-                poses[link].append((stamp_ns_of(stamped.header), pose))
+            try:
+                links.add(message.data, message.stamp_ns)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
         static, moving, _ = tally.sorted()
-        tracks = {link: PoseTrack(*zip(*poses[link], strict=True)) for link in moving}
-        return static, tracks
+        tracks = links.tracks()
+        return static, {link: tracks[link] for link in moving if link in tracks}
 
 
 def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:

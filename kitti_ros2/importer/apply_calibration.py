@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..kitti.poses import rect_from_imu
 from ..model import msgtypes as types
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
-from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..rig.tf_tree import FrameTree
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations
@@ -19,14 +21,18 @@ from .convert_boxes import BoxConversion
 from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
 from .frames import topic_of
+from .frames_at import MovingBase
+from .named_frames import child_of
 from .plan import TF
 from .report import undecoded
 from .scan_frame import made_frame
 
 if TYPE_CHECKING:
     from ..model.losses import Loss
+    from ..rig.moving_tree import MovingTree
     from .plan import Plan
     from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 class Rigging:
@@ -40,8 +46,13 @@ class Rigging:
         imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
     """
 
-    def __init__(self, plan: Plan, survey: Survey) -> None:
+    def __init__(self, plan: Plan, survey: Survey, moving: MovingTree | None = None) -> None:
         """Make the calibration.
+
+        Args:
+            plan: The plan.
+            survey: Of its bags.
+            moving: The links over time, where clouds or boxes are in frames that move.
 
         Raises:
             UsageError: The plan names a missing topic.
@@ -50,12 +61,14 @@ class Rigging:
         """
         lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
         tree = FrameTree(survey.static, survey.moving, lost)
+        scan_frame = '' if plan.scan is None else plan.scan.frame
         plan, made = made_frame(plan, tree)
         self._tree = FrameTree([*survey.static, *made], survey.moving, lost) if made else tree
         self._plan = plan
         self._models = camera_models(plan, survey)
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
-        self.scans = ScanConversion(plan.scan, survey, self._tree)
+        base = self._moving_base(scan_frame, moving)
+        self.scans = ScanConversion(plan.scan, survey, self._tree, base)
         self.images = ImageConversion(plan, survey, self._models)
         self._changing = [
             f'{camera.info} changes within the bag; the first that can be read counts'
@@ -64,13 +77,28 @@ class Rigging:
         ]
         self.imu_t_topic = self._unit_transforms(survey)
         self.labels = BoxConversion(
-            plan, survey, self._tree, self._models, self.calibrations, self.images
+            plan,
+            survey,
+            self._tree,
+            self.calibrations,
+            self.images,
+            base if base is None or self.scans.move else _before_middle(base, plan, survey),
         )
+
+    def _moving_base(self, scan_frame: str, moving: MovingTree | None) -> MovingBase | None:
+        """Return the frame that boxes are brought to: that of the scans, else that of a camera."""
+        if self._plan.scan is not None:
+            velo_t_frame = self._tree.transform(self._plan.scan.frame, scan_frame)
+            return MovingBase(scan_frame, velo_t_frame, moving)
+        if not self._models:
+            return None
+        frame = self._models[min(self._models)].frame
+        return MovingBase(frame, NOMINAL_CAM0_T_VELO.inverse(), moving)
 
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
         found = {}
         for topic in (self._plan.imu, self._plan.velocity):
-            frame = topic_of(survey, topic).frame if topic else ''
+            frame = _body_of(topic_of(survey, topic)) if topic else ''
             target = self._plan.imu_frame
             if frame and target and frame != target:
                 found[topic] = self._tree.transform(target, frame)
@@ -96,6 +124,26 @@ class Rigging:
             return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
         return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
+    def body_t_unit(self) -> Transform:
+        """Return body_T_imu: KITTI's imu frame in the body frame of the plan's poses.
+
+        Raises:
+            MissingDataError: The static transforms do not connect the frames.
+        """
+        calibration, plan = self.calibrations.first, self._plan
+        if calibration is not None:
+            return self.body_t_rect() @ rect_from_imu(calibration)
+        body = plan.pose.body if plan.pose is not None else ''
+        if plan.imu_frame:
+            return self._tree.transform(body, plan.imu_frame)
+        if plan.scan is not None:
+            return self._tree.transform(body, plan.scan.frame) @ NOMINAL_VELO_T_IMU
+        return Transform.identity()
+
+    def find(self, target: str, source: str) -> Transform | None:
+        """Return target_T_source by static transforms, None where they do not connect the two."""
+        return self._tree.find(target, source)
+
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the samples so far."""
         first = self.calibrations.first
@@ -107,3 +155,15 @@ class Rigging:
     def losses(self) -> tuple[Loss, ...]:
         """Return the parts of samples so far that could not be converted."""
         return (*self.scans.losses(), *self.labels.losses())
+
+
+def _before_middle(base: MovingBase, plan: Plan, survey: Survey) -> MovingBase:
+    """Return the base of boxes, which are true at their own stamps, not in the middle of turns."""
+    if plan.labels is None:
+        return base
+    return replace(base, middle_ns=topic_of(survey, plan.labels.topic).middle_ns)
+
+
+def _body_of(topic: TopicSurvey) -> str:
+    """Return the frame that a topic's rates and velocities are along."""
+    return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame

@@ -90,6 +90,8 @@ def adapt(plan: Plan, options: ImportOptions) -> Plan:
         plan = replace(plan, name=options.name)
     if options.calib is not None:
         plan = replace(plan, calibration=str(options.calib))
+    if options.origin is not None:
+        plan = replace(plan, origin=options.origin)
     _check_sets(plan, options)
     if options.append and not plan.layout.traits.frame_set:
         raise UsageError('--append continues an object set; other layouts have sequences')

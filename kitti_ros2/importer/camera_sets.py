@@ -18,10 +18,11 @@ from ..kitti import names
 from ..kitti.store import STORE
 from ..model.errors import UsageError
 from ..model.streams import Stream
+from .clocks import clocked
 from .convert import Target, build
 from .frames import choose_frames, pick_frames, select_frames
 from .plan import TF
-from .poses import read_track
+from .poses import read_motion
 from .report import LossTally
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def _common_frames(
     plan = next(iter(plans.values()))
     if plan.reference == f'image_{_CAMERA}':
         return {}
-    track = None if plan.pose is None else read_track(bags, plan.pose, survey, LossTally())
+    track = read_motion(bags, plan, clocked(survey, plan), LossTally()).of_frames
     found = {name: choose_frames(each, survey, track) for name, each in plans.items()}
     keys = {name: _keys(frames) for name, frames in found.items()}
     kept = set.intersection(*(set(each.tolist()) for each in keys.values()))

@@ -25,11 +25,12 @@ from .clocks import clocked
 from .convert_scans import dropped_notes
 from .depth_maps import DepthMaps
 from .excerpt import numbered
-from .frames import Frames, choose_frames, frame_topics
+from .frames import NO_FRAME, NO_PACKET, Frames, choose_frames, frame_topics
 from .label_messages import LabelMessages, joined
+from .oxts_poses import UnitPoses
 from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
-from .poses import read_track
+from .poses import read_motion
 from .report import ImportReport, LossTally, damage, unread
 from .stream_gaps import unit_losses
 from .sync import NONE
@@ -42,9 +43,9 @@ if TYPE_CHECKING:
     from ..kitti.writer import LayoutWriter
     from ..model.losses import Loss
     from ..options.importing import ImportOptions
+    from ..rig.pose_track import Track
     from .excerpt import Excerpt
     from .plan import Plan
-    from .pose_track import PoseTrack
     from .survey import Survey
 
 _LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
@@ -96,18 +97,23 @@ def build(
     """
     losses = LossTally()
     survey = clocked(survey, plan)
-    track = None if plan.pose is None else read_track(bags, plan.pose, survey, losses)
+    motion = read_motion(bags, plan, survey, losses)
     frames = target.frames
     if frames is None:
-        frames = choose_frames(plan, survey, track, options.selection)
+        frames = choose_frames(plan, survey, motion.of_frames, options.selection)
     if frames.unsynchronised:
         raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
     if target.excerpt is not None:
         frames = target.excerpt.of(frames)
-    rigging = Rigging(plan, survey)
+    rigging = Rigging(plan, survey, motion.tree)
+    unit = UnitPoses(plan, survey, frames, rigging, motion)
+    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (unit.lost_ns, NO_PACKET)):
+        for stamp_ns in stamps_ns.tolist():
+            losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
+    packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        builder = _Builder(plan, survey, frames, rigging, writer, target, losses)
+        builder = _Builder(plan, frames, rigging, packets, writer, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
             read = numbered(messages)
@@ -120,8 +126,9 @@ def build(
                 builder.take(job, outcome)
                 progress(count, builder.size_bytes)
             damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
-        if track is not None:
-            builder.write_poses(track)
+        builder.write_packets()
+        if motion.track is not None and Stream.POSE in writer.accepts:
+            builder.write_poses(motion.track)
     return builder.report(survey, damaged)
 
 
@@ -137,9 +144,9 @@ class _Builder:
     def __init__(
         self,
         plan: Plan,
-        survey: Survey,
         frames: Frames,
         rigging: Rigging,
+        packets: PacketMaker,
         writer: LayoutWriter,
         target: Target,
         losses: LossTally,
@@ -160,7 +167,7 @@ class _Builder:
             for streams in self._streams.values()
             for stream in streams
         }
-        self._packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic)
+        self._packets = packets
         self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
         self._losses = losses
         self._lock = Lock()  # scans are written by several threads
@@ -209,15 +216,20 @@ class _Builder:
                 decoded = None
             if packet:
                 self._packets.take(message.topic, place, decoded)
-                self.counts[Stream.OXTS.value] += self._packets.write(self._writer, self._first)
+                self.write_packets()
             for number, solid, flat in self._labels.take(message.topic, place, decoded):
-                write = partial(self._write_labels, number, solid, flat)
-                # In order and at once: tracks are numbered as they appear.
-                self.take(*_do(_Job(Stream.LABELS, number, message.topic, message.stamp_ns, write)))
+                self._take_labels(number, solid, flat, message.stamp_ns)
             if decoded is None:
                 continue
             for stream, number in wanted:
                 yield self._job(stream, number, place, message, decoded)
+        # An excerpt has one message of each frame.
+        for number, solid, flat in self._labels.rest():
+            self._take_labels(number, solid, flat, 0)
+
+    def write_packets(self) -> None:
+        """Write the packets that are complete."""
+        self.counts[Stream.OXTS.value] += self._packets.write(self._writer, self._first)
 
     def _job(
         self,
@@ -229,7 +241,8 @@ class _Builder:
     ) -> _Job:
         stamp_ns = self._stamp_ns(message.topic, number, place)
         if stream is Stream.SCAN:
-            write = partial(self._write_scan, number, stamp_ns, decoded)
+            own_ns = int(self._frames.stamps[message.topic][place])
+            write = partial(self._write_scan, number, stamp_ns, own_ns, decoded)
         else:
             write = partial(self._write_image, stream.camera or 0, number, stamp_ns, decoded)
         return _Job(stream, number, message.topic, message.stamp_ns, write)
@@ -240,8 +253,8 @@ class _Builder:
             return int(self._frames.stamps[topic][place])
         return int(self._frames.stamps_ns[number - self._first])
 
-    def _write_scan(self, number: int, stamp_ns: int, cloud: Any) -> int:  # noqa: ANN401
-        scan, dropped = self._rigging.scans.scan(cloud)
+    def _write_scan(self, number: int, stamp_ns: int, own_ns: int, cloud: Any) -> int:  # noqa: ANN401
+        scan, dropped = self._rigging.scans.scan(cloud, own_ns)
         with self._lock:
             self._points_dropped.update(dropped)
         self._writer.write_scan(number, stamp_ns, scan)
@@ -253,9 +266,17 @@ class _Builder:
         self._writer.write_image(camera, number, stamp_ns, png)
         return len(png)
 
-    def _write_labels(self, number: int, messages: list[Any], flat: Any) -> int:  # noqa: ANN401
+    def _take_labels(self, number: int, solid: list[Any], flat: Any, log_ns: int) -> None:  # noqa: ANN401
+        """Write labels in order and at once: tracks are numbered as they appear."""
+        topic = frame_topics(self._plan)[Stream.LABELS]
+        place = self._frames.samples[Stream.LABELS][number - self._first]
+        own_ns = int(self._frames.stamps[topic][place])
+        write = partial(self._write_labels, number, own_ns, solid, flat)
+        self.take(*_do(_Job(Stream.LABELS, number, topic, log_ns, write)))
+
+    def _write_labels(self, number: int, own_ns: int, solid: list[Any], flat: Any) -> int:  # noqa: ANN401
         stamp_ns = int(self._frames.stamps_ns[number - self._first])
-        boxes = self._rigging.labels.boxes(joined(messages), stamp_ns, flat)
+        boxes = self._rigging.labels.boxes(joined(solid), stamp_ns, own_ns, flat)
         self._writer.write_labels(number, boxes)
         return 0
 
@@ -273,7 +294,7 @@ class _Builder:
         for number in numbers:
             self._writer.leave_out(number)
 
-    def write_poses(self, track: PoseTrack) -> None:
+    def write_poses(self, track: Track) -> None:
         """Write the poses of the frames, each of which must have one."""
         stamps_ns = self._frames.stamps_ns
         poses = camera_poses(track, stamps_ns, self._rigging.body_t_rect())

@@ -18,17 +18,14 @@ from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
-from ..model.nominal import NOMINAL_CAM0_T_VELO
 from .frames import topic_of
+from .frames_at import FramesAt, MovingBase, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from ..messages.camera_info import CameraModel
     from ..model.boxes import Box, Cuboid
     from ..rig.tf_tree import FrameTree
     from .calibration_source import Calibrations
@@ -53,20 +50,28 @@ class BoxConversion:
         plan: Plan,
         survey: Survey,
         tree: FrameTree,
-        models: Mapping[int, CameraModel],
         calibrations: Calibrations,
         images: ImageConversion,
+        base: MovingBase | None,
     ) -> None:
         """Check the options of labels.
+
+        Args:
+            plan: Names the topic.
+            survey: Of its bag.
+            tree: The static transforms.
+            calibrations: Of all frames.
+            images: Knows the sizes of images.
+            base: The frame that boxes are brought to; None without scans and cameras.
 
         Raises:
             UsageError: The plan names a missing topic, or its labels cannot be made.
         """
         self._plan = plan
         self._tree = tree
-        self._models = models
         self._calibrations = calibrations
         self._images = images
+        self._base = base or MovingBase('', Transform.identity())
         self.left_out: Counter[str] = Counter()
         self._max_tilt = 0.0
         self._tracks = TrackIds()
@@ -74,17 +79,17 @@ class BoxConversion:
         self._only_flat = (
             labels is not None and topic_of(survey, labels.topic).msgtype == types.DETECTIONS_2D
         )
-        self._scores = self._check(survey)
+        self._scores = self._check(survey, placed=base is not None)
         self._classes = (
             None if labels is None else LabelClasses(labels, own=is_own(survey, labels.topic))
         )
 
-    def _check(self, survey: Survey) -> bool:
+    def _check(self, survey: Survey, *, placed: bool) -> bool:
         """Check the options of labels; return whether they have scores."""
         plan = self._plan.labels
         if plan is None:
             return False
-        if self._plan.scan is None and not self._models and plan.topic != LABEL_LINES:
+        if not placed and plan.topic != LABEL_LINES:
             raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
         if plan.topic == LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
             raise UsageError(
@@ -108,24 +113,28 @@ class BoxConversion:
     @cached_property
     def _to_velo(self) -> dict[str, Transform]:
         """velo_T_frame of every frame connected to the scans' (or to the camera's) frame."""
-        if self._plan.scan is not None:
-            base, velo_t_base = self._plan.scan.frame, Transform.identity()
-        else:
-            base = self._models[min(self._models)].frame
-            velo_t_base = NOMINAL_CAM0_T_VELO.inverse()
-        joined = {base: velo_t_base}
+        base = self._base
+        joined = {base.frame: base.velo_T_frame}
         for frame in self._tree.frames:
-            base_t_frame = self._tree.find(base, frame)
+            base_t_frame = self._tree.find(base.frame, frame)
             if base_t_frame is not None:
-                joined[frame] = velo_t_base @ base_t_frame
+                joined[frame] = base.velo_T_frame @ base_t_frame
         return joined
 
-    def boxes(self, message: Any, stamp_ns: int, flat: Any = None) -> list[Box]:  # noqa: ANN401
+    def boxes(
+        self,
+        message: Any,  # noqa: ANN401 - of the bag's types
+        stamp_ns: int,
+        own_ns: int | None = None,
+        flat: Any = None,  # noqa: ANN401
+    ) -> list[Box]:
         """Make the labels of a frame.
 
         Args:
-            message: With 3D boxes, or label lines.
-            stamp_ns: Of the frame.
+            message: The boxes.
+            stamp_ns: The stamp of the frame.
+            own_ns: The stamp of the message, at which boxes in frames that move are placed; None
+                for that of the frame.
             flat: A Detection2DArray with the 2D boxes, None for projections.
 
         Raises:
@@ -141,7 +150,7 @@ class BoxConversion:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         if self._only_flat:
             flat = message
-        cuboids, left_out = self.cuboids(message)
+        cuboids, left_out = self.cuboids(message, stamp_ns if own_ns is None else own_ns)
         if self._classes is not None:
             find = self._classes.find
             cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
@@ -166,7 +175,7 @@ class BoxConversion:
             return boxes
         found, left_out = boxes_of_detections_2d(flat)
         self.left_out.update(left_out)
-        model = self._models.get(plan.camera)
+        model = self._images.model(plan.camera)
         frames = {'', model.frame} if model is not None else {each.frame for each in found}
         here = [each for each in found if each.frame in frames]
         if self._classes is not None:
@@ -192,15 +201,24 @@ class BoxConversion:
         find = self._classes.find
         return [replace(each, class_name=find(each.class_name)) for each in boxes]
 
-    def cuboids(self, message: Any) -> tuple[list[Cuboid], list[str]]:  # noqa: ANN401 - as boxes
+    def cuboids(
+        self,
+        message: Any,  # noqa: ANN401 - as boxes
+        stamp_ns: int | None = None,
+    ) -> tuple[list[Cuboid], list[str]]:
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
+
+        Args:
+            message: The boxes.
+            stamp_ns: Its stamp; None for its header's.
 
         Raises:
             ValueError: They cannot be read.
         """
         if self._only_flat:
             return [], []
-        return cuboids_in(message, self._to_velo, scores=self._scores)
+        frames = FramesAt(self._to_velo, self._base, stamp_of_boxes(message, stamp_ns))
+        return cuboids_in(message, frames, scores=self._scores)
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the boxes so far."""

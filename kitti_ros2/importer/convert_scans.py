@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.header import stamp_ns_of
 from ..model.losses import Loss
 from ..model.samples import Scan
 from .frames import topic_of
+from .frames_at import FramesAt
 from .scan_needs import needs_of_plan, source_of_plan
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Transform
     from ..rig.tf_tree import FrameTree
+    from .frames_at import MovingBase
     from .plan import ScanPlan
     from .survey import Survey
 
@@ -27,8 +30,20 @@ if TYPE_CHECKING:
 class ScanConversion:
     """Converts the messages of a plan's scans; thread-safe."""
 
-    def __init__(self, plan: ScanPlan | None, survey: Survey, tree: FrameTree) -> None:
+    def __init__(
+        self,
+        plan: ScanPlan | None,
+        survey: Survey,
+        tree: FrameTree,
+        base: MovingBase | None = None,
+    ) -> None:
         """Find the frame of the messages in that of the plan, and what their decoder needs.
+
+        Args:
+            plan: Names the topic and KITTI's frame; None without scans.
+            survey: Of the bag.
+            tree: The static transforms.
+            base: The links over time, where clouds may be in frames that the vehicle moves in.
 
         Raises:
             UsageError: The plan names a missing topic, or not what its messages need.
@@ -41,26 +56,54 @@ class ScanConversion:
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
+        self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         if plan is not None:
             self._source = source_of_plan(plan, survey)
             self._needs = needs_of_plan(plan, self._source, survey)
             own = topic_of(survey, plan.topic).frame
-            if own != plan.frame:
+            if (
+                base is not None
+                and base.tree is not None
+                and own != plan.frame
+                and tree.find(plan.frame, own) is None
+            ):
+                base.tree.moving_between(base.frame, own)
+                self._base = base
+            elif own != plan.frame:
                 self._velo_t_cloud = tree.transform(plan.frame, own)
 
-    def scan(self, message: Any) -> tuple[Scan, Counter[str]]:  # noqa: ANN401 - of the bag's types
+    @property
+    def move(self) -> bool:
+        """Whether the messages are in a frame that the vehicle moves in."""
+        return self._base is not None
+
+    def scan(
+        self,
+        cloud: Any,  # noqa: ANN401 - of the bag's types
+        stamp_ns: int | None = None,
+    ) -> tuple[Scan, Counter[str]]:
         """Convert a message to a scan; also return the number of dropped points, by reason.
 
+        Args:
+            cloud: The message.
+            stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
+
         Raises:
-            ValueError: It cannot be read.
+            ValueError: It cannot be read, or its frame is not known at its stamp.
         """
-        found = self._source.decode(message, self._needs)
+        velo_t_cloud = self._velo_t_cloud
+        if self._base is not None:
+            frame = cloud.header.frame_id.lstrip('/')
+            joined = {self._base.frame: self._base.velo_T_frame}
+            at_ns = stamp_ns_of(cloud.header) if stamp_ns is None else stamp_ns
+            velo_t_cloud = FramesAt(joined, self._base, at_ns)[frame]
+        found = self._source.decode(cloud, self._needs)
         if found.lost:
             with self._lock:
                 self._lost.update(found.lost)
         points, dropped = found.points, Counter(found.dropped)
-        if self._velo_t_cloud is not None:
-            places = self._velo_t_cloud.apply(points[:, :3].astype(np.float64))
+        if velo_t_cloud is not None:
+            places = velo_t_cloud.apply(points[:, :3].astype(np.float64))
             points = np.column_stack([places, points[:, 3]]).astype(np.float32)
         if self._minimum_m:
             far = np.linalg.norm(points[:, :3].astype(np.float64), axis=1) >= self._minimum_m

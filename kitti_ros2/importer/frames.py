@@ -14,6 +14,7 @@ from ..model.losses import Loss
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from ..rig.pose_track import MAX_GAP_NS
 from .clocks import clock_notes, clocked
 from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
@@ -27,14 +28,17 @@ if TYPE_CHECKING:
 
     from ..model.samples import Int64Array
     from ..options.selection import SelectionOptions
+    from ..rig.pose_track import Track
     from .plan import Plan
-    from .pose_track import PoseTrack
     from .survey import Survey
     from .sync import StreamMatch
     from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'
+_NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
+NO_FRAME = f'no frame is written here, for {_NO_POSE}'
+NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,7 @@ class Frames:
         unsynchronised: Why no two streams were matched, empty if some were.
         label_places: For each frame the indices of its messages with boxes; see label_groups.
         places_2d: (N,) index of the message with boxes in the image, NONE without one.
+        unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
     """
 
     stamps_ns: Int64Array
@@ -60,6 +65,7 @@ class Frames:
     unsynchronised: str = ''
     label_places: tuple[tuple[int, ...], ...] = ()
     places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
+    unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -78,7 +84,7 @@ def frame_topics(plan: Plan) -> dict[Stream, str]:
 def choose_frames(
     plan: Plan,
     survey: Survey,
-    track: PoseTrack | None,
+    track: Track | None,
     selection: SelectionOptions | None = None,
 ) -> Frames:
     """Choose the frames of a plan.
@@ -116,7 +122,7 @@ def choose_frames(
         for stream, match in matches.items()
         if not match.matched
     }
-    kept = _complete(plan, reference, samples, track, notes)
+    kept, lost = _complete(plan, reference, samples, track, notes)
     if not kept.any():
         if apart:
             raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart.values())}')
@@ -126,7 +132,8 @@ def choose_frames(
             f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
-        kept &= _span(reference, kept, selection)
+        chosen = _span(reference, kept, selection)
+        kept, lost = kept & chosen, lost & chosen
     samples = {stream: indices[kept] for stream, indices in samples.items()}
     label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
     if Stream.LABELS in samples:
@@ -143,6 +150,7 @@ def choose_frames(
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
         label_places,
         places_2d[kept],
+        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
     )
 
 
@@ -150,18 +158,23 @@ def _complete(
     plan: Plan,
     reference: Int64Array,
     samples: Mapping[Stream, Int64Array],
-    track: PoseTrack | None,
+    track: Track | None,
     notes: list[str],
-) -> npt.NDArray[np.bool_]:
-    """Return which frames have all samples and a pose, if the plan drops the others."""
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which frames have all samples and a pose, if the plan drops the others.
+
+    Also which of those with all samples have no pose.
+    """
     kept = np.ones(len(reference), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+    lost = np.zeros(len(reference), dtype=np.bool_)
     if track is not None:
-        unknown = np.array([pose is None for pose in track.at(reference)], dtype=np.bool_)
+        unknown = ~track.known(reference)
+        lost = kept & unknown
         kept &= _without(unknown, 'pose around them', notes)
-    return kept
+    return kept, lost
 
 
 def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int]] | None:
@@ -208,6 +221,21 @@ def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
         return frames
     every = np.ones(len(frames), dtype=np.bool_)
     return pick_frames(frames, _span(frames.stamps_ns, every, selection))
+
+
+def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track) -> Int64Array:
+    """Return the stamps without a pose between the first and the last pose of a track.
+
+    Args:
+        stamps_ns: (N,) nanoseconds.
+        missing: (N,) which of them have no pose.
+        track: The poses.
+    """
+    if not len(track):
+        return np.zeros(0, dtype=np.int64)
+    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+    inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
+    return stamps_ns[inside]
 
 
 def _span(
@@ -266,9 +294,7 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     return topic
 
 
-def _reference(
-    plan: Plan, stamps: Mapping[Stream, Int64Array], track: PoseTrack | None
-) -> Int64Array:
+def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | None) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns
     for stream, each in stamps.items():

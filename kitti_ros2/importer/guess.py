@@ -21,7 +21,7 @@ from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, m
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
-from .guess_unit import guess_imu_frame, guess_unit
+from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
 from .scan_frame import face_forward
@@ -83,18 +83,23 @@ def guess_plan(
         scan = face_forward(scan, tree, heading, notes)
     sets = guess_camera_sets(layout, rig, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
-    pose = guess_pose(survey, notes) if Stream.POSE in traits.streams else None
+    has_unit = Stream.OXTS in traits.streams
+    # Poses take the place of a missing fix.
+    posed = Stream.POSE in traits.streams or (has_unit and not survey.of_type(types.FIX))
+    pose = guess_pose(survey, notes) if posed else None
     if scan is None and not cameras and not sets and pose is None:
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
-    unit = guess_unit(survey, notes) if Stream.OXTS in traits.streams else {}
+    unit = guess_unit(survey, notes, pose) if has_unit else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
     labels = None
     if Stream.LABELS in traits.streams:
         labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
+    if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
+        imu_frame = guess_unit_frame(survey, scan, pose)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,

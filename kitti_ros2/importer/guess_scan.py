@@ -11,6 +11,8 @@ from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
+from .guess_pose import vehicle_frame
+from .named_frames import NamedFrames
 from .plan import ScanPlan
 from .report import pass_over
 from .scan_needs import missing_calibration
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from .topic_survey import TopicSurvey
 
 _LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
+
+
+_AHEAD = 0.7  # the cosine of 45 degrees
 
 
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
@@ -84,11 +89,17 @@ def _scan_of(
     else:
         best = max(topics, key=lambda each: each.count)
     notes += pass_over('scans', best, topics)
+    frame = frame_on_vehicle(best.frame, survey)
+    if frame != best.frame:
+        notes.append(
+            f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
+            f' to {frame} by the poses at their stamps'
+        )
     missing = missing_calibration(best) if source.has_model else ''
     notes += [missing] if missing else []
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
-    return ScanPlan(best.name, best.frame, source.scale(best.looks), from_=word, info=info)
+    return ScanPlan(best.name, frame, source.scale(best.looks), from_=word, info=info)
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
@@ -109,6 +120,24 @@ def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
         if each.looks and not is_depth(each.looks[0])
     }
     return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
+
+
+def frame_on_vehicle(frame: str, survey: Survey) -> str:
+    """Return the frame for scans: their own, or one of the vehicle if theirs is map or odom.
+
+    A lidar's frame that looks ahead is preferred, then the vehicle's.
+    """
+    names = NamedFrames(survey)
+    body = vehicle_frame(survey, names)
+    if not body or frame not in names.line_above(body) or not names.moving_between(frame, body):
+        return frame
+    for other in sorted(names.tree.frames):
+        body_t_other = names.tree.find(body, other)
+        if body_t_other is not None and _LIDAR.search(other):
+            forward, _, up = body_t_other.rotation.T
+            if forward[0] > _AHEAD and up[2] > _AHEAD:
+                return other
+    return body
 
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types

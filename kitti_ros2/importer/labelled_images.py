@@ -31,12 +31,14 @@ from .frames import topic_of
 from .guess import guess_plan
 from .labels import own_number
 from .plan import NONE, SOURCE, TF
+from .poses import read_moving
+from .report import LossTally
 from .scan_needs import without_unreadable_scans
 from .survey import glance
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.reader import BagMessage, OpenBag
@@ -70,7 +72,7 @@ class LabelledImages:
     def __init__(self, bag: OpenBag) -> None:
         survey = glance(bag)
         plan, labels = _plan(bag.path, survey)
-        self._plan, self._rigging = _rigged(bag.path, plan, labels, survey)
+        self._plan, self._rigging = _rigged(bag, plan, labels, survey)
         self.topics: Mapping[str, int] = {
             camera.topic: index for index, camera in self._plan.cameras.items()
         }
@@ -214,19 +216,34 @@ def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
     return plan, labels.topic
 
 
-def _rigged(path: Path, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
+def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
     """Make the rigging of a plan; label lines have 2D boxes, which need no calibration."""
     try:
-        rigging = Rigging(plan, survey)
-        for look in topic_of(survey, labels).looks:
-            if labels != LABEL_LINES:
-                rigging.labels.cuboids(look)
+        rigging = Rigging(plan, survey, read_moving([bag], plan, survey, LossTally()))
+        if labels != LABEL_LINES:
+            _try_labels(rigging, topic_of(survey, labels).looks)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
-            raise _impossible(path, _ADVICE.sub('', str(error))) from None
+            raise _impossible(bag.path, _ADVICE.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
         return plan, Rigging(plan, survey)
     return plan, rigging
+
+
+def _try_labels(rigging: Rigging, looks: Sequence[Any]) -> None:
+    """Require that one of the sampled messages can be read, where any has boxes.
+
+    Raises:
+        ValueError: None can be: their frames are not joined, or not known at their stamps.
+    """
+    errors = []
+    for look in looks:
+        try:
+            rigging.labels.cuboids(look)
+        except ValueError as error:
+            errors.append(error)
+    if errors and len(errors) == len(looks):
+        raise errors[0]
 
 
 def _impossible(path: Path, reason: str) -> UsageError:

@@ -15,13 +15,15 @@ from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .frames import topic_of
+from .oxts_poses import as_velocity
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from ..kitti.writer import LayoutWriter
     from ..model.samples import Int64Array, OxtsPacket
     from .frames import Frames
+    from .oxts_poses import UnitPoses
     from .plan import Plan
     from .survey import Survey
 
@@ -41,7 +43,12 @@ class PacketMaker:
     """
 
     def __init__(
-        self, plan: Plan, survey: Survey, frames: Frames, turns: Mapping[str, Transform]
+        self,
+        plan: Plan,
+        survey: Survey,
+        frames: Frames,
+        turns: Mapping[str, Transform],
+        unit: UnitPoses,
     ) -> None:
         """Select the required messages.
 
@@ -50,15 +57,21 @@ class PacketMaker:
             survey: Their stamps.
             frames: The frames.
             turns: By topic its frame in KITTI's imu frame.
+            unit: Poses that take the place of the fix.
 
         Raises:
             UsageError: A topic is missing.
         """
-        self._notes: list[str] = []
+        self._notes: list[str] = [*unit.notes]
         self._lacking = 0
         self._frames_ns = frames.stamps_ns
-        self._turns = turns
-        self._topics = {'imu': plan.imu, 'fix': plan.fix, 'velocity': plan.velocity}
+        self._turns = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
+        self._unit = unit
+        self._topics = {
+            'imu': plan.imu,
+            'fix': plan.fix,
+            'velocity': plan.velocity or unit.velocity,
+        }
         named = {role: topic for role, topic in self._topics.items() if topic}
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         tolerance_ns = round(plan.tolerance_s * NS_PER_S)
@@ -68,9 +81,7 @@ class PacketMaker:
             else self._nearest(topic, tolerance_ns)
             for role, topic in named.items()
         ]
-        self._wanted: list[set[tuple[str, int]] | None] = [
-            None if None in parts else set().union(*parts) for parts in zip(*wanted, strict=True)
-        ]
+        self._wanted = self._parts_of_frames(wanted)
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
         self._pending: dict[int, dict[tuple[str, int], Any]] = {}
@@ -81,6 +92,31 @@ class PacketMaker:
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
         self._levelled = False
+
+    def _parts_of_frames(
+        self, wanted: Sequence[Sequence[set[tuple[str, int]] | None]]
+    ) -> list[set[tuple[str, int]] | None]:
+        """Return the messages of each frame's packet, None without one.
+
+        With poses a packet needs no message: columns of those that are not near are 0.
+        """
+        poses = self._unit.poses
+        if poses is None:
+            return [
+                None if None in parts else {part for each in parts for part in each or ()}
+                for parts in zip(*wanted, strict=True)
+            ]
+        far = [sum(part is None for part in parts) for parts in wanted]
+        names = [topic for topic in self._topics.values() if topic]
+        self._notes += [
+            f'oxts: no message of {topic} near {count} frames; its columns are 0 there'
+            for topic, count in zip(names, far, strict=True)
+            if count
+        ]
+        return [
+            None if pose is None else {part for parts in wanted for part in parts[frame] or ()}
+            for frame, pose in enumerate(poses)
+        ]
 
     @property
     def topics(self) -> set[str]:
@@ -110,7 +146,10 @@ class PacketMaker:
         """Write the packets that are ready, in order; returns how many."""
         count = 0
         while self._next < len(self._wanted):
-            if self._wanted[self._next] is not None and self._next not in self._ready:
+            parts = self._wanted[self._next]
+            if parts is not None and not parts:
+                self._ready[self._next] = self._make(self._next, {})
+            if parts is not None and self._next not in self._ready:
                 break
             packet = self._ready.pop(self._next, None)
             if packet is not None:
@@ -163,7 +202,8 @@ class PacketMaker:
         lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
         if not lacking:
             return
-        which = f'no imu, fix or velocity near frames {format_numbers(lacking)}'
+        source = 'imu, fix or velocity near' if self._unit.poses is None else 'poses around'
+        which = f'no {source} frames {format_numbers(lacking)}'
         if self._gapless:
             self._wanted = []
             self._notes.append(f'{which}, so {Stream.OXTS.value} is left out')
@@ -178,16 +218,23 @@ class PacketMaker:
             return None
         imu, fixes, velocity = (by_topic.get(topic) for topic in self._topics.values())
         imu_message = imu[0][1] if imu else None
-        if imu_message is not None and not self._levelled and not has_orientation(imu_message):
+        pose = None if self._unit.poses is None else self._unit.poses[frame]
+        lying = imu_message is not None and pose is None and not has_orientation(imu_message)
+        if lying and not self._levelled:
             self._levelled = True
             self._notes.append(f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0')
-        return make_packet(
+        packet = make_packet(
             imu_message,
             self._fix(frame, fixes) if fixes else None,
-            velocity[0][1] if velocity else None,
+            as_velocity(velocity[0][1]) if velocity else None,
             imu_t_frame=self._turns.get(self._topics['imu'], _IDENTITY),
             imu_t_velocity=self._turns.get(self._topics['velocity'], _IDENTITY),
+            pose=pose,
         )
+        still = self._unit.place
+        if packet is None or still is None:
+            return packet
+        return replace(packet, lat=still.lat, lon=still.lon, alt=still.alt)
 
     def _fix(self, frame: int, fixes: list[tuple[int, Any]]) -> Any:  # noqa: ANN401 - of the bag
         stamps = self._stamps[self._topics['fix']]

@@ -100,8 +100,10 @@ class PosePlan:
 
     Attributes:
         topic: An Odometry, PoseStamped, Path or TFMessage.
-        body: The frame whose poses they are.
-        world: The frame they are given in.
+        body: The frame whose poses they are: of Odometry its child frame, or one that transforms
+            join to it.
+        world: The frame they are given in: that of the messages, or one that transforms join to it,
+            such as map above odom.
         offset_s: As of the scan.
     """
 
@@ -159,7 +161,7 @@ class Plan:
         labels: The source of the labels.
         imu: Topic of an Imu for the packets of the GPS/IMU unit, empty for none.
         fix: Topic of a NavSatFix for the same, empty for none.
-        velocity: Topic of a TwistStamped for the same, empty for none.
+        velocity: Topic of a TwistStamped or an Odometry for the same, empty for none.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
@@ -171,6 +173,8 @@ class Plan:
         camera_sets: The sources of images of one data set a camera, by the sets' names, with the
             keys of a camera: it is camera 2 of its set, and scans and labels are in common
             (--all-cameras). Excludes cameras.
+        origin: LAT,LON,ALT, degrees and metres, of the origin of poses that become oxts; empty for
+            0,0,0.
     """
 
     layout: Layout
@@ -192,3 +196,4 @@ class Plan:
     fix_offset_s: float = _quiet(0.0)
     velocity_offset_s: float = _quiet(0.0)
     camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})
+    origin: str = ''

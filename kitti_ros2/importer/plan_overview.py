@@ -18,7 +18,7 @@ from .apply_calibration import Rigging
 from .clocks import clocked
 from .frames import choose_frames
 from .plan import SOURCE, TF
-from .poses import read_track
+from .poses import PlannedMotion, read_motion
 from .report import LossTally
 
 if TYPE_CHECKING:
@@ -113,12 +113,12 @@ def overlook_plan(
     used = [each for each in topics if each.streams]
     used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
     survey = clocked(survey, plan)
-    faults: list[str] = []
+    motion, faults = PlannedMotion(), list[str]()
     frames: int | None = None
     notes: tuple[str, ...] = ()
     try:
-        track = None if plan.pose is None else read_track(bags, plan.pose, survey, LossTally())
-        chosen = choose_frames(plan, survey, track, selection)
+        motion = read_motion(bags, plan, survey, LossTally())
+        chosen = choose_frames(plan, survey, motion.of_frames, selection)
         frames = len(chosen)
         notes = (*chosen.notes, *(loss.text() for loss in chosen.losses))
         if chosen.unsynchronised:
@@ -126,7 +126,7 @@ def overlook_plan(
     except KittiRos2Error as error:
         faults.append(str(error))
     try:
-        Rigging(plan, survey)
+        Rigging(plan, survey, motion.tree)
     except KittiRos2Error as error:
         faults.append(str(error))
     return PlanOverview(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.velodyne_models import MODELS
 from ..model.errors import UsageError
+from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line
@@ -94,7 +95,15 @@ def parse_plan(text: str, path: Path) -> Plan:
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
+    _check_origin(plan.origin, path)
     return plan
+
+
+def _check_origin(text: str, path: Path) -> None:
+    try:
+        GeoOrigin.parse(text)
+    except ValueError as error:
+        raise UsageError(f'{path}: origin: {error}') from None
 
 
 def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:

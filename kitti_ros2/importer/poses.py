@@ -1,27 +1,116 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The poses of a plan, from Odometry, PoseStamped, Path or TFMessage."""
+"""The poses of a plan, from Odometry, PoseStamped, Path or TFMessage, and the links to its frames.
+
+They are world_T_body of the plan. A topic's own frames may be others: Odometry in odom of
+base_footprint becomes that of base_link in map by the transforms at the same stamps.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
+from ..messages.header import stamp_ns_of
 from ..messages.pose import poses_of, poses_of_link
+from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..model.errors import UsageError
+from ..model.geometry import Transform
+from ..model.spelling import did_you_mean
+from ..model.streams import Stream
+from ..rig.moving_tree import ProductTrack
+from ..rig.tf_tree import plain
 from .frames import topic_of
-from .pose_track import PoseTrack
+from .motion import StampedSeries, numbers_of, read_tree
+from .named_frames import NamedFrames, child_of, is_renamed, moving_pairs
+from .plan import Incomplete
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..bags.reader import BagSource
-    from ..model.geometry import Transform
-    from .plan import PosePlan
+    from ..rig.moving_tree import MovingTree
+    from ..rig.pose_track import Track
+    from .plan import Plan, PosePlan
     from .report import LossTally
     from .survey import Survey
+    from .topic_survey import TopicSurvey
+
+_POSES = (types.ODOMETRY, types.POSE, types.PATH)
+_SHOWN = 12
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """The movements that a plan needs.
+
+    Attributes:
+        track: The poses of the plan, None without any.
+        tree: The links between frames over time, None where all that are needed stand still.
+        of_frames: The track, where frames without a pose are to be dropped.
+        notes: Non-fatal remarks.
+    """
+
+    track: Track | None = None
+    tree: MovingTree | None = None
+    of_frames: Track | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_motion(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> PlannedMotion:
+    """Read the poses of a plan, and the moving links that its scans and labels need.
+
+    Raises:
+        UsageError: As read_track.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
+    told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
+    tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
+    if plan.pose is None:
+        return PlannedMotion(tree=tree)
+    traits, notes = plan.layout.traits, list[str]()
+    in_lines = Stream.OXTS in traits.line_streams and not plan.fix
+    drops = (
+        Stream.POSE in traits.streams
+        or plan.reference == Stream.POSE.value
+        or (in_lines and plan.incomplete is Incomplete.DROP)
+    )
+    topic = topic_of(survey, plan.pose.topic)
+    if is_renamed(plan.pose, topic, names) and child_of(topic):
+        notes.append(
+            f'{topic.name}: its poses are of {child_of(topic)}, which no transform names; they are'
+            f' taken as those of {plan.pose.body}'
+        )
+    try:
+        track = read_track(bags, plan.pose, survey, losses, tree=tree)
+    except NoPosesError as error:
+        if drops:
+            raise
+        return PlannedMotion(tree=tree, notes=(*notes, str(error)))
+    return PlannedMotion(track, tree, track if drops else None, tuple(notes))
+
+
+def read_moving(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> MovingTree | None:
+    """Read the moving links that the scans and labels of a plan need, None if they need none.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = moving_pairs(plan, survey, names)
+    return read_tree(bags, survey, names, pairs, losses) if pairs else None
+
+
+class NoPosesError(UsageError):
+    """A topic of a plan's poses holds none."""
 
 
 def read_track(
@@ -31,7 +120,8 @@ def read_track(
     losses: LossTally,
     *,
     child: str = '',
-) -> PoseTrack:
+    tree: MovingTree | None = None,
+) -> Track:
     """Read the poses that a plan names.
 
     Args:
@@ -40,12 +130,121 @@ def read_track(
         survey: Of the bags.
         losses: Takes messages without a valid pose.
         child: The only valid child frame of Odometry; empty for any.
+        tree: The links of the bags, where they have been read for the pairs of pose_pairs.
 
     Raises:
-        UsageError: The topic is missing, or its type has no poses.
+        UsageError: The topic is missing, or its type has no poses, or it names frames that are not
+            in the bag or that nothing joins.
     """
     topic = topic_of(survey, plan.topic)
-    found: list[tuple[int, Transform]] = []
+    names = NamedFrames(survey, plan)
+    ends = _ends(plan, topic, survey, names)
+    pairs = _pairs(ends)
+    if pairs and tree is None:
+        tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
+    world, frame, moved, body = ends
+    if tree is not None and frame == moved and world != body:
+        found: Track = tree.track(world, body)
+        if not len(found):
+            raise NoPosesError(f'{topic.name}: holds no pose of {body} in {world}')
+        return found
+    found = _read(bags, plan, topic, survey, losses, child)
+    if tree is None or not pairs:
+        return found
+    before: Track | Transform = Transform.identity()
+    after: Track | Transform = Transform.identity()
+    if world != frame:
+        before = tree.links.find(world, frame) or tree.track(world, frame)
+    if moved != body:
+        after = tree.links.find(moved, body) or tree.track(moved, body)
+    return ProductTrack(before, found, after)
+
+
+def _told(topic: TopicSurvey) -> str:
+    """Return the topic if its invalid poses are found when the track is read."""
+    return topic.name if topic.msgtype in _POSES else ''
+
+
+def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
+    """Return the pairs of frames that transforms must join for the poses of a plan.
+
+    Raises:
+        UsageError: As read_track.
+    """
+    if plan is None:
+        return []
+    return _pairs(_ends(plan, topic_of(survey, plan.topic), survey, names))
+
+
+def _pairs(ends: tuple[str, str, str, str]) -> list[tuple[str, str]]:
+    world, frame, moved, body = ends
+    if frame == moved:
+        return [(world, body)] if world != body else []
+    return [pair for pair in ((world, frame), (moved, body)) if pair[0] != pair[1]]
+
+
+def _ends(
+    plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFrames
+) -> tuple[str, str, str, str]:
+    """Return world, the frame of the topic's poses, the frame they are of, and body.
+
+    The middle two are equal where a chain of transforms is the whole way, and all four where the
+    topic's poses are used as they are.
+    """
+    as_they_are = '', '', '', ''
+    if topic.msgtype in types.TF_TYPES:
+        links = [link for link in survey.moving if link[1] == plan.body]
+        world = plan.world or (links[0][0] if links else '')
+        if not world and plan.body in names.tree.frames:
+            world = names.tree.root_of(plan.body)
+        if (world, plan.body) in links:
+            return as_they_are
+        _check_frames(plan, names, '')
+        _check_joined(world, plan.body, names)
+        return world, plan.body, plan.body, plan.body
+    if topic.msgtype not in _POSES or topic.name in own_topics():
+        return as_they_are
+    frame, moved = topic.frame, child_of(topic)
+    world, body = plan.world or frame, plan.body or moved
+    if not moved or is_renamed(plan, topic, names):
+        moved = body
+    if (world, body) == (frame, moved):
+        return as_they_are
+    _check_frames(plan, names, moved)
+    _check_joined(world, frame, names)
+    _check_joined(moved, body, names)
+    return world, frame, moved, body
+
+
+def _check_frames(plan: PosePlan, names: NamedFrames, child: str) -> None:
+    known = names.tree.frames | ({child} if child else set())
+    for key, name in (('world', plan.world), ('body', plan.body)):
+        if name and plain(name) not in known:
+            shown = ', '.join(sorted(known)[:_SHOWN]) or 'no frames'
+            raise UsageError(
+                f'the plan has pose: {key}: {name}, which is no frame of the bag; expected one of'
+                f' {shown}{did_you_mean(name, sorted(known))}'
+            )
+
+
+def _check_joined(target: str, source: str, names: NamedFrames) -> None:
+    if target != source and names.moving_between(target, source) is None:
+        raise UsageError(
+            f'the plan has poses of {source} in {target}, which no transforms join; the bag has'
+            f' {names.tree}: name frames of one tree in pose: world and pose: body'
+        )
+
+
+def _read(
+    bags: Sequence[BagSource],
+    plan: PosePlan,
+    topic: TopicSurvey,
+    survey: Survey,
+    losses: LossTally,
+    child: str,
+) -> Track:
+    """Read the poses of a topic, or of the one link of a TFMessage, as they are."""
+    found = StampedSeries()
     reason = ''
     with open_messages(bags, {topic.name}) as messages:
         decode = Decoder(messages.typestore)
@@ -61,14 +260,14 @@ def read_track(
                 continue
             if message.msgtype == types.PATH:
                 found.clear()  # each path repeats the earlier poses: the last one has all
-            found.extend(poses)
-    stamps = [stamp_ns + topic.offset_ns for stamp_ns, _ in found]
-    if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
-        stamps = topic.stamps()[0].tolist()
-    if not found:
+            for each in poses:
+                found.add(*each)
+    if not len(found):
         whose = f' of {plan.body}' if plan.body else ''
-        raise UsageError(f'{topic.name}: holds no pose{whose}{reason}')
-    return PoseTrack(stamps, [pose for _, pose in found])
+        raise NoPosesError(f'{topic.name}: holds no pose{whose}{reason}')
+    if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
+        return found.track(topic.stamps()[0].tolist())
+    return found.track(offset_ns=topic.offset_ns)
 
 
 def _check_child(found: str, child: str) -> None:
@@ -81,13 +280,31 @@ def _poses(
     msgtype: str,
     plan: PosePlan,
     survey: Survey,
-) -> list[tuple[int, Transform]]:
-    if msgtype in (types.ODOMETRY, types.POSE, types.PATH):
-        return poses_of(message)
-    if msgtype in types.TF_TYPES:
-        links = [link for link in survey.moving if link[1] == plan.body]
-        wanted = [link for link in links if link[0] == plan.world] or links
-        return poses_of_link(message, wanted[0]) if wanted else []
-    raise UsageError(
-        f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
-    )
+) -> list[tuple[int, tuple[float, ...]]]:
+    """Return stamp and numbers of the poses in a message, all of them valid.
+
+    Raises:
+        ValueError: One is not.
+    """
+    if msgtype in _POSES:
+        poses_of(message)
+        stamped = getattr(message, 'poses', [message])
+        poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]
+        return [
+            (stamp_ns_of(header), numbers_of(pose.position, pose.orientation))
+            for header, pose in poses
+        ]
+    if msgtype not in types.TF_TYPES:
+        raise UsageError(
+            f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
+        )
+    links = [link for link in survey.moving if link[1] == plan.body]
+    wanted = [link for link in links if link[0] == plan.world] or links
+    if not wanted:
+        return []
+    poses_of_link(message, wanted[0])
+    return [
+        (stamp_ns_of(each.header), numbers_of(each.transform.translation, each.transform.rotation))
+        for each in message.transforms
+        if (plain(each.header.frame_id), plain(each.child_frame_id)) == wanted[0]
+    ]

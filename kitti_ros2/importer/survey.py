@@ -20,7 +20,7 @@ from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.msgtypes import CAMERA_INFO, CLOUD, MARKERS, STRING, TF_TYPES
-from ..rig.tf_tree import LinkTally
+from ..rig.link_tally import LinkTally
 from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
 

@@ -14,10 +14,12 @@ from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import Pose
 
 if TYPE_CHECKING:
+    from ..model.geographic import GeoOrigin
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, OxtsPacket
 
 EARTH_RADIUS_M = 6378137.0
+_SCALE_ROUNDS = 12  # each adds a digit at least up to 500 km from the origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,36 @@ def _mercator(packet: OxtsPacket, scale: float) -> Float64Array:
     east = scale * EARTH_RADIUS_M * np.radians(packet.lon)
     north = scale * EARTH_RADIUS_M * np.log(np.tan(np.pi / 4 + np.radians(packet.lat) / 2))
     return np.array([east, north, packet.alt])
+
+
+def geographic_places(positions: Float64Array, origin: GeoOrigin) -> Float64Array:
+    """Return the places of local positions: those that MercatorWorld brings back to them.
+
+    The readers' scale is that of the first packet, so the first position decides it; the plane is
+    Mercator's, and distances in it are those of the positions.
+
+    Args:
+        positions: (N, 3) east, north, up, metres; the first is that of the first packet.
+        origin: The place of (0, 0, 0).
+
+    Returns:
+        (N, 3) latitude and longitude, degrees, and altitude, metres.
+    """
+    north_0 = np.log(np.tan(np.pi / 4 + np.radians(origin.lat) / 2))
+    scale = np.cos(np.radians(origin.lat))
+    for _ in range(_SCALE_ROUNDS):
+        scale = np.cos(_latitude(north_0 + positions[0, 1] / (scale * EARTH_RADIUS_M)))
+    east, north, up = positions.T
+    radius = scale * EARTH_RADIUS_M
+    lat = np.degrees(_latitude(north_0 + north / radius))
+    lon = origin.lon + np.degrees(east / radius)
+    return np.column_stack([lat, lon, origin.alt + up])
+
+
+def _latitude(mercator: Float64Array) -> Float64Array:
+    """Return latitudes, radians, of Mercator's northings over the radius: the inverse."""
+    latitudes: Float64Array = 2 * np.arctan(np.exp(mercator)) - np.pi / 2
+    return latitudes
 
 
 def pose_from_packet(packet: OxtsPacket, world: MercatorWorld) -> Pose:

@@ -35,7 +35,7 @@ to the right, to 0.03 and 0.08 m/s.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -85,6 +85,21 @@ _NOT_KNOWN = -1.0
 # Beyond, kitti/oxts_file.py refuses a packet.
 _IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
+
+
+class UnitPose(NamedTuple):
+    """The pose of the GPS/IMU unit.
+
+    Attributes:
+        attitude: (3, 3) KITTI's imu frame in east-north-up.
+        lat, lon: Degrees.
+        alt: Metres.
+    """
+
+    attitude: Float64Array
+    lat: float
+    lon: float
+    alt: float
 
 
 def encode_imu(
@@ -155,6 +170,7 @@ def make_packet(
     *,
     imu_t_frame: Transform = _IDENTITY,
     imu_t_velocity: Transform = _IDENTITY,
+    pose: UnitPose | None = None,
 ) -> OxtsPacket | None:
     """Make the packet of messages of one moment; None where the NavSatFix has no fix.
 
@@ -165,14 +181,18 @@ def make_packet(
         imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
             orientation, rates and accelerations are transformed to it.
         imu_t_velocity: The same of the TwistStamped; the lever arm is compensated.
+        pose: Place and attitude from another source, which replace those of the messages; rates
+            are then those of the velocity, if it has any.
     """
     if fix is not None and not has_fix(fix):
         return None
-    attitude = _attitude(imu, imu_t_frame)
+    attitude = _attitude(imu, imu_t_frame) if pose is None else pose.attitude
     roll, pitch, yaw = rotation_to_rpy(attitude)
     columns = {'roll': roll, 'pitch': pitch, 'yaw': yaw}
     level = rotation_from_rpy(roll, pitch, 0.0)
-    rates = _rates(imu, velocity, imu_t_frame, imu_t_velocity)
+    turning = velocity is not None and bool(vector_of(velocity.twist.angular).any())
+    sensing = None if pose is not None and turning else imu
+    rates = _rates(sensing, velocity, imu_t_frame, imu_t_velocity)
     columns |= _named(('wx', 'wy', 'wz'), rates) | _named(('wf', 'wl', 'wu'), level @ rates)
     if imu is not None:
         sensed = _known(imu.linear_acceleration, imu.linear_acceleration_covariance)
@@ -185,6 +205,8 @@ def make_packet(
         columns |= _velocity_columns(attitude @ body, yaw)
     if fix is not None:
         columns |= _fix_columns(fix)
+    if pose is not None:
+        columns |= {'lat': pose.lat, 'lon': pose.lon, 'alt': pose.alt}
     unsigned_zeros = {name: value + 0.0 for name, value in columns.items()}
     posmode = _NO_MODE if fix is None else _LEAST_MODE_BY_STATUS.get(fix.status.status, _NO_MODE)
     return replace(_NO_PACKET, posmode=posmode, **unsigned_zeros)  # type: ignore[arg-type] # floats

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
+from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from .declare import choice, option
 from .parsers import parse_flag, parse_number, parse_path, parse_text
@@ -15,6 +16,16 @@ from .selection import SelectionOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+def parse_origin(name: str, value: object) -> str:
+    """Parse LAT,LON,ALT, degrees and metres."""
+    text = ','.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    try:
+        GeoOrigin.parse(text)
+    except ValueError as error:
+        raise UsageError(f'{name} is {error}') from None
+    return text
 
 
 @dataclass(frozen=True)
@@ -25,6 +36,7 @@ class ImportOptions:
         layout: One of KITTI's; None keeps that of a bag written by to-bag.
         name: Drive, split or sequence, None takes the plan's.
         calib: A KITTI calibration file or folder instead of the bag's own calibration.
+        origin: Place of the origin of poses that become oxts, LAT,LON,ALT; None takes the plan's.
         train_fraction: Fraction of an object set's frames in train, 0 to 1.
         all_cameras: Whether each camera of a bag of others gets a data set of its own.
         append: Whether to continue the numbering of an existing object set.
@@ -53,6 +65,13 @@ class ImportOptions:
         "KITTI calibration file or folder instead of the bag's calibration",
         parse_path,
         unset="the bag's",
+    )
+    origin: str | None = option(
+        None,
+        "Raw, tracking: LAT,LON,ALT of the poses' origin where the bag has no NavSatFix",
+        parse_origin,
+        unset="the plan's, or 0,0,0",
+        metavar='LAT,LON,ALT',
     )
     train_fraction: float = option(
         1.0,

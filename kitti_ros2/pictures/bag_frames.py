@@ -21,7 +21,7 @@ from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
-from ..importer.poses import read_track
+from ..importer.poses import read_moving, read_track
 from ..importer.report import LossTally, damage
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from ..drawing.pixels import Pixels
     from ..importer.frames import Frames
     from ..importer.plan import Plan, ScanPlan
-    from ..importer.pose_track import PoseTrack
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
@@ -54,6 +53,8 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
+    from ..rig.moving_tree import MovingTree
+    from ..rig.pose_track import Track
 
 T = TypeVar('T')
 
@@ -82,7 +83,10 @@ class BagFrames:
         plan = _to_look_at(without_unreadable_scans(guess.plan, survey))
         notes = list(guess.notes)
         assumptions: list[str] = []
-        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, assumptions)
+        losses = LossTally()
+        moving = read_moving([bag], plan, survey, losses)
+        notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
+        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, moving, assumptions)
         if self._plan.calibration == NO_CALIBRATION:
             assumptions += _turned(self._plan.scan)
         assumptions.append(BY_POSITION)
@@ -245,7 +249,7 @@ class BagFrames:
 class EgoTrack(NamedTuple):
     """Poses, and the frame that they are of."""
 
-    track: PoseTrack
+    track: Track
     body: str
 
     def trajectory(self, body_T_imu: Transform) -> Trajectory:
@@ -262,16 +266,16 @@ def _to_look_at(plan: Plan) -> Plan:
 
 
 def _rigged(
-    plan: Plan, survey: Survey, assumptions: list[str]
+    plan: Plan, survey: Survey, moving: MovingTree | None, assumptions: list[str]
 ) -> tuple[Plan, Rigging, dict[str, str]]:
     """Return plan and rigging, without calibration and labels if it is missing, and the reason."""
     try:
-        return plan, Rigging(plan, survey), {}
+        return plan, Rigging(plan, survey, moving), {}
     except KittiRos2Error as error:
         assumptions.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
     plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
-    return plan, Rigging(plan, survey), missing
+    return plan, Rigging(plan, survey, moving), missing
 
 
 def _turned(scan: ScanPlan | None) -> list[str]:

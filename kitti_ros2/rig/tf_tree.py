@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..messages.transforms import decode_static
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.spelling import did_you_mean
@@ -25,10 +24,12 @@ if TYPE_CHECKING:
 Link: TypeAlias = 'tuple[str, str, Transform]'
 """Parent, child, parent_T_child."""
 
+Step: TypeAlias = 'tuple[str, str, Transform | None]'
+"""Parent, child, parent_T_child; None where the link moves."""
+
 _MOST_CHILDREN = 8
 _MOST_FRAMES = 40
 _SAME_LINK = 1e-9
-_STILL_M = 1e-6
 # tf2 accepts quaternions whose squared norm is off by 1 % at most; matrices have the same limit.
 _ROTATION = 1e-2
 _FARTHEST_M = 1e9  # beyond any map on earth; squares of float32 coordinates are still finite
@@ -54,16 +55,16 @@ class FrameTree:
         self._differing: set[str] = set()
         self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
-            above = self._parents[_plain(child)]
-            known = above.setdefault(_plain(parent), transform)
+            above = self._parents[plain(child)]
+            known = above.setdefault(plain(parent), transform)
             if (
                 known is not None
                 and known is not transform
-                and _differ(known, transform, _SAME_LINK)
+                and differ(known, transform, _SAME_LINK)
             ):
-                self._differing.add(_plain(child))
+                self._differing.add(plain(child))
         for parent, child in dynamic:
-            self._parents[_plain(child)][_plain(parent)] = None
+            self._parents[plain(child)][plain(parent)] = None
         self._children: dict[str, list[str]] = defaultdict(list)
         for child, above in sorted(self._parents.items()):
             for parent, link in above.items():
@@ -81,7 +82,7 @@ class FrameTree:
                 them moves, a frame between them has two parents or two places, there is a cycle, or
                 a rotation is invalid. The message shows the tree.
         """
-        found = self._join(_plain(target), _plain(source))
+        found = self._join(plain(target), plain(source))
         if isinstance(found, Transform):
             return found
         raise MissingDataError(
@@ -92,12 +93,12 @@ class FrameTree:
 
     def find(self, target: str, source: str) -> Transform | None:
         """Return target_T_source as transform does, None instead of an error."""
-        found = self._join(_plain(target), _plain(source))
+        found = self._join(plain(target), plain(source))
         return found if isinstance(found, Transform) else None
 
     def neighbours(self, frame: str) -> list[str]:
         """Return the parents and children of a frame, sorted."""
-        name = _plain(frame)
+        name = plain(frame)
         return sorted({*self._parents.get(name, ()), *self._children.get(name, ())})
 
     @property
@@ -107,7 +108,7 @@ class FrameTree:
 
     def root_of(self, frame: str) -> str:
         """Return the root of a frame's tree."""
-        return self._ancestors(_plain(frame))[-1]
+        return self._ancestors(plain(frame))[-1]
 
     def faults(self) -> list[str]:
         """Describe the frames with several parents, and the circles."""
@@ -125,10 +126,47 @@ class FrameTree:
                 found.append(f'{" <- ".join(circle)} is a circle')
         return found
 
+    def steps(self, target: str, source: str) -> tuple[list[Step], list[Step]]:
+        """Return the links from the common ancestor down to target, and down to source.
+
+        Raises:
+            MissingDataError: As transform, except that links may move.
+        """
+        found = self._lines(plain(target), plain(source))
+        steps: list[list[Step]] = []
+        for line in found if not isinstance(found, str) else ():
+            links = [
+                (parent, child, self._parents[child][parent]) for child, parent in pairwise(line)
+            ]
+            fault = next(filter(None, (self._fault(*link) for link in links)), '')
+            if fault:
+                found = fault
+                break
+            steps.append(links[::-1])
+        if isinstance(found, str):
+            raise MissingDataError(
+                f'no transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
+                f' {self}{self._lost}'
+            )
+        return steps[0], steps[1]
+
     def _join(self, target: str, source: str) -> Transform | str:
         """Return target_T_source, or the reason why there is none."""
+        lines = self._lines(target, source)
+        if isinstance(lines, str):
+            return lines
+        common_t = []
+        for line in lines:
+            common_t_frame = self._down(line)
+            if isinstance(common_t_frame, str):
+                return common_t_frame
+            common_t.append(common_t_frame)
+        return common_t[0].inverse() @ common_t[1]
+
+    def _lines(self, target: str, source: str) -> tuple[list[str], list[str]] | str:
+        """Return the frames from target, and from source, up to their common ancestor."""
         if target == source:
-            return Transform.identity()
+            return [target], [source]
         for frame in (target, source):
             if frame not in self.frames:
                 return self._unknown(frame)
@@ -139,13 +177,8 @@ class FrameTree:
         common = next((frame for frame in lines[0] if frame in lines[1]), None)
         if common is None:
             return self._apart(*lines)
-        common_t = []
-        for line in lines:
-            common_t_frame = self._down(line[: line.index(common) + 1])
-            if isinstance(common_t_frame, str):
-                return common_t_frame
-            common_t.append(common_t_frame)
-        return common_t[0].inverse() @ common_t[1]
+        up, down = (line[: line.index(common) + 1] for line in lines)
+        return up, down
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return a frame and its ancestors up to a root, a frame with two parents, or a cycle."""
@@ -165,15 +198,22 @@ class FrameTree:
             link = self._parents[child][parent]
             if link is None:
                 return f'{parent} -> {child} moves'
-            if child in self._differing:
-                return f'{parent} -> {child} is given twice, and differently'
-            if not _is_rigid(link):
-                return (
-                    f'{parent} -> {child} is no transform; its numbers must be finite and possible,'
-                    f' its quaternion of length 1'
-                )
+            fault = self._fault(parent, child, link)
+            if fault:
+                return fault
             top_t_bottom = link @ top_t_bottom
         return top_t_bottom
+
+    def _fault(self, parent: str, child: str, link: Transform | None) -> str:
+        """Return why a static link cannot be used, empty if it can."""
+        if link is not None and child in self._differing:
+            return f'{parent} -> {child} is given twice, and differently'
+        if link is not None and not _is_rigid(link):
+            return (
+                f'{parent} -> {child} is no transform; its numbers must be finite and possible,'
+                f' its quaternion of length 1'
+            )
+        return ''
 
     def _apart(self, first: list[str], second: list[str]) -> str:
         """Return the reason why two lines of ancestors do not meet."""
@@ -230,40 +270,8 @@ class FrameTree:
         return tops
 
 
-class LinkTally:
-    """Transforms by (parent, child): the first of each, and whether it moved."""
-
-    def __init__(self) -> None:
-        self._first: dict[tuple[str, str], Transform] = {}
-        self._seen: dict[tuple[str, str], int] = defaultdict(int)
-        self._moving: set[tuple[str, str]] = set()
-        self._static: set[tuple[str, str]] = set()
-        self._changing: set[tuple[str, str]] = set()
-
-    def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
-        """Add the transforms of a TFMessage; still for those of /tf_static."""
-        for parent, child, transform in decode_static(message):
-            key = (_plain(parent), _plain(child))
-            first = self._first.setdefault(key, transform)
-            self._seen[key] += 1
-            if still:
-                # The last value of a static link is valid, as for late subscribers.
-                if _differ(first, transform, _STILL_M):
-                    self._changing.add(key)
-                self._first[key] = transform
-                self._static.add(key)
-            elif key not in self._moving and _differ(first, transform, _STILL_M):
-                self._moving.add(key)
-
-    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
-        """Return static, moving and changing static links; one seen only once on /tf is moving."""
-        moving = {key for key in self._moving if key not in self._static}
-        moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
-        still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
-        return still, sorted(moving), sorted(self._changing)
-
-
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
+    """Return a frame's name without the leading slash of ROS 1."""
     return name.lstrip('/')
 
 
@@ -275,7 +283,8 @@ def _is_circle(line: list[str]) -> bool:
     return len(line) > 1 and line[-1] in line[:-1]
 
 
-def _differ(first: Transform, second: Transform, limit: float) -> bool:
+def differ(first: Transform, second: Transform, limit: float) -> bool:
+    """Whether two transforms differ by more than a limit in any element."""
     with np.errstate(invalid='ignore'):
         return bool((np.abs(first.matrix() - second.matrix()) > limit).any())
 

@@ -14,7 +14,8 @@ from ..messages.pixels import size_of
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
-from ..rig.tf_tree import FrameTree, LinkTally
+from ..rig.link_tally import LinkTally
+from ..rig.tf_tree import FrameTree
 from .bag_metadata import find_differences
 from .bag_rules import BAG_RULES, BagFacts
 from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage

@@ -9,7 +9,6 @@ import pytest
 
 from kitti_ros2.importer.frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
-from kitti_ros2.importer.pose_track import PoseTrack
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.importer.topic_survey import TopicSurvey
 from kitti_ros2.model import msgtypes as types
@@ -17,6 +16,7 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
+from kitti_ros2.rig.pose_track import PoseTrack
 
 MS = 1_000_000
 
@@ -80,6 +80,7 @@ def test_no_frame_is_made_outside_of_the_poses():
     found = choose_frames(plan(), survey(**stamps), poses)
     assert found.stamps_ns.tolist() == [1100 * MS]
     assert 'dropped 2 of 3 frames: no pose around them' in found.notes
+    assert found.unposed_ns.tolist() == []
 
 
 def test_poses_alone_are_frames_too():
@@ -92,6 +93,7 @@ def test_no_frame_is_made_in_a_gap_of_the_poses():
     stamps = {'scan': [1000, 3000, 5000], 'left': [1000, 3000, 5000]}
     found = choose_frames(plan(), survey(**stamps), track(900, 1100, 4900, 5100))
     assert found.stamps_ns.tolist() == [1000 * MS, 5000 * MS]
+    assert found.unposed_ns.tolist() == [3000 * MS]
 
 
 def test_stamps_of_0_give_way_to_log_time_and_that_is_told():

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""velo_T_frame of the frames of clouds and boxes, also of those that the vehicle moves in.
+
+A message in map or odom is placed by the vehicle's pose at the message's own stamp: it is turned
+into what the vehicle saw at that moment. For a detection that carries the stamp of the scan that it
+was made of, as detectors do, this is the scan's moment exactly. One with another stamp is assigned
+to the nearest frame like any other sample, and is off by what the vehicle moved in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..messages.header import stamp_ns_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..model.geometry import Transform
+    from ..rig.moving_tree import MovingTree
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBase:
+    """A frame of the vehicle, and the links that join it to frames that it moves in.
+
+    Attributes:
+        frame: The frame, fixed to the vehicle.
+        velo_T_frame: Its place in KITTI's velodyne frame.
+        tree: The links over time; None where no message needs them.
+        middle_ns: From the moment of messages to their stamps, which may be the middle of a turn.
+    """
+
+    frame: str
+    velo_T_frame: Transform
+    tree: MovingTree | None = None
+    middle_ns: int = 0
+
+
+class FramesAt(Mapping[str, 'Transform']):
+    """velo_T_frame by name at a stamp; looking one up raises ValueError if it is not known then.
+
+    Args:
+        joined: Of the frames that static transforms join.
+        base: For the others.
+        stamp_ns: The stamp of the message.
+    """
+
+    def __init__(self, joined: Mapping[str, Transform], base: MovingBase, stamp_ns: int) -> None:
+        self._joined = joined
+        self._base = base
+        self._stamp_ns = stamp_ns
+
+    def __contains__(self, frame: object) -> bool:
+        tree = self._base.tree
+        return frame in self._joined or (
+            tree is not None and isinstance(frame, str) and tree.joins(self._base.frame, frame)
+        )
+
+    def __getitem__(self, frame: str) -> Transform:
+        tree, base = self._base.tree, self._base.frame
+        if frame in self._joined or tree is None:
+            return self._joined[frame]
+        moment_ns = self._stamp_ns - self._base.middle_ns
+        (found,) = tree.transforms(base, frame, np.array([moment_ns], dtype=np.int64))
+        if found is None:
+            raise ValueError(tree.reason(base, frame, moment_ns))
+        return self._base.velo_T_frame @ found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._joined)
+
+    def __len__(self) -> int:
+        return len(self._joined)
+
+
+def stamp_of_boxes(message: Any, stamp_ns: int | None) -> int:  # noqa: ANN401 - of the bag's types
+    """Return the stamp of a message with boxes: a MarkerArray's is that of its markers, if any.
+
+    Args:
+        message: Of the bag's own types.
+        stamp_ns: The stamp by which it was assigned to a frame; None for its header's.
+    """
+    if stamp_ns is not None:
+        return stamp_ns
+    if hasattr(message, 'header'):
+        return stamp_ns_of(message.header)
+    stamps = (stamp_ns_of(marker.header) for marker in getattr(message, 'markers', ()))
+    return next(filter(None, stamps), 0)

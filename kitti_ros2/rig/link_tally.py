@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Transforms of a bag as links: which stay as they are, and which move."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any
+
+from ..messages.ros_types import TFMessage
+from ..messages.transforms import decode_static
+from .tf_tree import differ, plain
+
+if TYPE_CHECKING:
+    from ..model.geometry import Transform
+    from .tf_tree import Link
+
+_STILL_M = 1e-6
+
+
+class LinkTally:
+    """Transforms by (parent, child): the first of each, and whether it moved."""
+
+    def __init__(self) -> None:
+        self._first: dict[tuple[str, str], Transform] = {}
+        self._seen: dict[tuple[str, str], int] = defaultdict(int)
+        self._moving: set[tuple[str, str]] = set()
+        self._static: set[tuple[str, str]] = set()
+        self._changing: set[tuple[str, str]] = set()
+
+    def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
+        """Add the transforms of a TFMessage; still for those of /tf_static."""
+        for stamped in message.transforms:
+            key = (plain(stamped.header.frame_id), plain(stamped.child_frame_id))
+            if key in self._moving and not still:
+                continue  # known to move
+            ((_, _, transform),) = decode_static(TFMessage([stamped]))
+            first = self._first.setdefault(key, transform)
+            self._seen[key] += 1
+            if still:
+                # The last value of a static link is valid, as for late subscribers.
+                if differ(first, transform, _STILL_M):
+                    self._changing.add(key)
+                self._first[key] = transform
+                self._static.add(key)
+            elif key not in self._moving and differ(first, transform, _STILL_M):
+                self._moving.add(key)
+
+    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
+        """Return static, moving and changing static links; one seen only once on /tf is moving."""
+        moving = {key for key in self._moving if key not in self._static}
+        moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
+        still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
+        return still, sorted(moving), sorted(self._changing)

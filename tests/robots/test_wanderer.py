@@ -1,0 +1,463 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Frames that move, and raw drives without GPS: what is written is what was true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import wanderer
+from wanderer import BASE_T_CAMERA, BASE_T_IMU, BASE_T_LIDAR, MS, PERIOD_NS, START_NS, Robot
+
+from kitti_ros2.bags.open_source import open_bag_source
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.labelled_images import LabelledImages
+from kitti_ros2.importer.plan import PosePlan
+from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.survey import look
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.oxts_file import parse_packet
+from kitti_ros2.kitti.poses import MercatorWorld
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.table import make_import_options
+from kitti_ros2.pictures.bag_frames import BagFrames
+
+
+def convert(path, out, layout, change=lambda plan: plan, **options):
+    """The plan with its notes, and the report."""
+    chosen = ImportOptions(layout=layout, **options)
+    survey = look([path])
+    guessed = guess([path], survey, chosen)
+    plan = change(guessed.plan)
+    return guessed, convert_by_plan([path], plan, survey, out, chosen)
+
+
+def numbers(path):
+    return np.loadtxt(path, ndmin=2)
+
+
+def relative(world_t_body, frames, body_t_sensor):
+    poses = [world_t_body(frame.stamp_ns) @ body_t_sensor for frame in frames]
+    return np.linalg.inv(poses[0]) @ poses
+
+
+def calibration(path):
+    found = {}
+    for line in path.read_text().splitlines():
+        key, _, values = line.partition(':')
+        if values.strip():
+            found[key] = np.array(values.split(), float)
+    tr = np.vstack([found['Tr_velo_to_cam'].reshape(3, 4), [0, 0, 0, 1]])
+    turn = np.eye(4)
+    turn[:3, :3] = found['R0_rect'].reshape(3, 3)
+    return turn @ tr
+
+
+def check_boxes(out, frames, written):
+    """Each label's box holds exactly the points that are in the box, by KITTI's own formulas."""
+    folder = out / 'training'
+    assert len(list((folder / 'label_2').iterdir())) == len(written)
+    for number, frame in enumerate(frames[place] for place in written):
+        rect_t_velo = calibration(folder / 'calib' / f'{number:06d}.txt')
+        points = np.fromfile(folder / 'velodyne' / f'{number:06d}.bin', np.float32).reshape(-1, 4)
+        assert len(points) == len(frame.points)
+        places = points[:, :3] @ rect_t_velo[:3, :3].T + rect_t_velo[:3, 3]
+        labels = (folder / 'label_2' / f'{number:06d}.txt').read_text().splitlines()
+        assert len(labels) == len(frame.boxes)
+        for line in labels:
+            height, width, length, x, y, z, ry = (float(word) for word in line.split()[8:15])
+            turned = (places - [x, y, z]) @ np.array(
+                [[np.cos(ry), 0, np.sin(ry)], [0, 1, 0], [-np.sin(ry), 0, np.cos(ry)]]
+            )
+            within = (np.abs(turned[:, 0]) <= length / 2) & (np.abs(turned[:, 2]) <= width / 2)
+            within &= (turned[:, 1] <= 0) & (turned[:, 1] >= -height)
+            holding = [set(np.flatnonzero(frame.inside == place)) for place in (0, 1)]
+            assert set(np.flatnonzero(within)) in holding
+
+
+@pytest.mark.parametrize(
+    'robot',
+    [
+        Robot(),
+        Robot(markers=True),
+        Robot(boxes='odom'),
+        Robot(odom_tf=False, odometry=('odom', 'base_link')),
+        Robot(cloud='map'),
+        Robot(cloud='odom', map_tf=False, boxes='odom', odometry=('odom', 'base_link')),
+        Robot(
+            cloud='odom',
+            map_tf=False,
+            odom_tf=False,
+            boxes='odom',
+            odometry=('odom', 'base_link'),
+        ),
+    ],
+)
+def test_boxes_and_clouds_in_frames_that_move_are_where_they_were(robot, tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    assert report.losses == ()
+    assert guessed.plan.scan.frame == 'lidar'
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+    if robot.cloud != 'lidar':
+        assert any('in which the vehicle moves' in note for note in guessed.notes)
+
+
+def test_a_chain_up_to_map_beats_odometry_and_the_plan_says_so(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(odometry=('odom', 'base_link')))
+    guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    pose = guessed.plan.pose
+    assert (pose.topic, pose.world, pose.body) == ('/tf', 'map', 'base_link')
+    assert 'poses: map -> odom -> base_link of /tf; poses in odom would drift' in guessed.notes
+    assert 'passed over for poses: /odom' in guessed.notes
+    found = numbers(tmp_path / 'out' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    true = relative(wanderer.map_t_base, frames, BASE_T_CAMERA)[:, :3]
+    assert np.abs(found - true).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ('robot', 'topic', 'world', 'truth'),
+    [
+        (Robot(map_tf=False), '/tf', 'odom', wanderer.odom_t_base),
+        (
+            Robot(map_tf=False, odom_tf=False, odometry=('odom', 'base_link')),
+            '/odom',
+            'odom',
+            wanderer.odom_t_base,
+        ),
+        (
+            Robot(odom_tf=False, odometry=('odom', 'base_link')),
+            '/odom',
+            'map',
+            wanderer.map_t_base,
+        ),
+    ],
+)
+def test_poses_of_every_kind_of_chain(robot, topic, world, truth, tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert (guessed.plan.pose.topic, guessed.plan.pose.world) == (topic, world)
+    assert report.losses == ()
+    found = numbers(tmp_path / 'out' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    assert np.abs(found - relative(truth, frames, BASE_T_CAMERA)[:, :3]).max() < 1e-4
+
+
+def test_world_and_body_of_the_plan_are_honoured(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(odometry=('odom', 'base_link')))
+    for topic, world, truth in (
+        ('/odom', 'odom', wanderer.odom_t_base),
+        ('/odom', 'map', wanderer.map_t_base),
+        ('/tf', 'odom', wanderer.odom_t_base),
+    ):
+        for body in ('base_link', 'imu'):
+            out = tmp_path / f'{topic[1:]}_{world}_{body}'
+
+            def change(plan, named=(topic, world, body)):
+                place, fixed, moved = named
+                return replace(plan, pose=replace(plan.pose, topic=place, world=fixed, body=moved))
+
+            convert(tmp_path / 'bag', out, Layout.ODOMETRY, change)
+            found = numbers(out / 'poses' / '00.txt').reshape(-1, 3, 4)
+            assert np.abs(found - relative(truth, frames, BASE_T_CAMERA)[:, :3]).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'world': 'mapp'}, 'pose: world: mapp, which is no frame of the bag; .*did you mean map'),
+        ({'body': 'base_lnk'}, 'pose: body: base_lnk, which is no frame.*did you mean base_link'),
+        ({'topic': '/odom', 'world': 'mop'}, 'pose: world: mop, which is no frame'),
+    ],
+)
+def test_frames_that_are_not_in_the_tree_are_refused(changes, said, tmp_path):
+    wanderer.write(tmp_path / 'bag', Robot(odometry=('odom', 'base_link')))
+
+    def change(plan):
+        return replace(plan, pose=replace(plan.pose, **changes))
+
+    with pytest.raises(UsageError, match=said):
+        convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY, change)
+    assert not (tmp_path / 'out').exists()
+
+
+def in_gap(stamp_ns):
+    """From 0.65 s to 2.45 s: scans 7 to 24."""
+    return START_NS + 650 * MS < stamp_ns < START_NS + 2450 * MS
+
+
+def test_a_gap_costs_the_samples_in_it_alone(tmp_path):
+    robot = Robot(keep=lambda child, stamp: child != 'odom' or not in_gap(stamp))
+    wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    (loss,) = report.losses
+    first = START_NS + 7 * PERIOD_NS
+    assert (loss.stream, loss.count) == ('/objects', 18)
+    assert f'/objects at {first + MS}: no transform from map to lidar' in loss.text()
+    assert 'map -> odom has none before and after it' in loss.text()
+    labels = sorted((tmp_path / 'out/training/label_2').iterdir())
+    assert [int(each.stem) for each in labels] == [*range(7), *range(25, 30)]
+
+
+def test_a_gap_of_the_poses_is_a_loss(tmp_path):
+    robot = Robot(boxes=None, keep=lambda child, stamp: child != 'odom' or not in_gap(stamp))
+    wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/tf', 18)
+    assert f'/tf at {START_NS + 7 * PERIOD_NS}: no frame' in loss.text()
+    assert report.frames == wanderer.FRAMES - 18
+
+
+def test_a_gap_of_the_poses_costs_the_packets_in_it(tmp_path):
+    robot = Robot(boxes=None, keep=lambda child, stamp: child != 'odom' or not in_gap(stamp))
+    wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/tf', 18)
+    assert 'no oxts is written here' in loss.text()
+    assert (report.counts['scan'], report.counts['oxts']) == (wanderer.FRAMES, 12)
+
+
+def test_boxes_in_a_frame_that_nothing_joins_are_lost_and_named(tmp_path):
+    wanderer.write(tmp_path / 'bag', Robot(map_tf=False))
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    (loss,) = report.losses
+    assert loss.count == wanderer.FRAMES
+    assert "a box in frame 'map'" in loss.text()
+
+
+def oxts_poses(folder):
+    packets = [parse_packet(path.read_text(), path) for path in sorted(folder.iterdir())]
+    world = MercatorWorld.at(packets[0])
+    return packets, np.array([world.pose(packet).matrix() for packet in packets])
+
+
+def moved_to_start(poses):
+    moved = poses.copy()
+    moved[:, :3, 3] -= poses[0, :3, 3]
+    return moved
+
+
+@pytest.mark.parametrize('origin', [None, '49.0,8.4,110', '-33.9,151.2,20'])
+@pytest.mark.parametrize(
+    ('robot', 'truth'),
+    [
+        (Robot(map_tf=False, odom_tf=False, odometry=('odom', 'base_link')), wanderer.odom_t_base),
+        (Robot(imu=True, boxes=None), wanderer.map_t_base),
+    ],
+)
+def test_raw_without_gps_has_the_poses(robot, truth, origin, tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', replace(robot, boxes=None))
+    options = {} if origin is None else {'origin': origin}
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW, **options)
+    assert report.losses == ()
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, poses = oxts_poses(drive / 'oxts' / 'data')
+    assert len(packets) == len(frames)
+    unit = np.array([truth(frame.stamp_ns) for frame in frames])
+    assert guessed.plan.imu_frame == ('imu' if robot.imu else 'base_link')
+    velo_t_imu = rigid(drive.parent / 'calib_imu_to_velo.txt')
+    base_t_imu = BASE_T_IMU if robot.imu else np.eye(4)
+    assert np.abs(BASE_T_LIDAR @ velo_t_imu - base_t_imu).max() < 1e-6
+    unit = unit @ base_t_imu
+    true = moved_to_start(unit)
+    assert np.abs(poses[:, :3, 3] - true[:, :3, 3]).max() < 1e-4
+    assert np.abs(poses[:, :3, :3] - true[:, :3, :3]).max() < 1e-6
+    place = origin or '0,0,0'
+    assert any(f'at {place.replace(".0,", ",")}' in note for note in report.notes)
+    latitude = float(place.split(',')[0])
+    assert packets[0].lat == pytest.approx(latitude, abs=1e-3)
+    if robot.odometry is not None:
+        assert packets[3].wz == pytest.approx(wanderer.RATE)
+        assert np.hypot(packets[3].ve, packets[3].vn) == pytest.approx(packets[3].vf, rel=0.2)
+    if robot.imu:
+        assert packets[3].az == pytest.approx(9.81)
+
+
+def rigid(path):
+    found = {}
+    for line in path.read_text().splitlines():
+        key, _, values = line.partition(':')
+        found[key] = values
+    made = np.eye(4)
+    made[:3, :3] = np.array(found['R'].split(), float).reshape(3, 3)
+    made[:3, 3] = np.array(found['T'].split(), float)
+    return made
+
+
+def test_velocities_are_those_of_the_unit(tmp_path):
+    """v + w x r at the unit, in the axes of the world; vl is positive to the right."""
+    robot = Robot(map_tf=False, odom_tf=False, odometry=('odom', 'base_link'), boxes=None, imu=True)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, _ = oxts_poses(drive / 'oxts' / 'data')
+    step = MS
+    for packet, frame in zip(packets, frames, strict=True):
+        before, after = (
+            (wanderer.odom_t_base(frame.stamp_ns + sign * step) @ BASE_T_IMU)[:3, 3]
+            for sign in (-1, 1)
+        )
+        east, north, up = (after - before) / (2 * step / 1e9)
+        assert [packet.ve, packet.vn, packet.vu] == pytest.approx([east, north, up], abs=1e-3)
+
+
+def test_raw_of_an_imu_alone_has_its_attitude(tmp_path):
+    robot = Robot(map_tf=False, odom_tf=False, boxes=None, imu=True)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW, origin='49,8.4,110')
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, poses = oxts_poses(drive / 'oxts' / 'data')
+    true = [(wanderer.map_t_base(frame.stamp_ns) @ BASE_T_IMU)[:3, :3] for frame in frames]
+    step = wanderer.RATE * 0.005  # the nearest Imu is at most half a period away
+    assert np.abs(poses[:, :3, :3] - true).max() < step
+    assert {(packet.lat, packet.lon, packet.alt) for packet in packets} == {(49.0, 8.4, 110.0)}
+    assert any('no NavSatFix and no poses' in note for note in report.notes)
+
+
+def test_pykitti_opens_a_raw_drive_without_gps(tmp_path):
+    pykitti = pytest.importorskip('pykitti', reason='pykitti is not installed')
+    robot = Robot(odometry=('odom', 'base_link'), imu=True, boxes=None)
+    wanderer.write(tmp_path / 'bag', robot)
+    convert(tmp_path / 'bag', tmp_path / 'raw', Layout.RAW)
+    convert(tmp_path / 'bag', tmp_path / 'odometry', Layout.ODOMETRY)
+    (drive,) = (tmp_path / 'raw').glob('*/*_sync')
+    raw = pykitti.raw(str(tmp_path / 'raw'), drive.parent.name, '0001')
+    poses = np.array([packet.T_w_imu for packet in raw.oxts]) @ np.linalg.inv(raw.calib.T_cam0_imu)
+    found = np.linalg.inv(poses[0]) @ poses
+    expected = numbers(tmp_path / 'odometry' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    assert np.abs(found[:, :3] - expected).max() < 1e-4
+
+
+def test_tracking_has_oxts_of_the_poses(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(odometry=('odom', 'base_link')))
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.TRACKING)
+    assert report.counts['oxts'] == len(frames)
+    lines = (tmp_path / 'out/training/oxts/0000.txt').read_text().splitlines()
+    packets = [parse_packet(line, 'oxts') for line in lines]
+    world = MercatorWorld.at(packets[0])
+    found = np.array([world.pose(packet).matrix() for packet in packets])
+    true = np.array([wanderer.map_t_base(frame.stamp_ns) for frame in frames])
+    assert np.abs(found - moved_to_start(true)).max() < 1e-4
+
+
+def test_our_reader_gives_back_the_poses_of_the_track(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(boxes=None))
+    convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    recording = open_recording(drive, ReadOptions(layout=Layout.RAW))
+    numbers_read = recording.streams['pose'].numbers
+    assert len(numbers_read) == len(frames)
+    read = [recording.read(Stream.POSE, number).world_T_imu.matrix() for number in numbers_read]
+    true = np.array([wanderer.map_t_base(frame.stamp_ns) for frame in frames])
+    assert np.abs(np.array(read) - moved_to_start(true)).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [('91,0,0', 'expected LAT,LON,ALT'), ('nan,0,0', 'expected LAT'), ('1,2', 'expected LAT')],
+)
+def test_an_origin_that_cannot_be_meant_is_refused(text, said, tmp_path):
+    plan = f"layout: raw\nname: a\nreference: scan\ntolerance_s: 0.1\norigin: '{text}'\n"
+    with pytest.raises(UsageError, match=said):
+        parse_plan(plan, tmp_path / 'plan.yaml')
+    with pytest.raises(UsageError, match=said):
+        make_import_options({'origin': text})
+
+
+def lio(path):
+    """A LIO program's output alone: registered clouds in camera_init, Odometry of body, no /tf."""
+    robot = Robot(
+        map_tf=False,
+        odom_tf=False,
+        boxes=None,
+        camera=False,
+        static=False,
+        cloud='odom',
+        odometry=('odom', 'body'),
+    )
+    return wanderer.write(path, robot)
+
+
+def test_output_of_lio_becomes_scans_of_its_body(tmp_path):
+    frames = lio(tmp_path / 'bag')
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert report.losses == ()
+    assert guessed.plan.scan.frame == 'body'
+    assert (guessed.plan.pose.topic, guessed.plan.pose.body) == ('/odom', 'body')
+    for number, frame in enumerate(frames):
+        path = tmp_path / 'out/sequences/00/velodyne' / f'{number:06d}.bin'
+        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+        true = frame.points @ BASE_T_LIDAR[:3, :3].T + BASE_T_LIDAR[:3, 3]
+        assert np.abs(points - true).max() < 1e-4
+    found = numbers(tmp_path / 'out/poses/00.txt').reshape(-1, 3, 4)
+    # Camera 0 is at KITTI's nominal place: its poses are those of the body, seen from there.
+    moved = relative(wanderer.odom_t_base, frames, np.eye(4))
+    angle = [np.arccos(np.clip((np.trace(m[:3, :3]) - 1) / 2, -1, 1)) for m in moved]
+    seen = [np.arccos(np.clip((np.trace(m[:, :3]) - 1) / 2, -1, 1)) for m in found]
+    assert np.abs(np.array(seen) - angle).max() < 1e-6
+
+
+def test_a_plan_may_say_what_the_body_of_odometry_is(tmp_path):
+    """Its child frame is in no tree: the plan's body is taken, and that is said."""
+    robot = Robot(map_tf=False, odom_tf=False, boxes='odom', odometry=('odom', 'ego'))
+    frames = wanderer.write(tmp_path / 'bag', robot)
+
+    def change(plan):
+        return replace(plan, pose=PosePlan('/odom', 'base_link', 'odom'))
+
+    _, report = convert(tmp_path / 'bag', tmp_path / 'poses', Layout.ODOMETRY, change)
+    assert any('its poses are of ego, which no transform names' in note for note in report.notes)
+    found = numbers(tmp_path / 'poses/poses/00.txt').reshape(-1, 3, 4)
+    assert np.abs(found - relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]).max() < 1e-4
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT, change)
+    assert report.losses == ()
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
+def test_invalid_transforms_are_lost_and_the_rest_is_used(tmp_path):
+    def keep(child, stamp):
+        return child != 'base_link' or stamp % (70 * MS) > 30 * MS
+
+    frames = wanderer.write(tmp_path / 'bag', Robot(keep=keep, broken=5))
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/tf', 5)
+    assert 'NaN' in loss.text()
+    assert len(list((tmp_path / 'out/training/label_2').iterdir())) == len(frames)
+
+
+def test_an_odometry_of_zeros_costs_the_oxts_alone(tmp_path):
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes=None, odometry=('odom', 'base_link'), broken=1000
+    )
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert report.counts['scan'] == len(frames)
+    assert 'oxts' not in report.counts
+    assert report.losses
+
+
+def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(cloud='map'))
+    with open_bag_source(tmp_path / 'bag') as bag:
+        shown = BagFrames(bag, look([bag])).frame(4)
+    assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
+    assert len(shown.objects) == 2
+
+
+def test_boxes_in_map_are_drawn_on_the_images(tmp_path):
+    wanderer.write(tmp_path / 'bag', Robot())
+    with open_bag_source(tmp_path / 'bag') as bag:
+        images = LabelledImages(bag)
+        message = wanderer.image(START_NS)
+        plain = np.full((*wanderer.SIZE[::-1], 3), 90, np.uint8)
+        drawn = images.draw('/camera/image_rect', message, plain, START_NS, START_NS + MS)
+        images.close()
+    assert (drawn != 90).any(axis=2).sum() > 500

@@ -1,0 +1,346 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot that turns while it drives, in bags by rosbags' own writer; its truth is plain matrices.
+
+Its odometry drifts smoothly, and its map corrects that in jumps: map -> odom -> base_link -> lidar.
+Boxes stand still in the map. Scans have points within the boxes and elsewhere, none near a face.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+MS = 1_000_000
+START_NS = 1_700_000_100_013_000_007
+FRAMES = 30
+PERIOD_NS = 100 * MS
+SIZE = (640, 360)
+K = np.array([[300.0, 0, 320], [0, 300.0, 180], [0, 0, 1]])
+RATE = 0.4  # rad/s
+SPEED = 2.0  # m/s
+BOX = np.array([2.0, 1.2, 1.4])
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+_VISION = {
+    'Detection3DArray': 'std_msgs/Header header\nDetection3D[] detections',
+    'Detection3D': 'std_msgs/Header header\nObjectHypothesisWithPose[] results\n'
+    'BoundingBox3D bbox\nstring id',
+    'ObjectHypothesisWithPose': 'ObjectHypothesis hypothesis\n'
+    'geometry_msgs/PoseWithCovariance pose',
+    'ObjectHypothesis': 'string class_id\nfloat64 score',
+    'BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
+}
+for _name, _text in _VISION.items():
+    STORE.register(get_types_from_msg(_text, f'vision_msgs/msg/{_name}'))
+T = STORE.types
+
+
+def matrix(x=0.0, y=0.0, z=0.0, yaw=0.0):
+    """(4, 4) of a place and a turn about z."""
+    made = np.eye(4)
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    made[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    made[:3, 3] = x, y, z
+    return made
+
+
+BASE_T_LIDAR = matrix(0.4, 0.1, 1.2, 0.2)
+OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+BASE_T_CAMERA = matrix(0.5, 0.0, 1.0, 0.02) @ OPTICAL
+BASE_T_IMU = matrix(-0.2, 0.05, 0.3, 0.0)
+
+
+def seconds(stamp_ns):
+    return (stamp_ns - START_NS) / 1e9
+
+
+def odom_t_base(stamp_ns):
+    """Along a circle."""
+    yaw = 0.7 + RATE * seconds(stamp_ns)
+    radius = SPEED / RATE
+    x, y = radius * (np.sin(yaw) - np.sin(0.7)), -radius * (np.cos(yaw) - np.cos(0.7))
+    return matrix(x, y, 0.05, yaw)
+
+
+def map_t_odom(stamp_ns):
+    """A correction that jumps once a second, between a scan and the next."""
+    step = np.floor(seconds(stamp_ns) - 0.06)
+    return matrix(20 + 0.2 * step, -7 - 0.1 * step, 0.0, 0.3 + 0.02 * step)
+
+
+def map_t_base(stamp_ns):
+    return map_t_odom(stamp_ns) @ odom_t_base(stamp_ns)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is true at a scan.
+
+    Attributes:
+        stamp_ns: Its stamp.
+        points: (N, 3) in the lidar's frame.
+        inside: (N,) the index of the box that holds each, -1 for none.
+        boxes: (M, 4, 4) boxes in the map.
+    """
+
+    stamp_ns: int
+    points: np.ndarray
+    inside: np.ndarray
+    boxes: np.ndarray
+
+
+def truth() -> list[Frame]:
+    rng = np.random.default_rng(11)
+    frames = []
+    for index in range(FRAMES):
+        stamp_ns = START_NS + index * PERIOD_NS
+        base = map_t_base(stamp_ns)
+        ahead = [matrix(8, 1.5, 0.8, 0.4), matrix(11, -2.0, 0.8, -1.1)]
+        boxes = np.array([base @ each for each in ahead])
+        parts, inside = [], []
+        for place, box in enumerate(boxes):
+            within = rng.uniform(-0.48, 0.48, (40, 3)) * BOX
+            parts.append(within @ box[:3, :3].T + box[:3, 3])
+            inside += [place] * len(within)
+        ground = rng.uniform([4, -9, -0.5], [16, 9, 0.05], (300, 3)) @ base[:3, :3].T + base[:3, 3]
+        points = np.vstack([*parts, ground])
+        inside += [-1] * len(ground)
+        lidar_t_map = np.linalg.inv(base @ BASE_T_LIDAR)
+        frames.append(
+            Frame(
+                stamp_ns,
+                points @ lidar_t_map[:3, :3].T + lidar_t_map[:3, 3],
+                np.array(inside),
+                boxes,
+            )
+        )
+    return frames
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What a bag of the robot holds.
+
+    Attributes:
+        map_tf, odom_tf: Whether /tf has map -> odom, and odom -> base_link.
+        odometry: Frames of Odometry on /odom, None for none.
+        twist: Whether it has a twist.
+        boxes: Frame of the detections, None for none.
+        markers: Whether they are markers, instead of a Detection3DArray.
+        cloud: Frame of the clouds.
+        imu: Whether there is an Imu.
+        static: Whether the sensors are joined to base_link.
+        broken: How many messages of /tf or /odom have a quaternion of zeros.
+        keep: Which transforms and Odometry are written, by (child, stamp).
+    """
+
+    map_tf: bool = True
+    odom_tf: bool = True
+    odometry: tuple[str, str] | None = None
+    twist: bool = True
+    boxes: str | None = 'map'
+    markers: bool = False
+    cloud: str = 'lidar'
+    imu: bool = False
+    camera: bool = True
+    static: bool = True
+    broken: int = 0
+    keep: Callable[[str, int], bool] = field(default=lambda _child, _stamp: True)
+
+
+def header(stamp_ns, frame):
+    sec, nanosec = divmod(int(stamp_ns), 10**9)
+    return T['std_msgs/msg/Header'](T['builtin_interfaces/msg/Time'](sec, nanosec), frame)
+
+
+def quaternion(pose):
+    half = np.arctan2(pose[1, 0], pose[0, 0]) / 2
+    return T['geometry_msgs/msg/Quaternion'](0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+
+
+def full_quaternion(pose):
+    w = np.sqrt(max(0.0, 1 + np.trace(pose[:3, :3]))) / 2
+    r = pose[:3, :3]
+    x, y, z = (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]) / (4 * w)
+    return T['geometry_msgs/msg/Quaternion'](float(x), float(y), float(z), float(w))
+
+
+def vector(xyz):
+    return T['geometry_msgs/msg/Vector3'](*(float(each) for each in xyz))
+
+
+def ros_pose(pose):
+    point = T['geometry_msgs/msg/Point'](*(float(each) for each in pose[:3, 3]))
+    return T['geometry_msgs/msg/Pose'](point, quaternion(pose))
+
+
+def transform(stamp_ns, parent, child, pose, turn=quaternion):
+    moved = T['geometry_msgs/msg/Transform'](vector(pose[:3, 3]), turn(pose))
+    return T['geometry_msgs/msg/TransformStamped'](header(stamp_ns, parent), child, moved)
+
+
+def tf(*links):
+    return T['tf2_msgs/msg/TFMessage'](list(links))
+
+
+def cloud(stamp_ns, frame, points):
+    rows = np.column_stack([points, np.full(len(points), 0.5)]).astype(np.float32)
+    names = ('x', 'y', 'z', 'intensity')
+    fields = [
+        T['sensor_msgs/msg/PointField'](name, 4 * place, 7, 1) for place, name in enumerate(names)
+    ]
+    data = np.frombuffer(rows.tobytes(), np.uint8)
+    return T['sensor_msgs/msg/PointCloud2'](
+        header(stamp_ns, frame), 1, len(rows), fields, False, 16, 16 * len(rows), data, True
+    )
+
+
+def odometry(stamp_ns, frames, pose, twist):
+    nothing = np.zeros(36)
+    linear, angular = ((SPEED, 0, 0), (0, 0, RATE)) if twist else ((0, 0, 0), (0, 0, 0))
+    motion = T['geometry_msgs/msg/Twist'](vector(linear), vector(angular))
+    return T['nav_msgs/msg/Odometry'](
+        header(stamp_ns, frames[0]),
+        frames[1],
+        T['geometry_msgs/msg/PoseWithCovariance'](ros_pose(pose), nothing),
+        T['geometry_msgs/msg/TwistWithCovariance'](motion, nothing),
+    )
+
+
+def imu(stamp_ns):
+    unknown = np.zeros(9)
+    rate = T['geometry_msgs/msg/Vector3'](0.0, 0.0, RATE)
+    sensed = vector((0.1, SPEED * RATE, 9.81))
+    turn = quaternion(map_t_base(stamp_ns) @ BASE_T_IMU)
+    return T['sensor_msgs/msg/Imu'](
+        header(stamp_ns, 'imu'), turn, unknown, rate, unknown, sensed, unknown
+    )
+
+
+def detections(stamp_ns, frame, boxes):
+    made = []
+    for place, box in enumerate(boxes):
+        kind = T['vision_msgs/msg/ObjectHypothesis']('Car', 1.0)
+        guess = T['geometry_msgs/msg/PoseWithCovariance'](ros_pose(box), np.zeros(36))
+        result = T['vision_msgs/msg/ObjectHypothesisWithPose'](kind, guess)
+        bounds = T['vision_msgs/msg/BoundingBox3D'](ros_pose(box), vector(BOX))
+        made.append(
+            T['vision_msgs/msg/Detection3D'](header(stamp_ns, frame), [result], bounds, f'{place}')
+        )
+    return T['vision_msgs/msg/Detection3DArray'](header(stamp_ns, frame), made)
+
+
+def markers(stamp_ns, frame, boxes):
+    kind = T['visualization_msgs/msg/Marker']
+    none = T['builtin_interfaces/msg/Duration'](0, 0)
+    color = T['std_msgs/msg/ColorRGBA'](1.0, 0.0, 0.0, 1.0)
+    empty = T['sensor_msgs/msg/CompressedImage'](header(0, ''), '', np.zeros(0, np.uint8))
+    made = [
+        kind(
+            header(stamp_ns, frame), 'Car', place, 1, 0, ros_pose(box), vector(BOX), color, none,
+            False, [], [], '', empty, [], '', '',
+            T['visualization_msgs/msg/MeshFile']('', np.zeros(0, np.uint8)), False,
+        )
+        for place, box in enumerate(boxes)
+    ]  # fmt: skip
+    return T['visualization_msgs/msg/MarkerArray'](made)
+
+
+def image(stamp_ns):
+    data = np.full(SIZE[0] * SIZE[1] * 3, 90, np.uint8)
+    return T['sensor_msgs/msg/Image'](
+        header(stamp_ns, 'camera'), SIZE[1], SIZE[0], 'rgb8', 0, SIZE[0] * 3, data
+    )
+
+
+def camera_info(stamp_ns):
+    p = np.column_stack([K, np.zeros(3)]).ravel()
+    region = T['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    return T['sensor_msgs/msg/CameraInfo'](
+        header(stamp_ns, 'camera'), SIZE[1], SIZE[0], 'plumb_bob', np.zeros(5), K.ravel(),
+        np.eye(3).ravel(), p, 0, 0, region,
+    )  # fmt: skip
+
+
+def messages(robot: Robot, frames: list[Frame]):
+    """(topic, stamp, message) in order of stamps."""
+    found = [*still(robot), *moving(robot)]
+    for frame in frames:
+        found += sensed(robot, frame)
+    return sorted(found, key=lambda each: each[1])
+
+
+def still(robot: Robot):
+    """The static transforms."""
+    if robot.static:
+        links = [
+            transform(0, 'base_link', 'lidar', BASE_T_LIDAR),
+            transform(0, 'base_link', 'camera', BASE_T_CAMERA, full_quaternion),
+            transform(0, 'base_link', 'imu', BASE_T_IMU),
+        ]
+        yield '/tf_static', START_NS - 10**9, tf(*links)
+
+
+def sensed(robot: Robot, frame: Frame):
+    """What the sensors see at a frame."""
+    stamp_ns, points = frame.stamp_ns, frame.points
+    if robot.cloud != 'lidar':
+        world = map_t_base if robot.cloud == 'map' else odom_t_base
+        world_t_lidar = world(stamp_ns) @ BASE_T_LIDAR
+        points = points @ world_t_lidar[:3, :3].T + world_t_lidar[:3, 3]
+    yield '/points', stamp_ns, cloud(stamp_ns, robot.cloud, points)
+    if robot.camera:
+        yield '/camera/image_rect', stamp_ns, image(stamp_ns)
+        yield '/camera/camera_info', stamp_ns, camera_info(stamp_ns)
+    if robot.boxes is not None:
+        frame_t_map = np.eye(4) if robot.boxes == 'map' else np.linalg.inv(map_t_odom(stamp_ns))
+        make = markers if robot.markers else detections
+        yield '/objects', stamp_ns, make(stamp_ns, robot.boxes, frame_t_map @ frame.boxes)
+
+
+def moving(robot: Robot):
+    """Transforms, Odometry and Imu."""
+    end_ns = START_NS + FRAMES * PERIOD_NS
+    broken = robot.broken
+    for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
+        pose = odom_t_base(stamp_ns)
+        if robot.odom_tf and robot.keep('base_link', stamp_ns):
+            link = transform(stamp_ns, 'odom', 'base_link', pose)
+            if broken > 0:
+                link.transform.rotation.w = link.transform.rotation.z = 0.0
+            yield '/tf', stamp_ns, tf(link)
+            broken -= 1
+        if robot.odometry is not None and robot.keep('odometry', stamp_ns):
+            message = odometry(stamp_ns, robot.odometry, pose, robot.twist)
+            if broken > 0:
+                message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+            yield '/odom', stamp_ns, message
+            broken -= 1
+        if robot.imu:
+            yield '/imu', stamp_ns, imu(stamp_ns)
+    for stamp_ns in range(START_NS - 190 * MS, end_ns + 200 * MS, 20 * MS):
+        if robot.map_tf and robot.keep('odom', stamp_ns):
+            yield '/tf', stamp_ns, tf(transform(stamp_ns, 'map', 'odom', map_t_odom(stamp_ns)))
+
+
+def write(path: Path, robot: Robot) -> list[Frame]:
+    """Write a bag, and return what is true."""
+    frames = truth()
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for topic, stamp_ns, message in messages(robot, frames):
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            data = STORE.serialize_cdr(message, kind)
+            writer.write(connections[topic], stamp_ns + MS, data)
+    return frames
