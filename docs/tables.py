@@ -268,7 +268,7 @@ def _fields(kind: type) -> str:
     hints = get_type_hints(kind, localns={'Mapping': dict})
     rows = [
         (
-            _code(each.name.rstrip('_')),
+            _code(each.name.rstrip('_')),  # from of from_, which is a word of Python
             _type_name(hints[each.name]),
             _default(each),
             meaning[each.name],

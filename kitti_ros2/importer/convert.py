@@ -218,13 +218,14 @@ class _Builder:
                 self._packets.take(message.topic, place, decoded)
                 self.write_packets()
             for number, solid, flat in self._labels.take(message.topic, place, decoded):
-                write = partial(self._write_labels, number, solid, flat)
-                # In order and at once: tracks are numbered as they appear.
-                self.take(*_do(_Job(Stream.LABELS, number, message.topic, message.stamp_ns, write)))
+                self._take_labels(number, solid, flat, message.stamp_ns)
             if decoded is None:
                 continue
             for stream, number in wanted:
                 yield self._job(stream, number, place, message, decoded)
+        # An excerpt has one message of each frame.
+        for number, solid, flat in self._labels.rest():
+            self._take_labels(number, solid, flat, 0)
 
     def write_packets(self) -> None:
         """Write the packets that are complete."""
@@ -265,14 +266,17 @@ class _Builder:
         self._writer.write_image(camera, number, stamp_ns, png)
         return len(png)
 
-    def _write_labels(self, number: int, messages: list[Any], flat: Any) -> int:  # noqa: ANN401
-        index, labels = number - self._first, self._plan.labels
-        stamp_ns = own_ns = int(self._frames.stamps_ns[index])
-        if labels is not None:
-            own_ns = int(
-                self._frames.stamps[labels.topic][self._frames.samples[Stream.LABELS][index]]
-            )
-        boxes = self._rigging.labels.boxes(joined(messages), stamp_ns, flat, own_ns)
+    def _take_labels(self, number: int, solid: list[Any], flat: Any, log_ns: int) -> None:  # noqa: ANN401
+        """Write labels in order and at once: tracks are numbered as they appear."""
+        topic = frame_topics(self._plan)[Stream.LABELS]
+        place = self._frames.samples[Stream.LABELS][number - self._first]
+        own_ns = int(self._frames.stamps[topic][place])
+        write = partial(self._write_labels, number, own_ns, solid, flat)
+        self.take(*_do(_Job(Stream.LABELS, number, topic, log_ns, write)))
+
+    def _write_labels(self, number: int, own_ns: int, solid: list[Any], flat: Any) -> int:  # noqa: ANN401
+        stamp_ns = int(self._frames.stamps_ns[number - self._first])
+        boxes = self._rigging.labels.boxes(joined(solid), stamp_ns, own_ns, flat)
         self._writer.write_labels(number, boxes)
         return 0
 

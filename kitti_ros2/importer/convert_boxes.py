@@ -125,17 +125,17 @@ class BoxConversion:
         self,
         message: Any,  # noqa: ANN401 - of the bag's types
         stamp_ns: int,
-        flat: Any = None,  # noqa: ANN401 - as above
         own_ns: int | None = None,
+        flat: Any = None,  # noqa: ANN401 - as above
     ) -> list[Box]:
         """Make the labels of a frame.
 
         Args:
             message: With 3D boxes, or label lines.
             stamp_ns: The stamp of the frame.
-            flat: A Detection2DArray with the 2D boxes, None for projections.
             own_ns: The stamp of the message, at which boxes in frames that move are placed; None
                 for that of the frame.
+            flat: A Detection2DArray with the 2D boxes, None for projections.
 
         Raises:
             ValueError: They cannot be read.
@@ -175,7 +175,7 @@ class BoxConversion:
             return boxes
         found, left_out = boxes_of_detections_2d(flat)
         self.left_out.update(left_out)
-        model = self._images.models.get(plan.camera)
+        model = self._images.model(plan.camera)
         frames = {'', model.frame} if model is not None else {each.frame for each in found}
         here = [each for each in found if each.frame in frames]
         if self._classes is not None:

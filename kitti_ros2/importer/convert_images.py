@@ -52,10 +52,15 @@ class ImageConversion:
             for index, model in models.items()
             if plan.cameras[index].rectify
         }
+        self._models = models
         self._topics = {index: camera.topic for index, camera in plan.cameras.items()}
         self._deep: Counter[int] = Counter()
         self._lock = Lock()
         self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
+
+    def model(self, camera: int) -> CameraModel | None:
+        """Return the model of a camera, None without a CameraInfo."""
+        return self._models.get(camera)
 
     def size(self, camera: int) -> tuple[int, int] | None:
         """Return (width, height) of a camera's images, None where it is not known yet."""

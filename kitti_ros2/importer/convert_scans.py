@@ -54,9 +54,9 @@ class ScanConversion:
         self._minimum_m = 0.0 if plan is None else plan.minimum_range_m
         self._too_near = f'nearer than {self._minimum_m:g} m'
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
-        self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
+        self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         if plan is not None:
             self._source = source_of_plan(plan, survey)
             self._needs = needs_of_plan(plan, self._source, survey)

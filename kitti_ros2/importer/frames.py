@@ -52,9 +52,9 @@ class Frames:
         notes: How well the streams matched, and what was dropped; a line each.
         losses: Streams of which no sample has a frame.
         unsynchronised: Why no two streams were matched, empty if some were.
-        unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
         label_places: For each frame the indices of its messages with boxes; see label_groups.
         places_2d: (N,) index of the message with boxes in the image, NONE without one.
+        unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
     """
 
     stamps_ns: Int64Array
@@ -63,9 +63,9 @@ class Frames:
     notes: tuple[str, ...]
     losses: tuple[Loss, ...] = ()
     unsynchronised: str = ''
-    unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     label_places: tuple[tuple[int, ...], ...] = ()
     places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
+    unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -148,9 +148,9 @@ def choose_frames(
             for stream, text in apart.items()
         ),
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
-        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
         label_places,
         places_2d[kept],
+        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
     )
 
 
@@ -161,7 +161,10 @@ def _complete(
     track: Track | None,
     notes: list[str],
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return which frames have all samples and a pose, and which lack the pose alone."""
+    """Return which frames have all samples and a pose, if the plan drops the others.
+
+    Also which of those with all samples have no pose.
+    """
     kept = np.ones(len(reference), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in samples.items():

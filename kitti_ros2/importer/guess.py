@@ -95,11 +95,11 @@ def guess_plan(
     tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
     unit = guess_unit(survey, notes, pose) if has_unit else {}
     imu_frame = guess_imu_frame(survey, scan, notes)
-    if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
-        imu_frame = guess_unit_frame(survey, scan, pose)
     labels = None
     if Stream.LABELS in traits.streams:
         labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
+    if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
+        imu_frame = guess_unit_frame(survey, scan, pose)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,
@@ -123,7 +123,7 @@ def guess_plan(
         stamps, _ = clocked(survey, plan).topics[topic].stamps()
         plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
         notes += offsets
-    return Guess(plan, tuple(notes), _unreadable(survey, layout))
+    return Guess(plan, tuple(notes), _unreadable(survey, layout, scans=plan.scan is None))
 
 
 def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str]) -> str:
@@ -140,7 +140,7 @@ def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str
 def _nothing(survey: Survey, layout: Layout) -> str:
     """Describe the content of a bag that has no data that a layout requires."""
     there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
-    reasons = [loss.text() for loss in _unreadable(survey, layout)]
+    reasons = [loss.text() for loss in _unreadable(survey, layout, scans=True)]
     reasons += [*survey.losses, *survey.notes]
     reason = f' ({reasons[0]})' if reasons else ''
     if not there:
@@ -152,14 +152,18 @@ def _nothing(survey: Survey, layout: Layout) -> str:
     return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}{reason}'
 
 
-def _unreadable(survey: Survey, layout: Layout) -> tuple[Loss, ...]:
-    """Return the topics of types that a layout supports of which no message can be read."""
-    wanted = {types.IMAGE, types.COMPRESSED, types.CAMERA_INFO, *SCAN_TYPES}
+def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, ...]:
+    """Return the topics of types that a layout supports of which no message can be read.
+
+    Those that scans are made from in place of clouds are included if scans are missing.
+    """
+    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
+    wanted |= SCAN_TYPES if scans else set()
     if Stream.POSE in layout.traits.streams:
         wanted |= {types.ODOMETRY, types.POSE, types.PATH}
     if Stream.LABELS in layout.traits.streams:
         wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
-        wanted |= {types.MARKERS, types.DETECTIONS_2D}
+        wanted |= {types.MARKERS}
     if Stream.OXTS in layout.traits.streams:
         wanted |= {types.IMU, types.FIX, types.TWIST}
     left_out = (

@@ -89,16 +89,16 @@ def _scan_of(
     else:
         best = max(topics, key=lambda each: each.count)
     notes += pass_over('scans', best, topics)
-    missing = missing_calibration(best) if source.has_model else ''
-    notes += [missing] if missing else []
-    info = info_of_depth(survey, best) if source.needs_info else ''
-    word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
     frame = frame_on_vehicle(best.frame, survey)
     if frame != best.frame:
         notes.append(
             f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
             f' to {frame} by the poses at their stamps'
         )
+    missing = missing_calibration(best) if source.has_model else ''
+    notes += [missing] if missing else []
+    info = info_of_depth(survey, best) if source.needs_info else ''
+    word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
     return ScanPlan(best.name, frame, source.scale(best.looks), from_=word, info=info)
 
 

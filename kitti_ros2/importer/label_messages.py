@@ -72,6 +72,14 @@ class LabelMessages:
                     complete.append((number, solid, flat))
         return complete
 
+    def rest(self) -> list[tuple[int, list[Any], Any]]:
+        """Return the frames of which some messages were read, as take does."""
+        found = [
+            (number, solid, self._flat.get(number)) for number, solid in sorted(self._solid.items())
+        ]
+        self._solid.clear()
+        return found
+
 
 def joined(messages: Sequence[Any]) -> Any:  # noqa: ANN401 - of the bag's types
     """Return one message with the markers of several, in their order."""
