@@ -157,8 +157,8 @@ def make_picture(rng: np.random.Generator) -> np.ndarray:
     """Return an image with the detail of a street: its PNG has 0.7 of the bytes of its pixels."""
     rough = rng.integers(0, 256, (24, 80, 3), np.uint8)
     smooth = cv2.resize(rough, SIZE, interpolation=cv2.INTER_CUBIC).astype(np.int16)
-    noise = rng.normal(0, 6, smooth.shape).astype(np.int16)
-    return np.clip(smooth + noise, 0, 255).astype(np.uint8)
+    noise = np.asarray(rng.normal(0, 6, smooth.shape), np.int16)
+    return np.asarray(np.clip(smooth + noise, 0, 255), np.uint8)
 
 
 def make_image(pixels: np.ndarray, kind: str) -> bytearray:
@@ -241,7 +241,7 @@ def write_bag(path: Path, storage: str, kind: str, size_bytes: int) -> Path:
                 channels[topic] = writer.register_channel(topic, 'cdr', schema)
             for topic, stamp_ns, data in messages(kind, size_bytes):
                 writer.add_message(channels[topic], stamp_ns, data, stamp_ns)
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
         return path
     with RosbagWriter(path, version=9) as bag:
         connections = {
