@@ -14,6 +14,8 @@ from .stamps import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
+
     from .geometry import Float64Array
     from .samples import Float32Array, Turn
     from .scanner_motion import ScannerMotion
@@ -92,14 +94,46 @@ def undo_compensation(
     """
     terms = _terms(turn, motion, from_ns, back=True)
     parts = turned(points)
+    left = _settle(points, parts, turn, terms)
+    # A step across straight behind leads to the other end of the turn: these begin at either end.
+    for end in (0.0, 1.0):
+        own = np.full(len(left), end)
+        still = _settle(points[left], own, turn, terms, end)
+        found = np.setdiff1d(np.arange(len(left)), still)
+        parts[left[found]] = own[found]
+        left = left[still]
+    return _move(points, parts, turn, terms)
+
+
+def _settle(
+    points: Float32Array,
+    parts: Float64Array,
+    turn: Turn,
+    terms: Sequence[_Terms],
+    end: float | None = None,
+) -> npt.NDArray[np.intp]:
+    """Iterate to the parts of the turn at which points were measured, in place.
+
+    Args:
+        points: (N, 4) of one moment.
+        parts: (N,) to begin with.
+        turn: The turn of the scanner.
+        terms: The displacements back to the time of measurement.
+        end: The end of the turn, 0 or 1, that steps by more than half a turn lead back to.
+
+    Returns:
+        The indices of the points that did not settle.
+    """
     moving = np.arange(len(points))
     for _ in range(_MOST_STEPS):
         before = parts[moving]
-        parts[moving] = turned(_move(points[moving], before, turn, terms, axes=2))
-        moving = moving[np.abs(parts[moving] - before) > _PRECISE]
+        after = turned(_move(points[moving], before, turn, terms, axes=2))
+        settled = np.abs(after - before) <= _PRECISE
+        parts[moving] = after if end is None else np.where(np.abs(after - end) > 0.5, end, after)
+        moving = moving[~settled]
         if not len(moving):
             break
-    return _move(points, parts, turn, terms)
+    return moving
 
 
 def move_rigidly(points: Float32Array, a_t_b: Float64Array) -> Float32Array:

@@ -120,6 +120,17 @@ def test_undone_and_done_again_all_points_are_where_they_were(motion, seed, offs
     assert distances(again, there).max() < 1e-4
 
 
+def test_a_point_measured_as_the_turn_begins_is_found_again():
+    """Its place at another moment is across straight behind, where the turn ends."""
+    still, left, right = (make_twist(np.zeros(3), np.array([0, 0, w])) for w in (0.0, 1.0, -0.5))
+    changes = START_NS + np.array([0, 1_000_000, 2_000_000])
+    motion = ScannerMotion(changes, np.stack([still, right, still, left]))
+    moment_ns = START_NS + 51_800_000
+    points = np.array([[-74.597992, 0.0053546168, 0.47673580, 0.8]], np.float32)
+    there = compensate(points, TURN, motion, moment_ns)
+    assert np.abs(undo_compensation(there, TURN, motion, moment_ns) - points).max() < 1e-4
+
+
 @given(motions(), seeds)
 def test_done_and_undone_points_are_where_they_were_except_straight_behind(motion, seed):
     points = points_of(seed, 500, nearest=8.0)
