@@ -88,7 +88,9 @@ class ToKittiKeywords(TypedDict, total=False):
     layout: str | None
     name: str | None
     calib: str | os.PathLike[str] | None
+    origin: str | Sequence[float] | None
     split: float
+    all_cameras: bool
     append: bool
     overwrite: bool
     start: int | str | None

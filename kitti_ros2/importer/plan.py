@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from ..model.layouts import Layout  # noqa: TC001 - read by get_type_hints
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..model.layouts import Layout
 
 TF = 'tf'
 NONE = 'none'

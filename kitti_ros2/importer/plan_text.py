@@ -177,7 +177,7 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
         hint = did_you_mean(unknown[0], known)
         keys = ', '.join(known)
         raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
-    hints = get_type_hints(kind, localns={'Mapping': dict, 'Layout': Layout})
+    hints = get_type_hints(kind, localns={'Mapping': dict})
     checked = {}
     for key, value in values.items():
         name = known[key].name
