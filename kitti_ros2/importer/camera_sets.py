@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One data set a camera (--all-cameras), with frames and scans in common.
 
+Scans that are turned to the camera (scan.forward: camera) are those of each set.
+
 A set of layout object is a split named after its camera (training_CAM_BACK), and ImageSets lists
 the frames that are whole in all of them. Another layout has a folder a camera (CAM_BACK).
 """
@@ -24,6 +26,7 @@ from .frames import choose_frames, pick_frames, select_frames
 from .plan import TF
 from .poses import read_motion
 from .report import LossTally
+from .scan_frame import CAMERA
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -82,16 +85,17 @@ def build_sets(
     common = _common_frames(bags, plans, survey, options)
     reports: list[ImportReport] = []
     first: Path | None = None
+    shared = bool(common) and not (plan.scan is not None and plan.scan.forward == CAMERA)
     done = [0, 0]
 
     def show(samples: int, size_bytes: int) -> None:
         progress(done[0] + samples, done[1] + size_bytes)
 
     for name, one in plans.items():
-        without = frozenset({Stream.SCAN}) if first is not None and common else frozenset()
+        without = frozenset({Stream.SCAN}) if first is not None and shared else frozenset()
         target = Target(stage / name, 0, common.get(name), without)
         report = build(bags, one, survey, target, options, show)
-        if first is not None and common:
+        if first is not None and shared:
             _link_scans(first, target.stage)
         first = first or stage / name
         done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
