@@ -101,7 +101,11 @@ def build_sets(
         done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
         known = {loss for each in reports for loss in each.losses}  # of topics in common
         losses = tuple(loss for loss in report.losses if loss not in known)
-        reports.append(replace(report, name=folder_of(plan, name), losses=losses))
+        told = {
+            note for each in reports for note in each.notes if note.startswith(names.IMAGE_SETS)
+        }
+        notes = tuple(note for note in report.notes if note not in told)
+        reports.append(replace(report, name=folder_of(plan, name), losses=losses, notes=notes))
     if plan.layout.traits.frame_set:
         _beside_each_other(stage, plan, plans)
     return reports
