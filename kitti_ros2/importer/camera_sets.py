@@ -18,7 +18,7 @@ import numpy as np
 from ..files.hard_links import FilePlacer
 from ..kitti import names
 from ..kitti.store import STORE
-from ..model.errors import UsageError
+from ..model.errors import UnsynchronisedError, UsageError
 from ..model.streams import Stream
 from .clocks import clocked
 from .convert import Target, build
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..options.importing import ImportOptions
+    from ..rig.pose_track import Track
     from .frames import Frames
     from .plan import Plan
     from .report import ImportReport
@@ -126,7 +127,7 @@ def _common_frames(
     if plan.reference == f'image_{_CAMERA}':
         return {}
     track = read_motion(bags, plan, clocked(survey, plan), LossTally()).of_frames
-    found = {name: choose_frames(each, survey, track) for name, each in plans.items()}
+    found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
     keys = {name: _keys(frames) for name, frames in found.items()}
     kept = set.intersection(*(set(each.tolist()) for each in keys.values()))
     if not kept:
@@ -139,6 +140,15 @@ def _common_frames(
         name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), options.selection)
         for name, frames in found.items()
     }
+
+
+def _frames_of(name: str, plan: Plan, survey: Survey, track: Track | None) -> Frames:
+    """Choose the frames of a set; its camera has another key in the plan of all sets."""
+    try:
+        return choose_frames(plan, survey, track)
+    except UnsynchronisedError as error:
+        keys = f'cameras.{_CAMERA}.', f'camera_sets.{name}.'
+        raise UnsynchronisedError(str(error).replace(*keys)) from None
 
 
 def _keys(frames: Frames) -> np.typing.NDArray[np.int64]:

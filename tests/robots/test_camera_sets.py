@@ -127,3 +127,23 @@ def test_all_cameras_needs_camera_infos(tmp_path, capsys):
         == 2
     )
     assert '--all-cameras needs cameras with a camera_info' in capsys.readouterr().err
+
+
+def test_a_camera_whose_clock_differs_is_in_its_set(tmp_path, capsys):
+    ahead = {'/Left': 37 * 10**9}
+    bag = str(camera_rigs.write(ROBOT, tmp_path / 'bag', ahead_ns=ahead))
+    assert main(['to-kitti', bag, '--layout', 'object', '--all-cameras', '--plan']) == 0
+    text = capsys.readouterr().out
+    assert 'camera_sets.Left.offset_s -37.0 corrects it' in text
+    assert text.count('offset_s: -37.0') == 1
+    assert text.count('offset_s:') == 1
+    out = tmp_path / 'out'
+    assert main(['to-kitti', bag, str(out), '--layout', 'object', '--all-cameras']) == 0
+    for camera in ROBOT.cameras:
+        assert_true(out / f'training_{camera.folder[1:]}', camera)
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(text.replace('offset_s: -37.0', 'offset_s: 0.0'))
+    capsys.readouterr()
+    assert main(['to-kitti', bag, str(tmp_path / 'apart'), '--plan-file', str(plan)]) != 0
+    assert 'set camera_sets.Left.offset_s: -37.0' in capsys.readouterr().err
+    assert not (tmp_path / 'apart').exists()
