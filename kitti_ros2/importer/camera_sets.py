@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..options.importing import ImportOptions
+    from ..options.selection import SelectionOptions
     from ..rig.pose_track import Track
     from .frames import Frames
     from .plan import Plan
@@ -83,7 +84,7 @@ def build_sets(
         OSError: A file cannot be written.
     """
     plans = plans_of(plan)
-    common = _common_frames(bags, plans, survey, options)
+    common = common_frames(bags, plans, survey, options.selection)
     reports: list[ImportReport] = []
     first: Path | None = None
     shared = bool(common) and not (plan.scan is not None and plan.scan.forward == CAMERA)
@@ -112,21 +113,45 @@ def build_sets(
     return reports
 
 
-def _common_frames(
+def common_frames(
     bags: Sequence[BagSource],
     plans: Mapping[str, Plan],
     survey: Survey,
-    options: ImportOptions,
+    selection: SelectionOptions,
 ) -> dict[str, Frames]:
     """Return the frames that all sets have, by set; none if the frames are those of each camera.
 
     Raises:
-        UsageError: No frame is whole in all sets, or the selection takes none.
+        UsageError: As frames_of_sets.
     """
     plan = next(iter(plans.values()))
-    if plan.reference == f'image_{_CAMERA}':
+    if _is_own(plan):
         return {}
     track = read_motion(bags, plan, clocked(survey, plan), LossTally()).of_frames
+    return frames_of_sets(plans, survey, track, selection)
+
+
+def frames_of_sets(
+    plans: Mapping[str, Plan],
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions,
+) -> dict[str, Frames]:
+    """Choose the frames of each set, by its name: those that all have, unless they are its images.
+
+    Args:
+        plans: The result of plans_of.
+        survey: Of the bags.
+        track: As choose_frames.
+        selection: Of the frames.
+
+    Raises:
+        UsageError: No frame is whole in all sets, or the selection takes none.
+    """
+    if len(plans) == 1 or _is_own(next(iter(plans.values()))):
+        return {
+            name: _frames_of(name, each, survey, track, selection) for name, each in plans.items()
+        }
     found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
     keys = {name: _keys(frames) for name, frames in found.items()}
     kept = set.intersection(*(set(each.tolist()) for each in keys.values()))
@@ -137,15 +162,26 @@ def _common_frames(
         )
     wanted = np.array(sorted(kept))
     return {
-        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), options.selection)
+        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), selection)
         for name, frames in found.items()
     }
 
 
-def _frames_of(name: str, plan: Plan, survey: Survey, track: Track | None) -> Frames:
+def _is_own(plan: Plan) -> bool:
+    """Whether the frames of a set are its images."""
+    return plan.reference == f'image_{_CAMERA}'
+
+
+def _frames_of(
+    name: str,
+    plan: Plan,
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions | None = None,
+) -> Frames:
     """Choose the frames of a set; its camera has another key in the plan of all sets."""
     try:
-        return choose_frames(plan, survey, track)
+        return choose_frames(plan, survey, track, selection)
     except UnsynchronisedError as error:
         keys = f'cameras.{_CAMERA}.', f'camera_sets.{name}.'
         raise UnsynchronisedError(str(error).replace(*keys)) from None

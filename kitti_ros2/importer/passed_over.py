@@ -139,7 +139,7 @@ class Unused:
     """Topics of one type that a plan does not use.
 
     Attributes:
-        msgtype: Their type, such as sensor_msgs/LaserScan.
+        msgtype: Their type, such as sensor_msgs/LaserScan; of topics with one advice their types.
         counts: Number of messages by topic.
         advice: What can be done with them; empty for what nodes publish about themselves.
     """
@@ -191,11 +191,26 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
     ]
     found = unused_topics(survey, plan, named)
     background = [each for group in found if not group.advice for each in group.counts]
-    told = [group.note() for group in found if group.advice]
+    told = [group.note() for group in _by_advice(found) if group.advice]
     if background:
         topics = some_of([f'{one_line(name)} ({count})' for name, count in background], _SHOWN)
         told.append(f'not used: {topics}, which nodes publish about themselves')
     return told
+
+
+def _by_advice(found: Iterable[Unused]) -> list[Unused]:
+    """Join topics with one advice, for which their types are listed."""
+    groups: dict[str, list[Unused]] = defaultdict(list)
+    for each in found:
+        groups[each.advice].append(each)
+    return [
+        Unused(
+            ', '.join(each.msgtype for each in same),
+            tuple(count for each in same for count in each.counts),
+            advice,
+        )
+        for advice, same in groups.items()
+    ]
 
 
 def _links(survey: Survey, plan: Plan) -> set[str]:
