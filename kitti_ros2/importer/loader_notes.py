@@ -21,7 +21,7 @@ from ..rig.tf_tree import FrameTree
 from .calibration_source import camera_models
 from .camera_sets import plans_of
 from .plan import TF
-from .scan_frame import CAMERA, made_frame, optical_axis
+from .scan_frame import CAMERA, LEVEL, made_frame, optical_axis
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -57,7 +57,10 @@ def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
     turned = {}
     for name, one in plans_of(plan).items():
         axis = _camera_in_scan(one, survey)
-        if axis is not None and abs(np.arctan2(axis[1], axis[0])) > _TURN_RAD:
+        # One that looks up or down has no direction there; its frame may be no optical one.
+        if axis is None or np.hypot(axis[0], axis[1]) < LEVEL:
+            continue
+        if abs(np.arctan2(axis[1], axis[0])) > _TURN_RAD:
             turned[name] = describe_direction(axis)
     if not turned:
         return

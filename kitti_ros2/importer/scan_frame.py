@@ -41,7 +41,7 @@ CAMERA = 'camera'
 
 _FORWARD = np.cos(np.radians(30))
 _SAME_ORIGIN_M = 0.1
-_LEVEL = np.sin(np.radians(15))
+LEVEL = np.sin(np.radians(15))
 """Cameras that look up or down more steeply than its complement have no direction on the ground."""
 
 
@@ -103,7 +103,7 @@ def _to_camera(
     axis = optical_axis(tree, scan.frame, models)
     up = _vertical(tree, scan.frame)
     ahead = axis - up * (up @ axis)
-    if np.linalg.norm(ahead) < _LEVEL:
+    if np.linalg.norm(ahead) < LEVEL:
         side = 'up' if up @ axis > 0 else 'down'
         raise UsageError(
             f'scan: forward: {CAMERA}; the camera looks {side} in {scan.frame}: expected one that'
