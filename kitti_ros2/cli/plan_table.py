@@ -14,7 +14,7 @@ from .tables import cell, plain_table
 from .text import format_count, say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from rich.table import Table
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _MOST_PASSED_OVER = 12
 _PASSED_OVER = '-'
+_PASSED = 'passed over: '
 _SHORT = {Stream.CALIBRATION.value: 'calib'}
 """Names of streams in the table where theirs are long."""
 
@@ -83,7 +84,7 @@ def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
 
     for fault in overview.faults:
         say(f'cannot be converted: {fault}')
-    for note in dict.fromkeys((*outlook.notes, *overview.notes)):
+    for note in _joined(dict.fromkeys((*outlook.notes, *overview.notes))):
         say(f'note: {note}')
     if outlook.layouts:
         table = plain_table('layout')
@@ -92,6 +93,22 @@ def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
             shown = ' (shown)' if layout is outlook.plan.layout else ''
             table.add_row(layout.value + shown, ' '.join(streams))
         Console(highlight=False).print(table)
+
+
+def _joined(notes: Iterable[str]) -> Iterator[str]:
+    """Yield notes, those on single topics that are passed over as one, where the first is."""
+    notes = list(notes)
+    parts = [note.removeprefix(_PASSED).partition('; ') for note in notes if _is_single(note)]
+    for note in notes:
+        if not _is_single(note):
+            yield note
+        elif parts:
+            yield _PASSED + '; '.join(f'{topic}, {reason}' for topic, _, reason in parts)
+            parts = []
+
+
+def _is_single(note: str) -> bool:
+    return note.startswith(_PASSED) and '; ' in note
 
 
 def print_next(commands: Iterable[tuple[str, str]]) -> None:

@@ -62,10 +62,10 @@ class Rigging:
         lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
         tree = FrameTree(survey.static, survey.moving, lost)
         scan_frame = '' if plan.scan is None else plan.scan.frame
-        plan, made = made_frame(plan, tree)
+        self._models = camera_models(plan, survey)
+        plan, made = made_frame(plan, tree, self._models)
         self._tree = FrameTree([*survey.static, *made], survey.moving, lost) if made else tree
         self._plan = plan
-        self._models = camera_models(plan, survey)
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
         base = self._moving_base(scan_frame, moving)
         self.scans = ScanConversion(plan.scan, survey, self._tree, base)

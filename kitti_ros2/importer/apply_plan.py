@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.reader import path_of
 from ..files.staging import staged
-from ..kitti.names import SPLITS
 from ..kitti.replacing import keep_all_but_camera_sets, keep_all_but_data_sets
-from ..messages.source import LABEL_LINES
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from .append import appended
@@ -19,6 +17,7 @@ from .camera_sets import build_sets, folder_of, plans_of
 from .clocks import clock_notes, clocked
 from .convert import Target, build
 from .guess import Guess, guess_plan
+from .loader_notes import loader_notes
 from .passed_over import passed_over
 from .plan import NONE
 
@@ -56,23 +55,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    notes += (*clock_notes(clocked(survey, plan), plan), *_label_notes(plan))
+    notes += (*clock_notes(clocked(survey, plan), plan), *loader_notes(plan, survey))
     return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
-
-
-def _label_notes(plan: Plan) -> tuple[str, ...]:
-    """Return notes on pitfalls in loading or evaluating the labels."""
-    if plan.labels is None:
-        if plan.layout.traits.frame_set and plan.name == SPLITS[0]:
-            return ('loaders read label_2 of training frames; without labels say --name testing',)
-        return ()
-    if plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES:
-        return ()
-    note = (
-        f'{plan.labels.topic}: has no occlusion, so labels contain 3, unknown, which evaluations'
-        f' leave out; set labels.occluded of the plan to 0 to have them counted'
-    )
-    return (note,)
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:

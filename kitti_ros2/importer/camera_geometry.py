@@ -87,6 +87,8 @@ def choose_cameras(
     angles = {each.name: _angle(directions[each.name]) for each in joined}
     nearest = min(angles.values(), default=0.0)
     ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
+    if joined and all(_is_steep(directions[each.name]) for each in joined):
+        ahead = joined  # their frames are no optical ones: names tell more than a lean
     main = min(
         ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
     )
@@ -197,7 +199,7 @@ def describe_others(
         notes.append(
             f'camera 2 is {main} by its name: no static transform tells where the cameras look'
         )
-    notes += _steep(tree, heading, choice.cameras[2])
+    notes += describe_steep(tree, heading, choice.cameras[2])
     for each in others:
         direction = direction_of(tree, heading, each)
         looks = 'no static transform tells where it looks'
@@ -209,10 +211,14 @@ def describe_others(
     return notes
 
 
-def _steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
+def _is_steep(direction: Float64Array | None) -> bool:
+    return direction is not None and bool(abs(direction[2]) >= _STEEP)
+
+
+def describe_steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
     """Return a note on a camera that looks up or down: its frame may be no optical one."""
     direction = direction_of(tree, heading, camera)
-    if direction is None or abs(direction[2]) < _STEEP:
+    if direction is None or not _is_steep(direction):
         return []
     note = (
         f'{camera.topic.name}: z of {camera.frame}, the direction the camera looks in, is'

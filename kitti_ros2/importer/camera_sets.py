@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One data set a camera (--all-cameras), with frames and scans in common.
 
+Scans that are turned to the camera (scan.forward: camera) are those of each set.
+
 A set of layout object is a split named after its camera (training_CAM_BACK), and ImageSets lists
 the frames that are whole in all of them. Another layout has a folder a camera (CAM_BACK).
 """
@@ -16,7 +18,7 @@ import numpy as np
 from ..files.hard_links import FilePlacer
 from ..kitti import names
 from ..kitti.store import STORE
-from ..model.errors import UsageError
+from ..model.errors import UnsynchronisedError, UsageError
 from ..model.streams import Stream
 from .clocks import clocked
 from .convert import Target, build
@@ -24,6 +26,7 @@ from .frames import choose_frames, pick_frames, select_frames
 from .plan import TF
 from .poses import read_motion
 from .report import LossTally
+from .scan_frame import CAMERA
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..options.importing import ImportOptions
+    from ..options.selection import SelectionOptions
+    from ..rig.pose_track import Track
     from .frames import Frames
     from .plan import Plan
     from .report import ImportReport
@@ -79,46 +84,75 @@ def build_sets(
         OSError: A file cannot be written.
     """
     plans = plans_of(plan)
-    common = _common_frames(bags, plans, survey, options)
+    common = common_frames(bags, plans, survey, options.selection)
     reports: list[ImportReport] = []
     first: Path | None = None
+    shared = bool(common) and not (plan.scan is not None and plan.scan.forward == CAMERA)
     done = [0, 0]
 
     def show(samples: int, size_bytes: int) -> None:
         progress(done[0] + samples, done[1] + size_bytes)
 
     for name, one in plans.items():
-        without = frozenset({Stream.SCAN}) if first is not None and common else frozenset()
+        without = frozenset({Stream.SCAN}) if first is not None and shared else frozenset()
         target = Target(stage / name, 0, common.get(name), without)
         report = build(bags, one, survey, target, options, show)
-        if first is not None and common:
+        if first is not None and shared:
             _link_scans(first, target.stage)
         first = first or stage / name
         done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
         known = {loss for each in reports for loss in each.losses}  # of topics in common
         losses = tuple(loss for loss in report.losses if loss not in known)
-        reports.append(replace(report, name=folder_of(plan, name), losses=losses))
+        told = {
+            note for each in reports for note in each.notes if note.startswith(names.IMAGE_SETS)
+        }
+        notes = tuple(note for note in report.notes if note not in told)
+        reports.append(replace(report, name=folder_of(plan, name), losses=losses, notes=notes))
     if plan.layout.traits.frame_set:
         _beside_each_other(stage, plan, plans)
     return reports
 
 
-def _common_frames(
+def common_frames(
     bags: Sequence[BagSource],
     plans: Mapping[str, Plan],
     survey: Survey,
-    options: ImportOptions,
+    selection: SelectionOptions,
 ) -> dict[str, Frames]:
     """Return the frames that all sets have, by set; none if the frames are those of each camera.
 
     Raises:
-        UsageError: No frame is whole in all sets, or the selection takes none.
+        UsageError: As frames_of_sets.
     """
     plan = next(iter(plans.values()))
-    if plan.reference == f'image_{_CAMERA}':
+    if _is_own(plan):
         return {}
     track = read_motion(bags, plan, clocked(survey, plan), LossTally()).of_frames
-    found = {name: choose_frames(each, survey, track) for name, each in plans.items()}
+    return frames_of_sets(plans, survey, track, selection)
+
+
+def frames_of_sets(
+    plans: Mapping[str, Plan],
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions,
+) -> dict[str, Frames]:
+    """Choose the frames of each set, by its name: those that all have, unless they are its images.
+
+    Args:
+        plans: The result of plans_of.
+        survey: Of the bags.
+        track: As choose_frames.
+        selection: Of the frames.
+
+    Raises:
+        UsageError: No frame is whole in all sets, or the selection takes none.
+    """
+    if len(plans) == 1 or _is_own(next(iter(plans.values()))):
+        return {
+            name: _frames_of(name, each, survey, track, selection) for name, each in plans.items()
+        }
+    found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
     keys = {name: _keys(frames) for name, frames in found.items()}
     kept = set.intersection(*(set(each.tolist()) for each in keys.values()))
     if not kept:
@@ -128,9 +162,29 @@ def _common_frames(
         )
     wanted = np.array(sorted(kept))
     return {
-        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), options.selection)
+        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), selection)
         for name, frames in found.items()
     }
+
+
+def _is_own(plan: Plan) -> bool:
+    """Whether the frames of a set are its images."""
+    return plan.reference == f'image_{_CAMERA}'
+
+
+def _frames_of(
+    name: str,
+    plan: Plan,
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions | None = None,
+) -> Frames:
+    """Choose the frames of a set; its camera has another key in the plan of all sets."""
+    try:
+        return choose_frames(plan, survey, track, selection)
+    except UnsynchronisedError as error:
+        keys = f'cameras.{_CAMERA}.', f'camera_sets.{name}.'
+        raise UnsynchronisedError(str(error).replace(*keys)) from None
 
 
 def _keys(frames: Frames) -> np.typing.NDArray[np.int64]:

@@ -54,7 +54,9 @@ def estimate_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
         The plan with offsets, and a note on each.
     """
     streams = planned_streams(plan)
-    corrections = find_corrections(clocked(survey, plan), streams, plan.reference)
+    # Of sets whose frames are their images the first, which the streams begin with.
+    reference = plan.reference if plan.reference in streams else next(iter(streams), '')
+    corrections = find_corrections(clocked(survey, plan), streams, reference)
     notes = []
     for name, offset_ns in corrections.items():
         stream = streams[name]

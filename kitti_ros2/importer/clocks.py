@@ -26,6 +26,8 @@ LATENCY_NS = NS_PER_S
 _DETECTION_NS = 10 * NS_PER_S
 
 _ROLES = ('imu', 'fix', 'velocity')
+_OF_SET = 'image_2 of '
+"""Begins the names of streams of camera_sets: the camera is camera 2 of its set."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class PlannedStream:
     """A stream of a plan with stamps.
 
     Attributes:
-        name: In texts: scan, image_2, pose, labels, imu.
+        name: In texts: scan, image_2 (of a camera set: image_2 of NAME), pose, labels, imu.
         key: Of its offset in the plan: scan.offset_s.
         topic: Its topic.
         offset_s: Of the plan, seconds.
@@ -49,7 +51,7 @@ class PlannedStream:
 
 
 def planned_streams(plan: Plan) -> dict[str, PlannedStream]:
-    """Return the streams of a plan by name, the reference first."""
+    """Return the streams of a plan by name, the reference first; of camera_sets those of all."""
     found = [
         PlannedStream(name, f'{name}.offset_s', part.topic, part.offset_s)
         for name, part in (('scan', plan.scan), ('pose', plan.pose), ('labels', plan.labels))
@@ -58,6 +60,12 @@ def planned_streams(plan: Plan) -> dict[str, PlannedStream]:
     found += [
         PlannedStream(f'image_{index}', f'cameras.{index}.offset_s', camera.topic, camera.offset_s)
         for index, camera in plan.cameras.items()
+    ]
+    found += [
+        PlannedStream(
+            f'{_OF_SET}{name}', f'camera_sets.{name}.offset_s', camera.topic, camera.offset_s
+        )
+        for name, camera in plan.camera_sets.items()
     ]
     unit = (
         (plan.imu, plan.imu_offset_s),
@@ -69,12 +77,16 @@ def planned_streams(plan: Plan) -> dict[str, PlannedStream]:
         for name, (topic, offset_s) in zip(_ROLES, unit, strict=True)
         if topic
     ]
-    found.sort(key=lambda each: each.name != plan.reference)
+    found.sort(key=lambda each: each.name.partition(' ')[0] != plan.reference)
     return {each.name: each for each in found}
 
 
 def with_offset(plan: Plan, name: str, offset_s: float) -> Plan:
     """Return a plan with the offset of a stream, by the name of planned_streams."""
+    if name.startswith(_OF_SET):
+        own = name.removeprefix(_OF_SET)
+        camera = replace(plan.camera_sets[own], offset_s=offset_s)
+        return replace(plan, camera_sets={**plan.camera_sets, own: camera})
     if name.startswith('image_'):
         index = int(name.removeprefix('image_'))
         camera = replace(plan.cameras[index], offset_s=offset_s)
@@ -101,6 +113,10 @@ def clocked(survey: Survey, plan: Plan) -> Survey:
         if stream.topic in topics:
             offset_ns = round(stream.offset_s * NS_PER_S)
             topics[stream.topic] = replace(topics[stream.topic], offset_ns=offset_ns)
+    if plan.labels is not None and plan.labels.boxes_2d in topics:
+        offset_ns = round(plan.labels.offset_s * NS_PER_S)
+        flat = topics[plan.labels.boxes_2d]
+        topics[flat.name] = replace(flat, offset_ns=offset_ns)
     middle_ns = 0 if by_log else scan_middle_ns(survey, plan)
     if plan.scan is not None and middle_ns:
         names = {plan.scan.topic}
@@ -122,7 +138,8 @@ def scan_middle_ns(survey: Survey, plan: Plan) -> int:
     topic = None if plan.scan is None else survey.topics.get(plan.scan.topic)
     if topic is None or not topic.turn_ns:
         return 0
-    images = (survey.topics.get(camera.topic) for camera in plan.cameras.values())
+    cameras = (*plan.cameras.values(), *plan.camera_sets.values())
+    images = (survey.topics.get(camera.topic) for camera in cameras)
     if any(each is not None and share_stamps(topic, each) for each in images):
         return 0
     start, end = topic.turn_ns

@@ -32,6 +32,7 @@ from .oxts_stream import PacketMaker
 from .pose_track import camera_poses
 from .poses import read_motion
 from .report import ImportReport, LossTally, damage, unread
+from .set_notes import set_notes
 from .stream_gaps import unit_losses
 from .sync import NONE
 
@@ -155,6 +156,7 @@ class _Builder:
         self._frames = frames
         self._rigging = rigging
         self._writer = writer
+        self._target = target
         self._first = target.first
         self._streams: dict[str, list[Stream]] = defaultdict(list)
         for stream, topic in frame_topics(plan).items():
@@ -174,6 +176,7 @@ class _Builder:
         self._points_dropped: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.size_bytes = 0
+        self._empty_labels = 0
 
     @property
     def topics(self) -> set[str]:
@@ -278,6 +281,7 @@ class _Builder:
         stamp_ns = int(self._frames.stamps_ns[number - self._first])
         boxes = self._rigging.labels.boxes(joined(solid), stamp_ns, own_ns, flat)
         self._writer.write_labels(number, boxes)
+        self._empty_labels += not boxes
         return 0
 
     def take(self, job: _Job, outcome: int | Exception) -> None:
@@ -304,11 +308,14 @@ class _Builder:
         self.counts[Stream.POSE.value] = len(known)
 
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
-        """Return the report of the conversion."""
+        """Return the report of the conversion, after the writer is closed."""
         notes = [*survey.notes, *self._frames.notes, *self._rigging.notes(), *self._packets.notes()]
         notes += self._depth_maps.notes()
         if self._plan.scan is not None:
             notes += dropped_notes(self._plan.scan.topic, self._points_dropped)
+        if not self._first and self._target.excerpt is None:
+            files = self.counts[Stream.LABELS.value]
+            notes += set_notes(self._plan, self._target.stage, files, self._empty_labels)
         lost = self._losses.losses()
         undecoded = unread(survey, self._plan, {loss.stream for loss in lost})
         return ImportReport(

@@ -81,7 +81,7 @@ def guess_plan(
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
     if scan is not None and not survey.calibrations and not keep_scan_frame:
         scan = face_forward(scan, tree, heading, notes)
-    sets = guess_camera_sets(layout, rig, notes) if all_cameras else {}
+    sets = guess_camera_sets(layout, rig, tree, heading, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
     has_unit = Stream.OXTS in traits.streams
     # Poses take the place of a missing fix.

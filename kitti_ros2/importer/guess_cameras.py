@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.streams import CAMERA_NAMES
 from ..rig.rectify import needs_rectifying
-from .camera_geometry import choose_cameras, describe_others
+from .camera_geometry import choose_cameras, describe_others, describe_steep
 from .camera_topics import leaf
 from .plan import CameraPlan
 
@@ -67,7 +67,11 @@ def guess_cameras(
 
 
 def guess_camera_sets(
-    layout: Layout, rig: Sequence[RigCamera], notes: list[str]
+    layout: Layout,
+    rig: Sequence[RigCamera],
+    tree: FrameTree,
+    heading: Heading | None,
+    notes: list[str],
 ) -> dict[str, CameraPlan]:
     """Return the plans of all cameras, by the names of their sets."""
     known = _with_info(rig, notes) if rig else []
@@ -77,6 +81,7 @@ def guess_camera_sets(
         for each in known
         if each not in cameras
     ]
+    notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
     names = _short_names([each.name for each in cameras])
     return {
         name: _plan(layout, camera)

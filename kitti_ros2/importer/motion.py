@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..rig.pose_track import Track
-    from .named_frames import NamedFrames
+    from .named_frames import NamedFrames, OdometryLink
     from .report import LossTally
     from .survey import Survey
 
@@ -127,6 +127,12 @@ class LinkTracks:
         return {link: series.track() for link, series in self._series.items()}
 
 
+def links_between(names: NamedFrames, pairs: Sequence[tuple[str, str]]) -> frozenset[OdometryLink]:
+    """Return the Odometry, and PoseStamped, on the ways between pairs of frames."""
+    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    return frozenset(each for each in names.odometry if (each.frame, each.root) in wanted)
+
+
 def read_tree(
     bags: Sequence[BagSource],
     survey: Survey,
@@ -149,7 +155,7 @@ def read_tree(
         BadBagError: A bag cannot be read.
     """
     wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
-    used = {each for each in names.odometry if (each.frame, each.root) in wanted}
+    used = links_between(names, pairs)
     # The way from an Odometry's child to the root of its tree may move, too.
     wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
     tf_topics = {each.name for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name}

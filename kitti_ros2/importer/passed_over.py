@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 from ..messages.source import RECORDING
 from ..messages.topics import own_topics
 from ..model import msgtypes as types
+from ..model.errors import UsageError
 from ..model.text import one_line, some_of
+from .poses import link_topics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -103,7 +105,9 @@ _ADVICE = {
 
 _DEPTH_ADVICE = 'depth images: name the topic in scan.topic, with scan.from: depth'
 _ANY_ADVICE = 'no stream of KITTI is made of this type'
-_NO_DEFINITION = 'cannot be read: the bag has no definition of the type, or another encoding'
+
+_NOT_READ = 'its messages cannot be read, for the reason in another note'
+"""Advice where the survey notes the reason."""
 
 _BACKGROUND = frozenset(
     {
@@ -135,7 +139,7 @@ class Unused:
     """Topics of one type that a plan does not use.
 
     Attributes:
-        msgtype: Their type, such as sensor_msgs/LaserScan.
+        msgtype: Their type, such as sensor_msgs/LaserScan; of topics with one advice their types.
         counts: Number of messages by topic.
         advice: What can be done with them; empty for what nodes publish about themselves.
     """
@@ -155,10 +159,11 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
 
     Args:
         survey: Of the bags.
-        plan: Every topic that it names is used, and so are transforms.
+        plan: Every topic that it names is used, and so are transforms, and Odometry that is a link
+            between frames.
         named: Topics to leave out.
     """
-    left_out = set(named) | set(_texts(asdict(plan)))
+    left_out = set(named) | set(_texts(asdict(plan))) | _links(survey, plan)
     if RECORDING in survey.topics:
         left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
     groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
@@ -168,7 +173,7 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
     for channel, loss in survey.left_out:
         if loss.count and channel.topic not in left_out:
             kind = _short(channel.msgtype)
-            advice = _ADVICE.get(kind, _NO_DEFINITION)
+            advice = _ADVICE.get(kind, _NOT_READ)
             groups[kind, advice].append((channel.topic, loss.count))
     return [Unused(kind, tuple(counts), advice) for (kind, advice), counts in groups.items()]
 
@@ -186,11 +191,33 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
     ]
     found = unused_topics(survey, plan, named)
     background = [each for group in found if not group.advice for each in group.counts]
-    told = [group.note() for group in found if group.advice]
+    told = [group.note() for group in _by_advice(found) if group.advice]
     if background:
         topics = some_of([f'{one_line(name)} ({count})' for name, count in background], _SHOWN)
         told.append(f'not used: {topics}, which nodes publish about themselves')
     return told
+
+
+def _by_advice(found: Iterable[Unused]) -> list[Unused]:
+    """Join topics with one advice, for which their types are listed."""
+    groups: dict[str, list[Unused]] = defaultdict(list)
+    for each in found:
+        groups[each.advice].append(each)
+    return [
+        Unused(
+            ', '.join(each.msgtype for each in same),
+            tuple(count for each in same for count in each.counts),
+            advice,
+        )
+        for advice, same in groups.items()
+    ]
+
+
+def _links(survey: Survey, plan: Plan) -> set[str]:
+    try:
+        return link_topics(plan, survey)
+    except UsageError:  # it stops the conversion, which reports it
+        return set()
 
 
 def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401 - of dataclasses

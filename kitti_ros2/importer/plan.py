@@ -60,8 +60,9 @@ class ScanPlan:
         offset_s: Added to the stamps, seconds, where a clock is wrong.
         forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
             orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
-            -y (up is z) or z (up is -y, an optical frame). The origin stays that of the frame.
-            Empty: the frame as it is.
+            -y (up is z) or z (up is -y, an optical frame); or camera, the direction that camera 2
+            looks in on the ground (with camera_sets the camera of each set): programs that train on
+            KITTI take it for x. The origin stays that of the frame. Empty: the frame as it is.
     """
 
     topic: str

@@ -15,8 +15,8 @@ from ..model.msgtypes import TF_TYPES
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .apply_calibration import Rigging
+from .camera_sets import frames_of_sets, plans_of
 from .clocks import clocked
-from .frames import choose_frames
 from .plan import SOURCE, TF
 from .poses import PlannedMotion, read_motion
 from .report import LossTally
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagSource
     from ..options.selection import SelectionOptions
+    from .frames import Frames
     from .plan import Plan
     from .survey import Survey
     from .topic_survey import TopicSurvey
@@ -114,28 +115,33 @@ def overlook_plan(
     used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
     survey = clocked(survey, plan)
     motion, faults = PlannedMotion(), list[str]()
-    frames: int | None = None
-    notes: tuple[str, ...] = ()
+    sets: list[Frames] = []
+    plans: Mapping[str, Plan] = {}
     try:
-        motion = read_motion(bags, plan, survey, LossTally())
-        chosen = choose_frames(plan, survey, motion.of_frames, selection)
-        frames = len(chosen)
-        notes = (*chosen.notes, *(loss.text() for loss in chosen.losses))
-        if chosen.unsynchronised:
-            faults.append(f'no two streams have a frame in common: {chosen.unsynchronised}')
+        plans = plans_of(plan)
+        motion = read_motion(bags, next(iter(plans.values())), survey, LossTally())
+        sets = list(frames_of_sets(plans, survey, motion.of_frames, selection).values())
+        faults += [
+            f'no two streams have a frame in common: {each.unsynchronised}'
+            for each in sets
+            if each.unsynchronised
+        ]
     except KittiRos2Error as error:
         faults.append(str(error))
-    try:
-        Rigging(plan, survey, motion.tree)
-    except KittiRos2Error as error:
-        faults.append(str(error))
+    for each in plans.values():
+        try:
+            Rigging(each, survey, motion.tree)
+        except KittiRos2Error as error:
+            faults.append(str(error))
+    notes = [note for each in sets for note in each.notes]
+    notes += [loss.text() for each in sets for loss in each.losses]
     return PlanOverview(
         plan,
         tuple(used),
         tuple(each for each in topics if not each.streams),
-        None if faults else frames,
+        None if faults else len(sets[0]),
         tuple(dict.fromkeys(faults)),
-        notes,
+        tuple(dict.fromkeys(notes)),
     )
 
 
@@ -159,6 +165,8 @@ def _texts(values: Mapping[str, Any]) -> Iterator[tuple[Stream, str]]:
     for key, value in values.items():
         if key in _STREAMS:
             yield from _texts_below(value, _STREAMS[key])
+    for camera in values['camera_sets'].values():
+        yield from _texts_below(camera, Stream.IMAGE_2)
     for number, camera in values['cameras'].items():
         yield from _texts_below(camera, Stream(f'image_{number}'))
 

@@ -24,7 +24,7 @@ from ..model.streams import Stream
 from ..rig.moving_tree import ProductTrack
 from ..rig.tf_tree import plain
 from .frames import topic_of
-from .motion import StampedSeries, numbers_of, read_tree
+from .motion import StampedSeries, links_between, numbers_of, read_tree
 from .named_frames import NamedFrames, child_of, is_renamed, moving_pairs
 from .plan import Incomplete
 
@@ -174,6 +174,17 @@ def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> lis
     if plan is None:
         return []
     return _pairs(_ends(plan, topic_of(survey, plan.topic), survey, names))
+
+
+def link_topics(plan: Plan, survey: Survey) -> set[str]:
+    """Return the topics whose poses a plan uses as links between frames.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
+    return {each.topic for each in links_between(names, pairs)}
 
 
 def _pairs(ends: tuple[str, str, str, str]) -> list[tuple[str, str]]:

@@ -3,8 +3,8 @@
 """KITTI's velodyne frame: the scanner's origin, x forward, y left, z up.
 
 A plan names a frame of the tree, or has one made: `scan.forward` is a frame whose orientation the
-scans get, or the axis of `scan.frame` that looks forward. A made frame is one more static link, so
-that points, calibration, labels and poses agree.
+scans get, the axis of `scan.frame` that looks forward, or camera: the direction of camera 2 on the
+ground. A made frame is one more static link, so that points, calibration, labels and poses agree.
 """
 
 from __future__ import annotations
@@ -16,40 +16,108 @@ import numpy as np
 
 from ..model.errors import UsageError
 from ..model.geometry import Transform
-from ..rig.heading import AXES, Heading, describe_direction, is_optical, nearest_axis
+from ..rig.heading import (
+    AXES,
+    Heading,
+    describe_direction,
+    find_body,
+    is_optical,
+    known_heading,
+    nearest_axis,
+)
+from .calibration import rect_in_frame
+from .plan import TF
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from ..messages.camera_info import CameraModel
     from ..model.geometry import Float64Array
     from ..rig.tf_tree import FrameTree, Link
     from .plan import Plan, ScanPlan
 
+CAMERA = 'camera'
+"""The value of scan.forward that turns the scans to camera 2."""
+
 _FORWARD = np.cos(np.radians(30))
 _SAME_ORIGIN_M = 0.1
+LEVEL = np.sin(np.radians(15))
+"""Cameras that look up or down more steeply than its complement have no direction on the ground."""
 
 
-def made_frame(plan: Plan, tree: FrameTree) -> tuple[Plan, Sequence[Link]]:
+def made_frame(
+    plan: Plan, tree: FrameTree, models: Mapping[int, CameraModel]
+) -> tuple[Plan, Sequence[Link]]:
     """Return the plan with the made frame as scan.frame, and the link to it; neither if none is.
 
+    Args:
+        plan: The plan.
+        tree: The static transforms.
+        models: Of the cameras with a CameraInfo, by KITTI index.
+
     Raises:
-        UsageError: scan.forward is neither an axis nor a frame that is joined to scan.frame.
+        UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
+            scan.frame; or it is camera, and the camera has no direction on the ground.
+        MissingDataError: It is camera, and no static transform joins the camera to scan.frame.
     """
     scan = plan.scan
     if scan is None or not scan.forward:
         return plan, ()
     rotation = AXES.get(scan.forward)
+    if scan.forward == CAMERA:
+        rotation = _to_camera(plan, scan, tree, models)
     if rotation is None:
         place = tree.find(scan.frame, scan.forward)
         if place is None:
             raise UsageError(
-                f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, or a frame that static'
-                f' transforms join to {scan.frame}; the bag has {tree}'
+                f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, {CAMERA}, or a frame'
+                f' that static transforms join to {scan.frame}; the bag has {tree}'
             )
         rotation = place.rotation
     name = f'{scan.frame} with {scan.forward} forward'
     link = (scan.frame, name, Transform(rotation.copy(), np.zeros(3)))
     return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
+
+
+def optical_axis(tree: FrameTree, frame: str, models: Mapping[int, CameraModel]) -> Float64Array:
+    """Return (3,) the optical axis of KITTI's rectified camera 0 in a frame.
+
+    Camera 2 has the same: both are rectified to one plane.
+
+    Raises:
+        MissingDataError: No static transform joins the two.
+    """
+    own, frame_t_rect = rect_in_frame(tree, models)
+    axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
+    return np.asarray(axis, np.float64)
+
+
+def _to_camera(
+    plan: Plan, scan: ScanPlan, tree: FrameTree, models: Mapping[int, CameraModel]
+) -> Float64Array:
+    """Return (3, 3) forward, left, up in the frame of the scans, forward to camera 2."""
+    if plan.calibration != TF or not models:
+        raise UsageError(
+            f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a CameraInfo'
+        )
+    axis = optical_axis(tree, scan.frame, models)
+    up = _vertical(tree, scan.frame)
+    ahead = axis - up * (up @ axis)
+    if np.linalg.norm(ahead) < LEVEL:
+        side = 'up' if up @ axis > 0 else 'down'
+        raise UsageError(
+            f'scan: forward: {CAMERA}; the camera looks {side} in {scan.frame}: expected one that'
+            f' looks to a side, or another forward'
+        )
+    ahead /= np.linalg.norm(ahead)
+    return np.column_stack([ahead, np.cross(up, ahead), up])
+
+
+def _vertical(tree: FrameTree, frame: str) -> Float64Array:
+    """Return (3,) up in a frame: its z, or the robot's where z is not up."""
+    heading = find_body(tree, [frame]) or known_heading(tree, frame)
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    return np.array([0.0, 0, 1]) if axes is None or _is_up(axes) else axes[2]
 
 
 def face_forward(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.reader import bag_stamps
 from ..messages.source import RECORDING
+from ..model.errors import UsageError
 from ..model.losses import Loss
 from .numbering import number_bag
 from .part import select_part, select_times
@@ -63,6 +64,11 @@ class Conversion:
         own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
         if not is_restored(own, options) or self.plan_file is not None:
             return self._convert_by_plan(own, losses)
+        if options.origin is not None:
+            raise UsageError(
+                '--origin is for oxts that are made of poses; to-bag wrote this bag, and its files'
+                ' come back as they were: leave it out, or give a plan with --plan-file'
+            )
         selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
         files = sum(blueprint.files for _, blueprint in selected)
         frames = sum(_count_frames(*each) for each in selected)

@@ -5,7 +5,7 @@
 The frames are converted into a folder of their own and read back. So the points are projected by
 the calibration that KITTI's files hold (P R0_rect Tr_velo_to_cam), and the boxes are those of the
 label files. A row is a frame, a column a camera. Where points cannot be shown on an image, there is
-a bird's-eye view.
+a bird's-eye view. Of data sets for each camera a row is a set, a column a frame.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from ..drawing.birds_eye import BACKGROUND
 from ..drawing.strokes import new_picture
 from ..drawing.text import captioned
+from ..importer.camera_sets import common_frames, plans_of
 from ..importer.convert import Target, build
 from ..importer.excerpt import Excerpt, spread
 from ..importer.plan import NONE
@@ -56,6 +57,9 @@ _CAMERAS = (2, 3, 0, 1, 4)
 _MOST_CAMERAS = 2
 _TILE = (960, 600)
 """Most width and height of an image on the page, pixels."""
+_MOST_SETS = 6
+_SET_TILE = (640, 400)
+"""The same of camera sets."""
 _GAP = 6
 _BIRD = PictureOptions(bird=BirdOptions((-10.0, 50.0), (-30.0, 30.0), 10.0))
 _OPTIONS = PictureOptions()
@@ -102,6 +106,8 @@ def draw_preview(
     plan = replace(plan, imu='', fix='', velocity='')
     with TemporaryDirectory(prefix='kitti_ros2_preview_') as folder:
         try:
+            if plan.camera_sets:
+                return _drawn_sets(bags, plan, survey, options, Path(folder))
             return _drawn(bags, plan, survey, options, Path(folder) / 'whole')
         except KittiRos2Error as error:
             if plan.calibration == NONE:
@@ -148,10 +154,57 @@ def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
 def _drawn(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, stage: Path
 ) -> Preview:
-    stage.mkdir()
+    return _preview([_paged(bags, plan, survey, options, Target(stage))])
+
+
+def _drawn_sets(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, folder: Path
+) -> Preview:
+    plans = plans_of(plan)
+    common = common_frames(bags, plans, survey, options.selection)
+    found = [
+        _paged(bags, plans[name], survey, options, Target(folder / name, 0, common.get(name)), name)
+        for name in list(plans)[:_MOST_SETS]
+    ]
+    drawn = _preview([replace(each, page=each.page.in_a_row()) for each in found])
+    if len(plans) <= _MOST_SETS:
+        return drawn
+    rest = f'the first {_MOST_SETS} of {len(plans)} camera sets are shown'
+    return replace(drawn, missing=(*drawn.missing, rest))
+
+
+@dataclass(frozen=True, eq=False)
+class _Paged:
+    """Rows of pictures, the numbers of their frames, and what was skipped."""
+
+    page: _Page
+    numbers: tuple[int, ...]
+    losses: tuple[Loss, ...]
+
+
+def _preview(found: Sequence[_Paged]) -> Preview:
+    """Return the picture of pages below each other, which have the same frames."""
+    page = _Page({}, labelled=False)
+    for each in found:
+        page.extend(each.page)
+    losses = dict.fromkeys(loss for each in found for loss in each.losses)
+    return Preview(page.picture(), found[0].numbers, page.missing, tuple(losses))
+
+
+def _paged(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    options: ImportOptions,
+    target: Target,
+    name: str = '',
+) -> _Paged:
+    """Convert the frames into the folder of a target, and draw them; a name is that of a set."""
+    target.stage.mkdir()
     excerpt = Excerpt(_FRAMES)
-    report = build(bags, plan, survey, Target(stage, excerpt=excerpt), options)
-    source = RecordingFrames(open_recording(stage, ReadOptions(layout=plan.layout)))
+    report = build(bags, plan, survey, replace(target, excerpt=excerpt), options)
+    source = RecordingFrames(open_recording(target.stage, ReadOptions(layout=plan.layout)))
+    of_set = f'{name}, ' if name else ''
     page = _Page(
         {
             index: f'image_{index} {camera.topic}{", rectified" if camera.rectify else ""}'
@@ -159,6 +212,7 @@ def _drawn(
         },
         labelled=plan.labels is not None,
         calibrated=plan.calibration != NONE,
+        tile=_SET_TILE if name else _TILE,
     )
     if plan.scan is None:
         page.lack('no scan in the plan')
@@ -168,10 +222,10 @@ def _drawn(
         page.lack(_UNCALIBRATED)
     seconds = ((excerpt.stamps_ns - excerpt.stamps_ns[:1]) / NS_PER_S).tolist()
     for place, number in enumerate(excerpt.numbers.tolist()):
-        title = f'frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
+        title = f'{of_set}frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
         if place in source.numbers:
-            page.add(source.frame(place, page.streams), title, f'frame {number}')
-    return Preview(page.picture(), tuple(excerpt.numbers.tolist()), page.missing, report.losses)
+            page.add(source.frame(place, page.streams), title, f'{of_set}frame {number}')
+    return _Paged(page, tuple(excerpt.numbers.tolist()), report.losses)
 
 
 class _Page:
@@ -181,15 +235,22 @@ class _Page:
         cameras: By KITTI's index the title of the images of each camera.
         labelled: Whether there are labels.
         calibrated: Whether there is a calibration.
+        tile: Most width and height of an image, pixels.
     """
 
     def __init__(
-        self, cameras: Mapping[int, str], *, labelled: bool, calibrated: bool = True
+        self,
+        cameras: Mapping[int, str],
+        *,
+        labelled: bool,
+        calibrated: bool = True,
+        tile: tuple[int, int] = _TILE,
     ) -> None:
         shown = [each for each in _CAMERAS if each in cameras][:_MOST_CAMERAS]
         self._cameras = {camera: cameras[camera] for camera in shown}
         self._labelled = labelled
         self._calibrated = calibrated
+        self._tile = tile
         self._rows: list[list[Pixels]] = []
         self._missing: dict[str, None] = {}
         streams = Stream.SCAN.value, Stream.LABELS.value, *(f'image_{each}' for each in shown)
@@ -203,6 +264,16 @@ class _Page:
     def lack(self, reason: str) -> None:
         """Enter what could not be drawn."""
         self._missing[reason] = None
+
+    def extend(self, other: _Page) -> None:
+        """Add the rows of another page."""
+        self._rows += other._rows
+        self._missing |= other._missing
+
+    def in_a_row(self) -> _Page:
+        """Return a page with all pictures in one row."""
+        self._rows = [[tile for row in self._rows for tile in row]] if self._rows else []
+        return self
 
     def add(self, frame: FrameData, title: str, name: str) -> None:
         """Add the row of a frame.
@@ -229,7 +300,7 @@ class _Page:
         image = frame.images.get(camera)
         if image is None:
             return captioned(new_picture(_BLANK, BACKGROUND), f'{text}: no image')
-        most = min(_TILE[0], image.shape[1]), min(_TILE[1], image.shape[0])
+        most = min(self._tile[0], image.shape[1]), min(self._tile[1], image.shape[0])
         shown = fit_image(camera, image, most)
         for paint in (paint_scan, paint_boxes_3d):
             with suppress(MissingDataError):  # it is among the missing data of the plan or frame

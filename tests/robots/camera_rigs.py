@@ -20,7 +20,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from rosbags.typesys.store import Typestore
@@ -305,6 +305,7 @@ def write(
     path: Path,
     leave_out: tuple[tuple[str, int | None], ...] = (),
     change_info: Callable[[Camera], Camera] = lambda camera: camera,
+    ahead_ns: Mapping[str, int] | None = None,
 ) -> Path:
     """Write FRAMES messages of each topic to a bag: of ROS 1 if its name ends in .bag, else MCAP.
 
@@ -313,6 +314,7 @@ def write(
         path: Of the bag.
         leave_out: Messages to leave out: topic and frame, None for all.
         change_info: Changes the camera that a CameraInfo describes.
+        ahead_ns: By folder of a camera, how far its clock is ahead.
     """
     is_ros1 = path.suffix == '.bag'
     types = store(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
@@ -320,7 +322,9 @@ def write(
     new = Writer1(path) if is_ros1 else Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     with new as bag:
         channels: dict[str, object] = {}
-        for topic, stamp_ns, message in _messages(robot, change_info, is_ros1=is_ros1):
+        for topic, stamp_ns, message in _messages(
+            robot, change_info, ahead_ns or {}, is_ros1=is_ros1
+        ):
             number = (stamp_ns - START_NS) // PERIOD_NS
             if {(topic, number), (topic, None)} & set(leave_out):
                 continue
@@ -332,7 +336,11 @@ def write(
 
 
 def _messages(
-    robot: Robot, change_info: Callable[[Camera], Camera], *, is_ros1: bool
+    robot: Robot,
+    change_info: Callable[[Camera], Camera],
+    ahead_ns: Mapping[str, int],
+    *,
+    is_ros1: bool,
 ) -> Iterator[tuple[str, int, object]]:
     release = Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE
     if robot.links:
@@ -345,6 +353,7 @@ def _messages(
         if robot.with_boxes:
             yield '/detections', stamp_ns, made.detections(robot)
         for camera in robot.cameras:
+            made = _Messages(stamp_ns + ahead_ns.get(camera.folder, 0), release)
             yield camera.topic, stamp_ns, made.image(camera)
             yield f'{camera.folder}/{camera.info}', stamp_ns, made.info(change_info(camera))
 

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import camera_rigs
+import cv2
 import numpy as np
 import pytest
 import small_rigs
@@ -127,3 +129,42 @@ def test_all_cameras_needs_camera_infos(tmp_path, capsys):
         == 2
     )
     assert '--all-cameras needs cameras with a camera_info' in capsys.readouterr().err
+
+
+def test_a_camera_whose_clock_differs_is_in_its_set(tmp_path, capsys):
+    ahead = {'/Left': 37 * 10**9}
+    bag = str(camera_rigs.write(ROBOT, tmp_path / 'bag', ahead_ns=ahead))
+    assert main(['to-kitti', bag, '--layout', 'object', '--all-cameras', '--plan']) == 0
+    text = capsys.readouterr().out
+    assert 'camera_sets.Left.offset_s -37.0 corrects it' in text
+    assert text.count('offset_s: -37.0') == 1
+    assert text.count('offset_s:') == 1
+    out = tmp_path / 'out'
+    assert main(['to-kitti', bag, str(out), '--layout', 'object', '--all-cameras']) == 0
+    for camera in ROBOT.cameras:
+        assert_true(out / f'training_{camera.folder[1:]}', camera)
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(text.replace('offset_s: -37.0', 'offset_s: 0.0'))
+    capsys.readouterr()
+    assert main(['to-kitti', bag, str(tmp_path / 'apart'), '--plan-file', str(plan)]) != 0
+    assert 'set camera_sets.Left.offset_s: -37.0' in capsys.readouterr().err
+    assert not (tmp_path / 'apart').exists()
+
+
+def test_the_look_and_the_preview_show_all_sets(bag, tmp_path, capsys):
+    path = tmp_path / 'preview.png'
+    words = ['to-kitti', bag, '--layout', 'object', '--all-cameras']
+    assert main([*words, '--preview', str(path)]) == 0
+    said = capsys.readouterr().out
+    assert 'no camera' not in said
+    assert 'frames 0, 1, 2' in said
+    height, width = cv2.imread(str(path)).shape[:2]
+    assert height > 3 * camera_rigs.SIZE[1]
+    assert width > 3 * camera_rigs.SIZE[0]
+    assert main([*words, '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['faults'] == []
+    assert told['frames'] == camera_rigs.FRAMES
+    assert told['passed_over'] == []
+    images = [each['topic'] for each in told['topics'] if each['streams'] == ['image_2']]
+    assert images == sorted(camera.topic for camera in ROBOT.cameras)

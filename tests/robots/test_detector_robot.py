@@ -64,6 +64,22 @@ class Test2D:
             assert (alone.alpha, alone.rotation_y) == (-10, -10)
             assert [box.size_hwl[0] for box in found[:3]] == [1.5, 1.4, 1.8]
 
+    def test_the_offset_of_labels_is_that_of_their_2d_boxes(self, tmp_path):
+        """The detectors' clock is 5 s behind; without 2D boxes labels have no Cyclist."""
+        made = {'/boxes': robot.solid_message, '/boxes_2d': robot.flat_message}
+        said = [
+            each._replace(values=made[each.topic](each.log_ns - 5 * 10**9))
+            if each.topic in made
+            else each
+            for each in robot.said({'solid', 'flat'})
+        ]
+        plan, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        assert (plan.labels.boxes_2d, plan.labels.offset_s) == ('/boxes_2d', 5.0)
+        assert report.losses == ()
+        for number in range(robot.FRAMES):
+            found = [box.class_name for box in labels(tmp_path / 'out', number)]
+            assert found == ['Car', 'Car', 'Pedestrian', 'Cyclist']
+
     def test_2d_boxes_alone_are_labels(self, tmp_path):
         bag = bags.write(tmp_path / 'bag', robot.said({'flat'}))
         plan, report = convert(bag, tmp_path / 'out')

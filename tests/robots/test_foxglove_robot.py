@@ -15,6 +15,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 
 from kitti_ros2.bags.message_source import BagMessages
+from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
@@ -24,6 +25,7 @@ from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.own_bags.outlook import make_outlook
 
 pytest.importorskip('mcap_protobuf')
 pytest.importorskip('foxglove_schemas_protobuf')
@@ -345,6 +347,16 @@ def test_schemas_that_are_no_ros_messages_are_named(tmp_path):
             f'{path}: /map is foxglove.Grid in protobuf, which is not read',
         )
         assert [loss.count for _, loss in messages.left_out] == [1, 1]
+
+
+def test_the_plan_gives_one_reason_for_them(tmp_path):
+    found = [*RECORDS, ('/video', robot.START_NS, 'CompressedVideo', {'format': 'h264'})]
+    path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
+    notes = make_outlook([open_bag_source(path)], ImportOptions(layout=Layout.OBJECT)).notes
+    told = [note for note in notes if '/video' in note]
+    assert len(told) == 2
+    assert 'single images of a video cannot be read' in ' '.join(told)
+    assert 'definition' not in ' '.join(told)
 
 
 def test_a_copy_keeps_the_messages_as_stored(tmp_path):

@@ -132,7 +132,7 @@ def test_the_plan_s_forward_is_taken_or_refused_by_name(converted, tmp_path, cap
     capsys.readouterr()
     assert main(words) == 2
     said = capsys.readouterr().err
-    assert 'scan: forward: up; expected x, -x, y, -y, z, or a frame that static' in said
+    assert 'scan: forward: up; expected x, -x, y, -y, z, camera, or a frame' in said
     assert said.count('\n') == 1
 
 

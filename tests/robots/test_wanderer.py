@@ -461,3 +461,14 @@ def test_boxes_in_map_are_drawn_on_the_images(tmp_path):
         drawn = images.draw('/camera/image_rect', message, plain, START_NS, START_NS + MS)
         images.close()
     assert (drawn != 90).any(axis=2).sum() > 500
+
+
+@pytest.mark.parametrize('cloud', ['lidar', 'odom'])
+def test_odometry_that_joins_frames_is_used(tmp_path, cloud):
+    """Object sets have no poses: the Odometry serves points in odom, or nothing."""
+    robot = Robot(odom_tf=False, map_tf=False, cloud=cloud, odometry=('odom', 'base_link'))
+    wanderer.write(tmp_path / 'bag', robot)
+    path = tmp_path / 'bag'
+    notes = guess([path], look([path]), ImportOptions(layout=Layout.OBJECT)).notes
+    unused = [note for note in notes if note.startswith('not used') and '/odom ' in note]
+    assert len(unused) == (cloud == 'lidar')
