@@ -1,0 +1,236 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ten robots through the command line: the guessed plan, the set against the truth, the field."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from camera_rigs import moved
+from field_readers import (
+    check_evo,
+    check_kiss_icp,
+    check_mmdet3d,
+    check_openpcdet,
+    check_pykitti,
+    points_in_labels,
+)
+from ten_robots import ROBOTS
+from written_sets import WrittenSet
+
+from kitti_ros2.cli import main
+
+LAYOUTS = ('object', 'odometry', 'raw', 'tracking')
+PIXELS = 0.3
+POSES_M = 1e-4
+POINTS_M = 1e-4
+PACKETS_M = 0.002
+"""The resolution of a Velodyne's packets."""
+
+SECTIONS = {
+    'object': ('scan', 'cameras', 'labels'),
+    'odometry': ('scan', 'cameras', 'pose'),
+    'raw': ('scan', 'cameras', 'labels', 'pose'),
+    'tracking': ('scan', 'cameras', 'labels', 'pose'),
+}
+"""What a plan is made of, by layout."""
+
+
+@pytest.fixture(scope='module', params=ROBOTS, ids=lambda robot: robot.name)
+def robot(request, tmp_path_factory):
+    """A robot with its bags, its truth, and a place for sets."""
+    made = request.param
+    if made.name == 'foxglove':
+        pytest.importorskip('mcap_protobuf')
+        pytest.importorskip('foxglove_schemas_protobuf')
+    folder = tmp_path_factory.mktemp(made.name)
+    bags = [str(path) for path in made.write(folder)]
+    return SimpleNamespace(made=made, bags=bags, truth=made.truth(), folder=folder, printed={})
+
+
+@pytest.fixture(params=LAYOUTS)
+def written(request, robot, capsys):
+    """A robot's set in a layout: written once by `to-kitti BAG... OUT --layout LAYOUT`."""
+    layout = request.param
+    out = robot.folder / layout
+    if layout not in robot.printed:
+        code = main(['to-kitti', *robot.bags, str(out), '--layout', layout])
+        robot.printed[layout] = code, capsys.readouterr()
+    return WrittenSet(out, layout)
+
+
+def value_at(plan, key):
+    """The value of a dotted key, None where it is absent."""
+    for word in key.split('.'):
+        if not isinstance(plan, dict):
+            return None
+        plan = plan.get(int(word) if word.isdigit() else word)
+    return plan
+
+
+@pytest.mark.parametrize('layout', LAYOUTS)
+def test_the_guessed_plan(robot, layout, capsys):
+    assert main(['to-kitti', *robot.bags, '--layout', layout, '--plan']) == 0
+    text = capsys.readouterr().out
+    plan = yaml.safe_load(text)
+    sections = SECTIONS[layout]
+    expected = {
+        key: value for key, value in robot.made.plan.items() if key.split('.')[0] in sections
+    }
+    if layout == 'raw' and 'cameras.2.rectify' in expected:
+        expected['cameras.2.rectify'] = False  # an extract has the images as they were taken
+    assert {key: value_at(plan, key) for key in expected} == expected
+    assert set(plan['cameras']) == set(robot.truth.eyes)
+    for told in robot.made.told:
+        assert told in text.replace(f'\n{layout}', ''), told
+
+
+def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
+    code, printed = robot.printed[written.layout]
+    assert (code, printed.err) == (0, '')
+    assert written.frames == len(robot.truth.moments)
+    assert ('without a return were dropped' in printed.out) == bool(robot.made.dropped)
+    assert f' {robot.made.dropped} points without a return' in printed.out or not robot.made.dropped
+
+
+def order_of(truth, written, number):
+    """(true points of the body, in the order of the written scan)."""
+    moment = truth.moments[number]
+    expected = moved(np.linalg.inv(truth.base_T_velo), moment.points)
+    points = written.scan(number)[:, :3]
+    assert points.shape == expected.shape
+    if truth.ordered:
+        assert np.abs(points - expected).max() < POINTS_M
+        return moment.points
+    nearest = np.array([np.square(expected - point).sum(axis=1).argmin() for point in points])
+    assert len(set(nearest.tolist())) == len(points)
+    assert np.abs(points - expected[nearest]).max() < PACKETS_M
+    return moment.points[nearest]
+
+
+def pixel_error(truth, written):
+    """The worst distance of a point's pixel from the true one, over frames and cameras."""
+    worst = 0.0
+    for number in range(0, len(truth.moments), 3):
+        points = order_of(truth, written, number)
+        for index, eye in truth.eyes.items():
+            true = eye.pixels(points)
+            seen = np.isfinite(true[:, 0])
+            assert seen.sum() > 20
+            error = written.pixels(index, number)[seen] - true[seen]
+            assert np.isfinite(error).all()
+            worst = max(worst, float(np.linalg.norm(error, axis=1).max()))
+    return worst
+
+
+def test_points_lie_on_their_pixels(robot, written):
+    error = pixel_error(robot.truth, written)
+    print(f'{robot.made.name} {written.layout}: {error:.2g} px')
+    assert error < PIXELS
+
+
+def test_images_are_those_of_the_scans(robot, written):
+    for index, eye in robot.truth.eyes.items():
+        paths = written.images(index)
+        assert len(paths) == len(robot.truth.moments)
+        for number, path in enumerate(paths):
+            image = cv2.imread(str(path))
+            assert image.shape[1::-1] == eye.size
+            grey = 90 if robot.made.name == 'in_map' else 20 + 9 * number
+            height, width = image.shape[:2]
+            assert np.abs(image[height // 2, width // 2].astype(int) - grey).max() <= 2
+
+
+def test_boxes_hold_exactly_their_points(robot, written):
+    if written.layout == 'odometry' or not robot.truth.labelled:
+        pytest.skip('no labels')
+    for number, moment in enumerate(robot.truth.moments):
+        points = order_of(robot.truth, written, number)
+        shown = [each for each in moment.solids if robot.truth.eyes[2].sees(each)]
+        true = {(each.name, each.holds(points).tobytes()) for each in shown}
+        labels = written.labels(number)
+        assert len(labels) == len(shown) > 0
+        assert {(each.name, each.points.tobytes()) for each in labels} == true
+        assert all(each.points.sum() > 20 for each in labels)
+
+
+def true_ways(truth):
+    """(N, 4, 4) poses of camera 2, which is camera 0, from the first."""
+    camera = truth.eyes[2].base_T_camera
+    poses = np.array([each.world_T_body @ camera for each in truth.moments])
+    return np.linalg.inv(poses[0]) @ poses
+
+
+def pose_error(truth, found):
+    return float(np.abs(found[:, :3] - true_ways(truth)[:, :3]).max())
+
+
+def test_poses_are_true(robot, written):
+    if written.layout == 'object':
+        pytest.skip('an object set has no poses')
+    if written.layout == 'odometry':
+        found = np.loadtxt(written.root / 'poses/00.txt', ndmin=2).reshape(-1, 3, 4)
+    else:
+        found = oxts_ways(written)
+    error = pose_error(robot.truth, found)
+    print(f'{robot.made.name} {written.layout}: {error:.2g} m')
+    assert error < POSES_M
+
+
+def oxts_ways(written):
+    """Poses of camera 0, as pykitti makes them of oxts; from the first."""
+    utils = pytest.importorskip('pykitti.utils', reason='pykitti is not installed')
+    if written.layout == 'raw':
+        raw = pytest.importorskip('pykitti').raw
+        date, kind = written.drive.parent.name, written.drive.name.rpartition('_')[2]
+        loaded = raw(str(written.root), date, '0001', dataset=kind)
+        unit_t_camera = np.linalg.inv(loaded.calib.T_cam0_imu)
+        poses = np.array([packet.T_w_imu for packet in loaded.oxts])
+    else:
+        from written_sets import rigid, values_of  # noqa: PLC0415
+
+        rows = values_of(written.root / 'training/calib/0000.txt')
+        tr = rows['Tr_imu_velo'].reshape(3, 4)
+        velo_t_unit = rigid(tr[:, :3], tr[:, 3])
+        unit_t_camera = np.linalg.inv(written.calibration(0)[1] @ velo_t_unit)
+        lines = (written.root / 'training/oxts/0000.txt').read_text().splitlines()
+        poses = []
+        for line in lines:
+            packet = utils.OxtsPacket(*(float(word) for word in line.split()))
+            scale = np.cos(np.radians(float(lines[0].split()[0])))
+            poses.append(rigid(*utils.pose_from_oxts_packet(packet, scale)))
+    poses = np.array(poses) @ unit_t_camera
+    return np.linalg.inv(poses[0]) @ poses
+
+
+def test_the_field_accepts_the_set(robot, written):
+    truth, root = robot.truth, written.root
+    if written.layout == 'odometry':
+        assert check_kiss_icp(root) == []
+        assert check_evo(root / 'poses/00.txt') == []
+    if written.layout != 'object':
+        assert check_pykitti(root) == []
+    elif truth.labelled:
+        limit = {'axes_degrees': truth.turn_deg} if truth.turn_deg else {}
+        assert check_mmdet3d(root, **limit) == []
+        assert check_openpcdet(root, **limit) == []
+    else:  # training needs labels
+        assert not (root / 'training/label_2').exists()
+
+
+def test_loaders_count_the_points_of_each_box(robot, tmp_path):
+    """As OpenPCDet and mmdetection3d move boxes into the scan."""
+    truth = robot.truth
+    if not truth.labelled:
+        pytest.skip('no labels')
+    out = robot.folder / 'object'
+    counts = points_in_labels(out)
+    for number, moment in enumerate(truth.moments):
+        shown = [each for each in moment.solids if truth.eyes[2].sees(each)]
+        seen = np.isfinite(truth.eyes[2].pixels(moment.points)[:, 0])
+        true = [int((each.holds(moment.points) & seen).sum()) for each in shown]
+        print(robot.made.name, number, counts[f'{number:06d}'], true)
