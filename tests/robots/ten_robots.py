@@ -47,7 +47,8 @@ class Truth:
         base_T_velo: (4, 4) of the frame of the written scans.
         eyes: By KITTI's number of the camera.
         ordered: Whether the written points are in the order of the truth.
-        labelled, moves: Whether there are boxes, and poses.
+        labelled: Whether there are boxes.
+        greys: The value of all pixels, first and step by frame number.
         turn_deg: Of the scans from camera 2, more than the field's checks allow; 0 for less.
     """
 
@@ -56,8 +57,12 @@ class Truth:
     eyes: dict[int, Eye]
     ordered: bool = True
     labelled: bool = True
-    moves: bool = True
     turn_deg: float = 0.0
+    greys: tuple[int, int] = (20, 9)
+
+    def grey(self, number: int) -> int:
+        """The value of all pixels of a frame."""
+        return self.greys[0] + number * self.greys[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +75,7 @@ class TenRobot:
         truth: Makes its truth.
         plan: The values of the plan that is guessed, by dotted key; None: the key is absent.
         told: Texts that --plan prints in its notes, by any layout.
-        dropped: A text that the conversion prints of points that are no returns, '' for none.
+        dropped: The line that a conversion prints of points that are no returns, '' for none.
     """
 
     name: str
@@ -217,14 +222,21 @@ def ouster_truth() -> Truth:
     return Truth(moments, BASE_T_SENSOR, {2: eye_of(robot.cameras[0])})
 
 
-OUSTER_ROWS, OUSTER_COLUMNS = 16, 64
-OUSTER_NONE = OUSTER_ROWS * OUSTER_COLUMNS
+OUSTER_ROWS = 16
+
+
+def ouster_beams(moment: Moment) -> int:
+    """At least 100 of them have no return."""
+    return -(-(len(moment.points) + 100) // OUSTER_ROWS) * OUSTER_ROWS
+
+
+OUSTER_NONE = sum(ouster_beams(each) - len(each.points) for each in drives.drive())
 
 
 def ouster_cloud(moment: Moment, base_T_lidar: np.ndarray) -> dict:
     """An organised cloud: a beam without a return is (0, 0, 0) with range 0."""
     more = ('t', '<u4'), ('reflectivity', '<u2'), ('ring', '<u2'), ('range', '<u4')
-    count = -(-(len(moment.points) + 100) // OUSTER_ROWS) * OUSTER_ROWS
+    count = ouster_beams(moment)
     rows = drives.rows_of(np.zeros((count, 3)), *more)
     points = points_in(moment, base_T_lidar)
     rng = np.random.default_rng(moment.stamp_ns % 1000)
@@ -366,7 +378,7 @@ def write_livox(folder: Path) -> list[Path]:
 
 def foxglove_truth() -> Truth:
     eye = Eye(foxglove_robot.BASE_T_CAMERA, foxglove_robot.K, foxglove_robot.SIZE)
-    return Truth(drives.drive(), foxglove_robot.BASE_T_LIDAR, {2: eye})
+    return Truth(drives.drive(), foxglove_robot.BASE_T_LIDAR, {2: eye}, greys=(30, 0))
 
 
 def write_foxglove(folder: Path) -> list[Path]:
@@ -442,11 +454,9 @@ def map_truth() -> Truth:
             for place, box in enumerate(frame.boxes)
         )
         points = camera_rigs.moved(wanderer.BASE_T_LIDAR, frame.points)
-        moments.append(
-            Moment(frame.stamp_ns, points, solids, wanderer.map_t_base(frame.stamp_ns))
-        )
+        moments.append(Moment(frame.stamp_ns, points, solids, wanderer.map_t_base(frame.stamp_ns)))
     eye = Eye(wanderer.BASE_T_CAMERA, wanderer.K, wanderer.SIZE)
-    return Truth(tuple(moments), wanderer.BASE_T_LIDAR, {2: eye}, turn_deg=12.0)
+    return Truth(tuple(moments), wanderer.BASE_T_LIDAR, {2: eye}, turn_deg=12.0, greys=(90, 0))
 
 
 def write_map(folder: Path) -> list[Path]:
@@ -536,6 +546,8 @@ ROBOTS = (
             'pose.world': 'map',
         },
         ('/odom',),
+        f'note: /camera/depth/image_raw: {8 * 200} points without a return were dropped: depth 0 or'
+        f' not finite ({8 * 200})',
     ),
     TenRobot(
         'ouster',
@@ -551,7 +563,8 @@ ROBOTS = (
             'pose.world': 'odom',
         },
         ('os_lidar, whose x looks backward',),
-        'no returns',
+        f'note: /ouster/points: {OUSTER_NONE} points without a return were dropped: x y z 0 0 0'
+        f' ({OUSTER_NONE})',
     ),
     TenRobot(
         'velodyne',
@@ -579,7 +592,10 @@ ROBOTS = (
             'labels': None,
             'pose.world': 'odom',
         },
-        dropped='no returns',
+        dropped=(
+            f'note: /livox/lidar: {8 * LIVOX_NONE} points without a return were dropped:'
+            f' x y z 0 0 0, or not finite ({8 * LIVOX_NONE})'
+        ),
     ),
     TenRobot(
         'foxglove',

@@ -52,15 +52,24 @@ def robot(request, tmp_path_factory):
     return SimpleNamespace(made=made, bags=bags, truth=made.truth(), folder=folder, printed={})
 
 
+@pytest.fixture
+def write(robot, capsys):
+    """Write a robot's set once, by `to-kitti BAG... OUT --layout LAYOUT`."""
+
+    def run(layout):
+        out = robot.folder / layout
+        if layout not in robot.printed:
+            capsys.readouterr()
+            code = main(['to-kitti', *robot.bags, str(out), '--layout', layout])
+            robot.printed[layout] = code, capsys.readouterr()
+        return WrittenSet(out, layout)
+
+    return run
+
+
 @pytest.fixture(params=LAYOUTS)
-def written(request, robot, capsys):
-    """A robot's set in a layout: written once by `to-kitti BAG... OUT --layout LAYOUT`."""
-    layout = request.param
-    out = robot.folder / layout
-    if layout not in robot.printed:
-        code = main(['to-kitti', *robot.bags, str(out), '--layout', layout])
-        robot.printed[layout] = code, capsys.readouterr()
-    return WrittenSet(out, layout)
+def written(request, write):
+    return write(request.param)
 
 
 def value_at(plan, key):
@@ -86,15 +95,17 @@ def test_the_guessed_plan(robot, layout, capsys):
     assert {key: value_at(plan, key) for key in expected} == expected
     assert set(plan['cameras']) == set(robot.truth.eyes)
     for told in robot.made.told:
-        assert told in text.replace(f'\n{layout}', ''), told
+        assert told in text
 
 
 def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
     code, printed = robot.printed[written.layout]
     assert (code, printed.err) == (0, '')
     assert written.frames == len(robot.truth.moments)
-    assert ('without a return were dropped' in printed.out) == bool(robot.made.dropped)
-    assert f' {robot.made.dropped} points without a return' in printed.out or not robot.made.dropped
+    told = [line for line in printed.out.splitlines() if 'without a return were dropped' in line]
+    assert told == ([robot.made.dropped] if robot.made.dropped else [])
+    is_turned = robot.truth.turn_deg and written.layout == 'object'
+    assert ('degrees off the direction of the cameras' in printed.out) == bool(is_turned)
 
 
 def order_of(truth, written, number):
@@ -140,22 +151,32 @@ def test_images_are_those_of_the_scans(robot, written):
         for number, path in enumerate(paths):
             image = cv2.imread(str(path))
             assert image.shape[1::-1] == eye.size
-            grey = 90 if robot.made.name == 'in_map' else 20 + 9 * number
-            height, width = image.shape[:2]
-            assert np.abs(image[height // 2, width // 2].astype(int) - grey).max() <= 2
+            pixel = image[eye.size[1] // 2, eye.size[0] // 2].astype(int)
+            assert np.abs(pixel - robot.truth.grey(number)).max() <= 2
+
+
+TILTED_M = 0.05
+"""A tracklet turns about z of the scan alone: a box is that far off where the scanner leans by a
+degree, as the field of small_rigs does."""
 
 
 def test_boxes_hold_exactly_their_points(robot, written):
     if written.layout == 'odometry' or not robot.truth.labelled:
         pytest.skip('no labels')
-    for number, moment in enumerate(robot.truth.moments):
-        points = order_of(robot.truth, written, number)
-        shown = [each for each in moment.solids if robot.truth.eyes[2].sees(each)]
-        true = {(each.name, each.holds(points).tobytes()) for each in shown}
+    truth = robot.truth
+    leans = written.layout == 'raw' and truth.base_T_velo[2, 2] < 0.9999
+    margin = TILTED_M if leans else 0.0
+    for number, moment in enumerate(truth.moments):
+        points = order_of(truth, written, number)
+        shown = [each for each in moment.solids if truth.eyes[2].sees(each)]
         labels = written.labels(number)
-        assert len(labels) == len(shown) > 0
-        assert {(each.name, each.points.tobytes()) for each in labels} == true
-        assert all(each.points.sum() > 20 for each in labels)
+        assert sorted(each.name for each in labels) == sorted(each.name for each in shown)
+        assert shown
+        for solid in shown:
+            most, least = solid.holds(points, margin), solid.holds(points, -margin)
+            held = [each.points for each in labels if each.name == solid.name]
+            assert least.sum() > 20
+            assert any((least <= each).all() and (each <= most).all() for each in held)
 
 
 def true_ways(truth):
@@ -207,6 +228,29 @@ def oxts_ways(written):
     return np.linalg.inv(poses[0]) @ poses
 
 
+def test_programs_open_the_sequence(robot, write):
+    """Whichever of kiss-icp, evo and pykitti are installed; the sequence is right to all."""
+    root, truth = write('odometry').root, robot.truth
+    true = true_ways(truth)
+    kiss = pytest.importorskip('kiss_icp.datasets.kitti', reason='kiss-icp is not installed')
+    loaded = kiss.KITTIOdometryDataset(root, '00')
+    assert len(loaded) == len(truth.moments)
+    velo_t_camera = np.linalg.inv(truth.base_T_velo) @ truth.eyes[2].base_T_camera
+    expected = velo_t_camera @ true @ np.linalg.inv(velo_t_camera)
+    assert np.abs(loaded.gt_poses - expected).max() < POSES_M
+    assert len(loaded[0][0]) == len(truth.moments[0].points)
+    evo = pytest.importorskip('evo.tools.file_interface', reason='evo is not installed')
+    path = evo.read_kitti_poses_file(str(root / 'poses/00.txt'))
+    assert path.check()[0]
+    assert np.abs(np.array(path.poses_se3) - true).max() < POSES_M
+    pykitti = pytest.importorskip('pykitti', reason='pykitti is not installed')
+    opened = pykitti.odometry(str(root), '00')
+    assert np.abs(np.array(opened.poses) - true).max() < POSES_M
+    assert len(list(opened.cam2)) == len(list(opened.velo)) == len(truth.moments)
+    np.testing.assert_allclose(opened.calib.K_cam2, truth.eyes[2].k)
+    assert np.abs(np.linalg.inv(opened.calib.T_cam2_velo) - velo_t_camera).max() < POSES_M
+
+
 def test_the_field_accepts_the_set(robot, written):
     truth, root = robot.truth, written.root
     if written.layout == 'odometry':
@@ -222,15 +266,34 @@ def test_the_field_accepts_the_set(robot, written):
         assert not (root / 'training/label_2').exists()
 
 
-def test_loaders_count_the_points_of_each_box(robot, tmp_path):
-    """As OpenPCDet and mmdetection3d move boxes into the scan."""
+KEPT = 0.9
+"""Of the points of a box, by programs that turn it by the few degrees between scan and camera."""
+
+
+@pytest.mark.parametrize('forward', ['', 'base_link'])
+def test_loaders_count_the_points_of_each_box(robot, write, forward, tmp_path, capsys):
+    """As OpenPCDet and mmdetection3d move boxes into the scan, by its x alone.
+
+    The scans of a robot that is turned are right with scan.forward, as the note says.
+    """
     truth = robot.truth
-    if not truth.labelled:
-        pytest.skip('no labels')
-    out = robot.folder / 'object'
+    if not truth.labelled or bool(forward) != bool(truth.turn_deg):
+        pytest.skip('no labels, or not turned')
+    out = tmp_path / 'turned' if forward else write('object').root
+    if forward:
+        file = tmp_path / 'plan.yaml'
+        words = ['to-kitti', *robot.bags]
+        capsys.readouterr()
+        assert main([*words, '--layout', 'object', '--plan']) == 0
+        plan = yaml.safe_load(capsys.readouterr().out)
+        plan['scan']['forward'] = forward
+        file.write_text(yaml.safe_dump(plan))
+        assert main([*words, str(out), '--plan-file', str(file)]) == 0
     counts = points_in_labels(out)
     for number, moment in enumerate(truth.moments):
         shown = [each for each in moment.solids if truth.eyes[2].sees(each)]
         seen = np.isfinite(truth.eyes[2].pixels(moment.points)[:, 0])
         true = [int((each.holds(moment.points) & seen).sum()) for each in shown]
-        print(robot.made.name, number, counts[f'{number:06d}'], true)
+        found = counts[f'{number:06d}']
+        assert len(found) == len(true)
+        assert (np.array(sorted(found)) >= KEPT * np.array(sorted(true))).all()

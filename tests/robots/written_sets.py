@@ -114,7 +114,9 @@ class WrittenSet:
             poses = item.find('poses').findall('item')
             if not 0 <= place < len(poses):
                 continue
-            tx, ty, tz, rz = (float(poses[place].find(key).text) for key in ('tx', 'ty', 'tz', 'rz'))
+            tx, ty, tz, rz = (
+                float(poses[place].find(key).text) for key in ('tx', 'ty', 'tz', 'rz')
+            )
             height, width, length = (float(item.find(key).text) for key in 'hwl')
             cosine, sine = np.cos(rz), np.sin(rz)
             local = (points - [tx, ty, tz]) @ np.array([[cosine, -sine], [sine, cosine], [0, 0]])
