@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 
 import cv2
@@ -96,6 +97,10 @@ def test_the_guessed_plan(robot, layout, capsys):
     assert set(plan['cameras']) == set(robot.truth.eyes)
     for told in robot.made.told:
         assert told in text
+    if layout == 'object':  # which has no poses: the advice is for other layouts
+        assert text.count('poses: for the layouts odometry, raw and tracking') == text.count(
+            'nav_msgs/Odometry'
+        )
 
 
 def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
@@ -108,6 +113,13 @@ def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
     assert ('degrees off the direction of the cameras' in printed.out) == bool(is_turned)
 
 
+@cache
+def nearest_of(points, expected):
+    """(N,) the index of the expected point that is nearest to each."""
+    points, expected = (np.frombuffer(each).reshape(-1, 3) for each in (points, expected))
+    return np.array([np.square(expected - point).sum(axis=1).argmin() for point in points])
+
+
 def order_of(truth, written, number):
     """(true points of the body, in the order of the written scan)."""
     moment = truth.moments[number]
@@ -117,7 +129,7 @@ def order_of(truth, written, number):
     if truth.ordered:
         assert np.abs(points - expected).max() < POINTS_M
         return moment.points
-    nearest = np.array([np.square(expected - point).sum(axis=1).argmin() for point in points])
+    nearest = nearest_of(points.tobytes(), expected.tobytes())
     assert len(set(nearest.tolist())) == len(points)
     assert np.abs(points - expected[nearest]).max() < PACKETS_M
     return moment.points[nearest]
