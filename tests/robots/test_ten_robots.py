@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+import robot_bags as bags
 import yaml
 from camera_rigs import moved
 from field_readers import (
@@ -49,8 +51,8 @@ def robot(request, tmp_path_factory):
         pytest.importorskip('mcap_protobuf')
         pytest.importorskip('foxglove_schemas_protobuf')
     folder = tmp_path_factory.mktemp(made.name)
-    bags = [str(path) for path in made.write(folder)]
-    return SimpleNamespace(made=made, bags=bags, truth=made.truth(), folder=folder, printed={})
+    found = [str(path) for path in made.write(folder)]
+    return SimpleNamespace(made=made, bags=found, truth=made.truth(), folder=folder, printed={})
 
 
 @pytest.fixture
@@ -276,6 +278,48 @@ def test_the_field_accepts_the_set(robot, written):
         assert check_openpcdet(root, **limit) == []
     else:  # training needs labels
         assert not (root / 'training/label_2').exists()
+
+
+SPOILT = 3
+"""The number of the scan whose message is damaged."""
+
+
+@pytest.mark.parametrize(
+    'made', [each for each in ROBOTS if each.by_values], ids=lambda each: each.name
+)
+def test_a_damaged_scan_is_told_and_costs_itself_alone(made, tmp_path, monkeypatch, capsys):
+    topic, truth, write = made.plan['scan.topic'], made.truth(), bags.write
+
+    def spoil(path, said, *container):
+        scans = sorted(each.log_ns for each in said if each.topic == topic)
+        place = {each: n for n, each in enumerate(scans)}
+        return write(
+            path,
+            [
+                each._replace(values=damaged(each.values))
+                if each.topic == topic and place[each.log_ns] == SPOILT
+                else each
+                for each in said
+            ],
+            *container,
+        )
+
+    monkeypatch.setattr(bags, 'write', spoil)
+    found = [str(path) for path in made.write(tmp_path)]
+    assert main(['to-kitti', *found, str(tmp_path / 'out'), '--layout', 'odometry']) == 1
+    assert f'skipped {topic} (1): {topic} at ' in capsys.readouterr().err
+    written = WrittenSet(tmp_path / 'out', 'odometry')
+    assert written.frames == len(truth.moments) - 1
+    kept = [each for number, each in enumerate(truth.moments) if number != SPOILT]
+    assert len(order_of(replace(truth, moments=tuple(kept)), written, SPOILT)) > 0
+
+
+def damaged(values):
+    """The values of a message with too few bytes, or packets of zeros."""
+    if 'packets' in values:
+        packets = [{**each, 'data': np.zeros(1206, np.uint8)} for each in values['packets']]
+        return {**values, 'packets': packets}
+    return {**values, 'data': values['data'][:100]}
 
 
 KEPT = 0.9
