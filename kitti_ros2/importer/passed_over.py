@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 
 _PACKETS = 'raw packets: play them through the driver, and record its PointCloud2'
 _RADAR = 'KITTI has no radar'
-_OBJECTS = '3D boxes: name the topic in labels.topic'
+_OBJECTS = (
+    '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic'
+)
 _BOXES_2D = '2D boxes: name the topic in labels.boxes_2d'
-_POSES = 'poses: name the topic in pose.topic'
+_POSES = 'poses: for the layouts odometry, raw and tracking: name the topic in pose.topic'
 _UNIT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
 _VIDEO = 'video: record Image or CompressedImage, or decode it to them'
 _LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
