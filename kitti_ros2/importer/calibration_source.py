@@ -83,7 +83,7 @@ def make_calibrations(
     if plan.calibration == SOURCE:
         return _from_source(plan, survey)
     if plan.calibration != TF:
-        return Calibrations((0,), (_from_path(Path(plan.calibration), plan),))
+        return Calibrations((0,), (_from_path(plan.calibration, plan),))
     if not cameras:
         raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
     scan_frame = plan.scan.frame if plan.scan is not None else None
@@ -136,7 +136,13 @@ def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]
     return [entry for before, entry in zip(texts, files, strict=False) if entry[1].text != before]
 
 
-def _from_path(path: Path, plan: Plan) -> Calibration:
+def _from_path(text: str, plan: Plan) -> Calibration:
+    path = Path(text)
+    if not text or not path.exists():
+        raise UsageError(
+            f'calibration: {text!r}: no such file or folder; expected {TF}, {SOURCE}, {NONE}, or'
+            f' the path of a KITTI calibration'
+        )
     if path.is_dir():
         texts = {
             name: STORE.read_text(path / name)

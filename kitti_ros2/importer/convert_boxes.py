@@ -19,7 +19,7 @@ from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
 from .frames import topic_of
-from .frames_at import FramesAt, MovingBase, stamp_of_boxes
+from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt, scan_turn
@@ -75,6 +75,7 @@ class BoxConversion:
         self._images = images
         self._base = base or MovingBase('', Transform.identity())
         self.left_out: Counter[str] = Counter()
+        self._flat_absurd = 0
         self._max_tilt = 0.0
         self._turn = 0.0
         self._tracks = TrackIds()
@@ -103,7 +104,10 @@ class BoxConversion:
         if calibration is None:
             raise UsageError('labels need a calibration: set calibration of the plan, or --calib')
         if plan.camera not in calibration.cameras:
-            raise UsageError(f'labels.camera is {plan.camera}, of which there is no calibration')
+            raise UsageError(
+                f'labels.camera is {plan.camera}, of which there is no calibration; expected'
+                f' {", ".join(map(str, sorted(calibration.cameras)))}'
+            )
         if plan.boxes_2d:
             found = topic_of(survey, plan.boxes_2d)
             if found.msgtype != types.DETECTIONS_2D or self._only_flat or plan.topic == LABEL_LINES:
@@ -114,15 +118,9 @@ class BoxConversion:
         return any(has_scores(look) for look in topic_of(survey, plan.topic).looks)
 
     @cached_property
-    def _to_velo(self) -> dict[str, Transform]:
+    def _to_velo(self) -> StaticFrames:
         """velo_T_frame of every frame connected to the scans' (or to the camera's) frame."""
-        base = self._base
-        joined = {base.frame: base.velo_T_frame}
-        for frame in self._tree.frames:
-            base_t_frame = self._tree.find(base.frame, frame)
-            if base_t_frame is not None:
-                joined[frame] = base.velo_T_frame @ base_t_frame
-        return joined
+        return StaticFrames(self._tree, self._base)
 
     def boxes(
         self,
@@ -178,7 +176,8 @@ class BoxConversion:
         if plan is None:
             return boxes
         found, left_out = boxes_of_detections_2d(flat)
-        self.left_out.update(left_out)
+        self._flat_absurd += left_out.count(ABSURD)
+        self.left_out.update(each for each in left_out if each != ABSURD)
         model = self._images.model(plan.camera)
         frames = {'', model.frame} if model is not None else {each.frame for each in found}
         here = [each for each in found if each.frame in frames]
@@ -247,7 +246,13 @@ class BoxConversion:
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the boxes so far that a label cannot represent."""
-        count, plan = self.left_out[ABSURD], self._plan.labels
-        if not count or plan is None:
+        plan = self._plan.labels
+        if plan is None:
             return ()
-        return (Loss(plan.topic, count, f'{plan.topic}: boxes {ABSURD} (NaN, 0 or beyond 100 km)'),)
+        counts = Counter({plan.topic: self.left_out[ABSURD]})
+        counts[plan.boxes_2d or plan.topic] += self._flat_absurd
+        return tuple(
+            Loss(topic, count, f'{topic}: boxes {ABSURD} (NaN, 0 or beyond 100 km)')
+            for topic, count in counts.items()
+            if count
+        )

@@ -18,6 +18,7 @@ from ..rig.pose_track import MAX_GAP_NS
 from .clocks import clock_notes, clocked
 from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
+from .plan_types import check_types
 from .stream_gaps import describe_gap
 from .sync import NONE, match_frames
 
@@ -101,6 +102,7 @@ def choose_frames(
         UnsynchronisedError: No frame is left, for a stream has no sample near any.
     """
     topics = frame_topics(plan)
+    check_types(plan, survey)
     survey = clocked(survey, plan)
     notes = list(clock_notes(survey, plan))
     stamps = {}
@@ -112,7 +114,7 @@ def choose_frames(
         matched[Stream.LABELS] = by_group(matched[Stream.LABELS], groups)
     reference = _reference(plan, matched, track)
     others = {stream: each for stream, each in matched.items() if stream.value != plan.reference}
-    places_2d = _match_2d(plan, survey, reference, notes)
+    places_2d, lost_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     samples = {stream: np.arange(len(reference)) for stream in topics}
     samples |= {stream: match.indices for stream, match in matches.items()}
@@ -143,9 +145,12 @@ def choose_frames(
         samples,
         stamps,
         tuple(notes),
-        tuple(
-            Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
-            for stream, text in apart.items()
+        (
+            *(
+                Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
+                for stream, text in apart.items()
+            ),
+            *lost_2d,
         ),
         '; '.join(apart.values()) if len(apart) == len(matches) else '',
         label_places,
@@ -185,15 +190,26 @@ def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int
     return groups_of(found.markers_ns, found.log_ns)
 
 
-def _match_2d(plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]) -> Int64Array:
-    """Return (N,) the place of each frame's message with boxes in the image, NONE without one."""
+def _match_2d(
+    plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]
+) -> tuple[Int64Array, list[Loss]]:
+    """Return (N,) the place of each frame's message with boxes in the image, NONE without one.
+
+    Also the loss of all, where none is near a frame.
+    """
     flat = plan.labels.boxes_2d if plan.labels is not None else ''
     if not flat:
-        return np.full(len(reference), NONE)
+        return np.full(len(reference), NONE), []
     stamps, _ = topic_of(survey, flat).stamps()
     match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
     notes.append(_matching(Stream.LABELS, flat, match))
-    return match.indices
+    if match.matched:
+        return match.indices, []
+    reason = (
+        f'{flat}: no message within {plan.tolerance_s * 1000:.0f} ms of a frame; remove'
+        f' labels.boxes_2d from the plan, or set stamps: log or a larger tolerance_s'
+    )
+    return match.indices, [Loss(flat, match.dropped, reason)]
 
 
 def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
@@ -290,7 +306,9 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     if topic is None or not topic.count:
         topics = sorted(each.name for each in survey.topics.values() if each.count)
         known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
-        raise UsageError(f'the plan names {name}, of which the bag has no message{known}')
+        raise UsageError(
+            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
+        )
     return topic
 
 
@@ -301,7 +319,9 @@ def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | N
         if stream.value == plan.reference:
             return each
     known = [stream.value for stream in stamps] + ['pose'] * (track is not None)
-    raise UsageError(f'the plan has reference {plan.reference}; it must be one of {known}')
+    raise UsageError(
+        f'the plan has reference {plan.reference}; it must be one of {", ".join(known)}'
+    )
 
 
 def _matching(stream: Stream, topic: str, match: StreamMatch) -> str:

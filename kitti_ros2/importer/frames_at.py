@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Transform
     from ..rig.moving_tree import MovingTree
+    from ..rig.tf_tree import FrameTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,49 @@ class MovingBase:
     velo_T_frame: Transform
     tree: MovingTree | None = None
     middle_ns: int = 0
+
+
+class StaticFrames(Mapping[str, 'Transform']):
+    """velo_T_frame of the frames that static transforms join, computed when one is looked up.
+
+    Args:
+        tree: The static transforms.
+        base: A frame of them, or one of its own.
+    """
+
+    def __init__(self, tree: FrameTree, base: MovingBase) -> None:
+        self._tree = tree
+        self._base = base
+        self._found: dict[str, Transform | None] = {base.frame: base.velo_T_frame}
+
+    def _find(self, frame: object) -> Transform | None:
+        if not isinstance(frame, str) or (frame not in self._found and frame not in self._frames):
+            return None
+        if frame not in self._found:
+            base_t_frame = self._tree.find(self._base.frame, frame)
+            joined = None if base_t_frame is None else self._base.velo_T_frame @ base_t_frame
+            self._found[frame] = joined
+        return self._found[frame]
+
+    @property
+    def _frames(self) -> frozenset[str]:
+        return self._tree.frames
+
+    def __contains__(self, frame: object) -> bool:
+        return self._find(frame) is not None
+
+    def __getitem__(self, frame: str) -> Transform:
+        found = self._find(frame)
+        if found is None:
+            raise KeyError(frame)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        names = self._frames | {self._base.frame}
+        return (frame for frame in names if frame in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
 class FramesAt(Mapping[str, 'Transform']):

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ..messages.topics import own_topics
@@ -72,9 +71,11 @@ def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePl
     body = _moving_body(survey, names, found)
     if not body or (found is None and not tf):
         return None
-    above = [frame for frame in names.line_above(body) if names.moving_between(frame, body)]
-    if not above:
+    line = names.line_above(body)
+    moving = names.moving_between(line[-1], body)
+    if not moving:
         return None
+    above = line[line.index(moving[-1][0]) :]  # moving links are in order from the top
     world = next((frame for frame in _GLOBAL if frame in above), above[-1])
     if found is None:
         return PosePlan(tf[0].name, body, world)
@@ -113,9 +114,9 @@ def _carrier(survey: Survey, names: NamedFrames) -> str:
     """Return the frame below the lowest moving link above a lidar or a camera, empty for none."""
     for topic in survey.of_type(types.CLOUD, types.IMAGE, types.COMPRESSED):
         line = names.line_above(topic.frame) if topic.frame in names.tree.frames else []
-        for below, above in pairwise(line):
-            if names.moving_between(above, below):
-                return below
+        moving = names.moving_between(line[-1], topic.frame) if line else None
+        if moving:
+            return moving[-1][1]  # links are in order from the top
     return ''
 
 

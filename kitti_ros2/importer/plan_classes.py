@@ -27,7 +27,8 @@ def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, s
         if type(name) not in (str, int) or not isinstance(wanted, str):
             raise UsageError(f'{where}: {name!r}: {wanted!r}; expected two texts (quote numbers)')
         kind = own_class(wanted)
-        if kind is None and not (any_word and len(wanted.split()) == 1):
+        is_word = wanted.isprintable() and len(wanted.split()) == 1
+        if kind is None and not (any_word and is_word):
             raise UsageError(
                 f'{where}: {name}: {wanted!r}; expected {", ".join(KITTI_CLASSES)}, or any word'
                 f' with keep_classes: true{did_you_mean(wanted, KITTI_CLASSES)}'

@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
-from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..messages.scan_sources import SCAN_SOURCES
@@ -29,6 +28,7 @@ from .plan import (
     StampSource,
 )
 from .plan_classes import check_classes
+from .plan_numbers import as_number, check_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,7 +107,9 @@ def _check_origin(text: str, path: Path) -> None:
 
 
 def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
-    if not isinstance(cameras, dict) or not all(key in range(5) for key in cameras):
+    if not isinstance(cameras, dict) or not all(
+        type(key) is int and key in range(5) for key in cameras
+    ):
         raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
     return {
         key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
@@ -133,10 +135,6 @@ def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
 def _check_parts(made: dict[str, Any], path: Path) -> None:
     """Check the values of scan and labels; classes get KITTI's spelling."""
     scan, labels = made.get('scan'), made.get('labels')
-    if scan is not None and scan.minimum_range_m < 0:
-        raise UsageError(
-            f'{path}: scan: minimum_range_m: {scan.minimum_range_m}; expected 0 or more'
-        )
     _check_words(scan, path)
     if labels is None:
         return
@@ -182,14 +180,13 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
     for key, value in values.items():
         name = known[key].name
         wanted = hints[name]
-        if wanted is float and type(value) is int:
-            checked[name] = float(value)
-        elif wanted is float and type(value) is float and not isfinite(value):
-            raise UsageError(f'{place}{key}: {value}; expected a finite number')
+        if wanted is float and type(value) in (int, float):
+            checked[name] = as_number(value, f'{place}{key}')
         elif wanted in _WORDS and type(value) is not wanted:
             raise UsageError(f'{place}{key}: {value!r}; expected {_WORDS[wanted]}')
         else:
             checked[name] = value
+    check_numbers(checked, place)
     try:
         return kind(**checked)
     except TypeError:

@@ -108,6 +108,10 @@ def _lasers_of(plan: ScanPlan | None, topic: TopicSurvey) -> tuple[VelodyneModel
     model = MODELS[plan.model] if plan is not None and plan.model else _model_of(topic)
     if plan is not None and plan.calibration:
         path = Path(plan.calibration)
+        if not path.is_file():
+            raise UsageError(
+                f'scan.calibration: {path}: no such file; expected the YAML file of a scanner'
+            )
         lasers: Lasers | None = parse_lasers(STORE.read_text(path), path)
     else:
         lasers = nominal_lasers(model.name)

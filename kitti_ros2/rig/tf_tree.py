@@ -53,6 +53,7 @@ class FrameTree:
         """
         self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
         self._differing: set[str] = set()
+        self._faults: dict[tuple[str, str], str] = {}
         self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[plain(child)]
@@ -174,7 +175,8 @@ class FrameTree:
         for line in lines:
             if _is_circle(line):
                 return f'{" <- ".join(line[line.index(line[-1]) :])} is a circle'
-        common = next((frame for frame in lines[0] if frame in lines[1]), None)
+        others = set(lines[1])
+        common = next((frame for frame in lines[0] if frame in others), None)
         if common is None:
             return self._apart(*lines)
         up, down = (line[: line.index(common) + 1] for line in lines)
@@ -206,6 +208,12 @@ class FrameTree:
 
     def _fault(self, parent: str, child: str, link: Transform | None) -> str:
         """Return why a static link cannot be used, empty if it can."""
+        known = self._faults.get((parent, child))
+        if known is None:
+            known = self._faults[parent, child] = self._find_fault(parent, child, link)
+        return known
+
+    def _find_fault(self, parent: str, child: str, link: Transform | None) -> str:
         if link is not None and child in self._differing:
             return f'{parent} -> {child} is given twice, and differently'
         if link is not None and not _is_rigid(link):
