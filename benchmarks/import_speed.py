@@ -236,7 +236,7 @@ def write_bag(path: Path, storage: str, kind: str, size_bytes: int) -> Path:
             writer.start('ros2', 'benchmark')
             channels = {}
             for topic in topics:
-                text = STORE.generate_msgdef(TYPES[topic])[0].encode()
+                text = STORE.generate_msgdef(TYPES[topic], ros_version=2)[0].encode()
                 schema = writer.register_schema(TYPES[topic], 'ros2msg', text)
                 channels[topic] = writer.register_channel(topic, 'cdr', schema)
             for topic, stamp_ns, data in messages(kind, size_bytes):
