@@ -59,7 +59,7 @@ class TableTree:
             row, page, start = self._find(row_id)
         except (struct.error, IndexError) as error:
             raise ValueError('its tree is damaged') from error
-        if row.types[-1] != _BLOB + 2 * size:
+        if row.types[-1] != _BLOB + 2 * size or row.size > self._file.size:
             raise ValueError('it is another row')
         payload = np.empty(row.size, np.uint8)
         local = self._pages.local(row.size)
