@@ -14,7 +14,8 @@ page cache; --cold takes them out before each turn.
 A conversion also writes files. "cat and cp -r" reads the bag, and copies the files of the set: it
 reads no less and writes the same bytes to as many files. JPEG and raw images must be encoded as PNG
 as well: "bare encoding" decodes and encodes them on all cores, and reads and writes nothing. SQLite
-reads a row of a megabyte in pages of 4 KB: "bare query" selects all data, and does no more.
+reads a row of a megabyte in pages of 4 KB: "bare query" selects all data, and does no more. MCAP
+has checksums: "bare checking" reads blocks of a megabyte and computes theirs.
 
 A survey has a fixed cost of 0.1 to 0.2 s, which counts in a bag of 1 GB in memory, where cat takes
 as long, but not in one of 10 GB; --long-gb shows it, with the growth of memory.
@@ -88,6 +89,19 @@ with ThreadPoolExecutor(worker_count()) as pool:
     start = time.perf_counter()
     list(pool.map(encode, places))
     print((time.perf_counter() - start) / len(places))
+"""
+
+CHECK = """
+import os, resource, sys, time
+from kitti_ros2.files.checksums import crc32
+def cpu():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+start, used = time.perf_counter(), cpu()
+file = os.open(sys.argv[1], os.O_RDONLY)
+while block := os.read(file, 2**20):
+    crc32(block)
+print(time.perf_counter() - start, cpu() - used)
 """
 
 QUERY = """
@@ -236,7 +250,7 @@ def write_bag(path: Path, storage: str, kind: str, size_bytes: int) -> Path:
             writer.start('ros2', 'benchmark')
             channels = {}
             for topic in topics:
-                text = STORE.generate_msgdef(TYPES[topic])[0].encode()
+                text = STORE.generate_msgdef(TYPES[topic], ros_version=2)[0].encode()
                 schema = writer.register_schema(TYPES[topic], 'ros2msg', text)
                 channels[topic] = writer.register_channel(topic, 'cdr', schema)
             for topic, stamp_ns, data in messages(kind, size_bytes):
@@ -266,13 +280,13 @@ def costs(command: list[str]) -> Cost:
     return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000)
 
 
-def survey(bag: Path) -> Cost:
-    """Survey a bag in a process of its own, whose start does not count."""
-    words = [sys.executable, '-c', SURVEY, str(bag)]
+def cost_of(script: str, path: Path) -> Cost:
+    """Run a script that prints its times in a process of its own, whose start does not count."""
+    words = [sys.executable, '-c', script, str(path)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as child:
         out = child.stdout.read() if child.stdout else ''
     if child.returncode:
-        raise SystemExit(f'the survey of {bag} failed')
+        raise SystemExit(f'reading {path} failed')
     wall_s, cpu_s = map(float, out.split())
     return Cost(wall_s, cpu_s)
 
@@ -308,7 +322,11 @@ class Bench:
 
     def survey(self) -> Cost:
         """Survey it."""
-        return survey(self._bag)
+        return cost_of(SURVEY, self._bag)
+
+    def check(self) -> Cost:
+        """Read the file and compute the checksums of its blocks."""
+        return cost_of(CHECK, self.file)
 
     def query(self) -> Cost:
         """Select all messages of a sqlite3 bag, start included."""
@@ -359,6 +377,8 @@ def measure(bench: Bench, kind: str, repeat: int, folder: Path) -> float:
     works = [bench.cat, bench.survey, bench.convert, bench.cat_and_copy]
     if bench.file.suffix == '.db3':
         works.append(bench.query)
+    else:
+        works.append(bench.check)
     bench.cat()
     bench.convert()  # the first fills the page cache, for all alike
     runs: dict[str, list[Cost]] = {work.__name__: [] for work in works}
@@ -373,6 +393,9 @@ def measure(bench: Bench, kind: str, repeat: int, folder: Path) -> float:
     if 'query' in runs:
         ratio('  bare query / cat', runs['query'], cat, size_bytes)
         ratio('  survey / bare query', runs['survey'], runs['query'], size_bytes, '>= 0.6')
+    else:
+        ratio('  bare checking / cat', runs['check'], cat, size_bytes)
+        ratio('  survey / bare checking', runs['survey'], runs['check'], size_bytes, '>= 0.6')
     ratio('  conversion, whole process / cat', converted, cat, size_bytes)
     copied = runs['cat_and_copy']
     ratio('  cat and cp -r / cat', copied, cat, size_bytes)

@@ -201,12 +201,14 @@ def _complete(types: Typesdict, msgtype: str) -> bool:
     missing = [name for name in _closure(types, msgtype) if name not in types]
     if not missing:
         return True
-    known = {**_jazzy(), **types}
-    needed = list(_closure(known, msgtype))
-    if any(name not in known for name in needed):
-        return False
-    types.update({name: known[name] for name in needed})
-    return True
+    # Loading all types of ROS 2 takes as long as reading a gigabyte; the common ones are at hand.
+    for load in (_common, _jazzy):
+        known = {**load(), **types}
+        needed = list(_closure(known, msgtype))
+        if all(name in known for name in needed):
+            types.update({name: known[name] for name in needed})
+            return True
+    return False
 
 
 def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
@@ -220,6 +222,10 @@ def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
             if nested is not None and nested not in seen:
                 seen.add(nested)
                 waiting.append(nested)
+
+
+def _common() -> Typesdict:
+    return TYPESTORE.fielddefs
 
 
 def _jazzy() -> Typesdict:

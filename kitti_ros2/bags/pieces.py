@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    import numpy as np
     import numpy.typing as npt
     from typing_extensions import Self
 
@@ -160,6 +161,25 @@ class FileBytes:
             error.filename = str(self.name)
             raise
         return data
+
+    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
+        """Read into a contiguous array; return the number of bytes, fewer at the end of the file.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        view = target.data.cast('B')
+        done = 0
+        try:
+            while done < len(view):
+                count = os.preadv(self._file.fileno(), [view[done:]], position + done)
+                if not count:
+                    break
+                done += count
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
+        return done
 
     def expect(self, position: int, length: int) -> None:
         """Ask the system to read bytes from the disk meanwhile; it is only advice."""

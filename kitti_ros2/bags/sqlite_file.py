@@ -3,7 +3,8 @@
 """A rosbag2 .db3 file open for reading, even if it is truncated or damaged.
 
 All rows are listed first, without their data, and sorted by time. Their data are read by one query
-up to the first failure, then from the file's pages.
+up to the first failure, then from the file's pages. Of large data the query tells the size only:
+they are read by the table's tree, unless that fails where SQLite succeeds.
 """
 
 from __future__ import annotations
@@ -11,20 +12,20 @@ from __future__ import annotations
 import os
 import sqlite3
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
-from rosbags.typesys.msg import normalize_msgtype
 
 from ..model.errors import BadBagError
 from ..model.text import one_line
-from .offered_qos import offered_qos
-from .pieces import BagFile, FileBytes, Piece, StoredChannel
+from .pieces import BagFile, FileBytes, Piece
 from .sqlite_scan import Pages
+from .sqlite_topics import scanned_topics, stored_topics
+from .sqlite_tree import TableTree
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
     import numpy.typing as npt
@@ -34,11 +35,16 @@ if TYPE_CHECKING:
     from .sqlite_scan import MessageRow
 
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
-_DATA = 'SELECT id, data FROM messages {} WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
+# SQLite does not read data of which it needs type and length only.
+_DATA = (
+    "SELECT id, CASE WHEN typeof(data) = 'blob' AND length(data) >= 65536 THEN NULL ELSE data END,"
+    ' length(data)'
+    ' FROM messages {} WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
+)
+_ONE = 'SELECT data FROM messages WHERE id = ?'
+_ROOT = "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = 'messages'"
 _IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
 _TO_SORT = _DATA.format('', '{}', 'timestamp, id')
-_DEFINITION_COLUMNS = 4
-_LEAST_TOPIC_COLUMNS = 3
 _AHEAD_BYTES = 2**22
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
@@ -68,6 +74,7 @@ class SqliteFile(BagFile):
         self._connection: sqlite3.Connection | None = None
         self._by_id: dict[int, MessageRow] | None = None
         self._shared: Path | None = None
+        self._is_whole = True
         try:
             self._pages = Pages(self._file)
             rows = self._open(path)
@@ -130,7 +137,7 @@ class SqliteFile(BagFile):
         else:
             try:
                 self._connection = self._connect(path)
-                self.channels = _channels(self._connection)
+                self.channels = stored_topics(self._connection)
                 query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
                 return np.fromiter(self._connection.execute(query), _ROW)
             except _ERRORS as error:
@@ -138,7 +145,7 @@ class SqliteFile(BagFile):
                     self._connection.close()
                     self._connection = None
                 self._lose(f'is damaged ({one_line(str(error))})', None)
-        self.channels = _scanned_channels(self._pages)
+        self.channels = scanned_topics(self._pages)
         if not self.channels:
             raise ValueError('it has no list of topics')
         return self._scanned_rows()
@@ -154,6 +161,7 @@ class SqliteFile(BagFile):
         if wal.is_file() and wal.stat().st_size:
             self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
             mode = 'mode=ro'
+            self._is_whole = False
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
                 self._shared = shared  # SQLite creates and leaves it
@@ -188,23 +196,36 @@ class SqliteFile(BagFile):
         query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
         query = query.format(', '.join('?' * len(wanted)))
         try:
+            tree = self._tree(self._connection)
             found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
             done = expected = 0
             for row_id, topic_id, stamp_ns in rows.tolist():
                 row = next(found, None)
+                if row is None or row[0] != row_id:
+                    return
+                data = row[1]
+                if data is None and isinstance(row[2], int):
+                    data = _large(self._connection, tree, row_id, row[2])
                 # SQLite reads zeros from a file that was truncated meanwhile.
-                if row is None or row[0] != row_id or self._file.is_cut():
+                if not isinstance(data, (bytes, memoryview)) or self._file.is_cut():
                     return
-                if not isinstance(row[1], bytes):
-                    return
-                yield stamp_ns, topic_id, row[1]
+                yield stamp_ns, topic_id, data
                 # Rows stored in order lie about as far in the file as their data together.
-                done += len(row[1])
+                done += len(data)
                 if done >= expected:
                     self._file.expect(done + _AHEAD_BYTES, _AHEAD_BYTES)
                     expected = done + _AHEAD_BYTES
         except sqlite3.Error:
             return
+
+    def _tree(self, connection: sqlite3.Connection) -> TableTree | None:
+        """Return the tree of the messages; None if the file does not hold all of it.
+
+        Raises:
+            sqlite3.Error: The database cannot be read.
+        """
+        found = connection.execute(_ROOT).fetchone() if self._is_whole else None
+        return TableTree(self._file, self._pages, found[0]) if found else None
 
     def _data(self, row_id: int) -> bytes | None:
         message = self._scanned().get(row_id)
@@ -218,51 +239,14 @@ class SqliteFile(BagFile):
             return None
 
 
-def _channels(connection: sqlite3.Connection) -> dict[int, StoredChannel]:
-    """Read the topics by the id of their row; earlier versions of the schema have fewer columns.
+def _large(connection: sqlite3.Connection, tree: TableTree | None, row_id: int, size: int) -> Any:  # noqa: ANN401 - of any database
+    """Return the data of a row, from the file's pages or else from SQLite.
 
     Raises:
-        sqlite3.Error: The topics cannot be read.
-        TypeError: The topics are damaged.
+        sqlite3.Error: The data cannot be read.
     """
-    definitions = {}
-    with suppress(sqlite3.OperationalError):  # the table is missing before version 4
-        for row in connection.execute(
-            'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
-        ):
-            definitions[row[0]] = (row[2], row[1])
-    # Columns by number: the id, and about four texts.
-    return {
-        topic_id: _channel(texts, definitions)
-        for topic_id, *texts in connection.execute('SELECT * FROM topics')
-    }
-
-
-def _scanned_channels(pages: Pages) -> dict[int, StoredChannel]:
-    """Return the topics found in the pages, by the id of their row."""
-    definitions = {}
-    topics = {}
-    for row_id, texts in pages.texts():
-        if len(texts) == _DEFINITION_COLUMNS and texts[1].startswith('ros2'):
-            definitions[texts[0]] = (texts[2], texts[1])
-        elif len(texts) >= _LEAST_TOPIC_COLUMNS and '/' in texts[1]:
-            topics[row_id] = texts
-    return {topic_id: _channel(texts, definitions) for topic_id, texts in topics.items()}
-
-
-def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> StoredChannel:
-    """Make a topic from its row: name, type, serialization format, from version 2 on QoS profiles.
-
-    Raises:
-        TypeError: A column is not a text.
-    """
-    if not all(isinstance(text, str) for text in texts[:_LEAST_TOPIC_COLUMNS]):
-        raise TypeError('the names of topics are no texts')
-    topic, msgtype, encoding, *rest = texts
-    return StoredChannel(
-        topic,
-        normalize_msgtype(msgtype) if '/' in msgtype else msgtype,
-        encoding,
-        *definitions.get(msgtype, ('', '')),
-        **offered_qos(rest[0] if rest else ''),
-    )
+    if tree is not None:
+        with suppress(ValueError):
+            return tree.blob(row_id, size)
+    row = connection.execute(_ONE, [row_id]).fetchone()
+    return row[0] if row else None

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 _MAGIC = b'SQLite format 3\0'
 _HEAD_SIZE = 100
-_LEAF = 13
-_LEAF_HEAD = 8
+LEAF = 13
+LEAF_HEAD = 8
 _BLOCK = 2**20
-_UINT16 = struct.Struct('>H')
-_UINT32 = struct.Struct('>I')
+UINT16 = struct.Struct('>H')
+UINT32 = struct.Struct('>I')
 # By type the bytes of an integer, and the value of types without bytes.
 _INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}
 _CONSTANTS = {8: 0, 9: 1}
@@ -65,6 +65,7 @@ class Pages:
 
     Attributes:
         expected: The file's size according to its head, in bytes; 0 if that is unreliable.
+        page_size, usable: Of a page, in bytes: all of it, and what the format uses.
 
     Raises:
         ValueError: The head is invalid.
@@ -75,29 +76,29 @@ class Pages:
         head = file.read(0, _HEAD_SIZE)
         if len(head) < _HEAD_SIZE or not head.startswith(_MAGIC):
             raise ValueError('it does not begin as one')
-        (size,) = _UINT16.unpack_from(head, 16)
-        self._size = 2**16 if size == 1 else size
-        if self._size < 512 or self._size & (self._size - 1):
+        (size,) = UINT16.unpack_from(head, 16)
+        self.page_size = 2**16 if size == 1 else size
+        if self.page_size < 512 or self.page_size & (self.page_size - 1):
             raise ValueError(f'pages of {size} bytes')
-        self._usable = self._size - head[20]
+        self.usable = self.page_size - head[20]
         # The number of pages is valid if two change counters agree.
         counted = head[24:28] == head[92:96]
-        self.expected = _UINT32.unpack_from(head, 28)[0] * self._size if counted else 0
+        self.expected = UINT32.unpack_from(head, 28)[0] * self.page_size if counted else 0
         self._block_at, self._block = 0, b''
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows of all tables, by page."""
-        pages = max(1, _BLOCK // self._size)
-        for start in range(0, self._file.size, pages * self._size):
-            block = self._file.read(start, pages * self._size)
-            first = np.frombuffer(block, np.uint8)[:: self._size]
-            numbers = np.flatnonzero(first == _LEAF).tolist()
-            if start == 0 and block[_HEAD_SIZE] == _LEAF:
+        pages = max(1, _BLOCK // self.page_size)
+        for start in range(0, self._file.size, pages * self.page_size):
+            block = self._file.read(start, pages * self.page_size)
+            first = np.frombuffer(block, np.uint8)[:: self.page_size]
+            numbers = np.flatnonzero(first == LEAF).tolist()
+            if start == 0 and block[_HEAD_SIZE] == LEAF:
                 numbers.insert(0, 0)
             for number in numbers:
-                at = number * self._size
-                page = block[at : at + self._size]
-                if len(page) == self._size:
+                at = number * self.page_size
+                page = block[at : at + self.page_size]
+                if len(page) == self.page_size:
                     yield from self._leaf(page, start + at)
 
     def messages(self) -> Iterator[MessageRow]:
@@ -141,24 +142,24 @@ class Pages:
         Raises:
             ValueError: The payload is damaged or incomplete.
         """
-        local = self._local(row.size)
+        local = self.local(row.size)
         parts = [self._file.read(row.position, local)]
         left = row.size - local
         link = self._file.read(row.position + local, 4) if left else bytes(4)
         if len(parts[0]) < local or len(link) < 4:
             raise ValueError('its page is missing')
         while left:
-            page = self._page(*_UINT32.unpack(link))
-            parts.append(page[4 : min(self._usable, left + 4)])
+            page = self._page(*UINT32.unpack(link))
+            parts.append(page[4 : min(self.usable, left + 4)])
             left -= len(parts[-1])
             link = page[:4]
         if link != bytes(4):
             raise ValueError('its pages go on behind its end')
         return b''.join(parts)
 
-    def _local(self, size: int) -> int:
+    def local(self, size: int) -> int:
         """Return the number of bytes of a payload that are in the leaf."""
-        usable = self._usable
+        usable = self.usable
         if size <= usable - 35:
             return size
         least = (usable - 12) * 32 // 255 - 23
@@ -166,38 +167,38 @@ class Pages:
         return local if local <= usable - 35 else least
 
     def _page(self, number: int) -> bytes:
-        at = (number - 1) * self._size
-        if not self._block_at <= at <= self._block_at + len(self._block) - self._size:
+        at = (number - 1) * self.page_size
+        if not self._block_at <= at <= self._block_at + len(self._block) - self.page_size:
             # Chains mostly continue in the next page.
             self._block_at = at
-            self._block = self._file.read(at, max(_BLOCK, self._size)) if number > 1 else b''
+            self._block = self._file.read(at, max(_BLOCK, self.page_size)) if number > 1 else b''
         start = at - self._block_at
-        page = self._block[start : start + self._size]
-        if len(page) < self._size:
+        page = self._block[start : start + self.page_size]
+        if len(page) < self.page_size:
             raise ValueError(f'its page {number} is missing')
         return page
 
     def _leaf(self, page: bytes, position: int) -> Iterator[Row]:
         head = _HEAD_SIZE if position == 0 else 0
-        (cells,) = _UINT16.unpack_from(page, head + 3)
-        first = head + _LEAF_HEAD
+        (cells,) = UINT16.unpack_from(page, head + 3)
+        first = head + LEAF_HEAD
         if first + 2 * cells > len(page):
             return
-        for (start,) in _UINT16.iter_unpack(page[first : first + 2 * cells]):
-            row = self._cell(page, start, position) if start >= first + 2 * cells else None
+        for (start,) in UINT16.iter_unpack(page[first : first + 2 * cells]):
+            row = self.cell(page, start, position) if start >= first + 2 * cells else None
             if row is not None:
                 yield row
 
-    def _cell(self, page: bytes, start: int, position: int) -> Row | None:
+    def cell(self, page: bytes, start: int, position: int) -> Row | None:
         """Parse the row at an offset in a page, None if it is invalid."""
         try:
-            size, at = _varint(page, start)
-            row_id, at = _varint(page, at)
-            end = at + self._local(size)
-            head, place = _varint(page, at)
+            size, at = parse_varint(page, start)
+            row_id, at = parse_varint(page, at)
+            end = at + self.local(size)
+            head, place = parse_varint(page, at)
             types = []
             while place < at + head:
-                kind, place = _varint(page, place)
+                kind, place = parse_varint(page, place)
                 types.append(kind)
         except IndexError:
             return None
@@ -208,7 +209,7 @@ class Pages:
         return Row(signed, tuple(types), head, size, position + at)
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
+def parse_varint(data: bytes, at: int) -> tuple[int, int]:
     """Parse a number; return it and the offset after it.
 
     Raises:

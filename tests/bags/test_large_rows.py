@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Large messages of databases, read past SQLite: the same as it reads, however they are stored."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+import struct
+
+import pytest
+
+from kitti_ros2.bags import sqlite_tree
+from kitti_ros2.bags.pieces import FileBytes
+from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.sqlite_scan import Pages
+from kitti_ros2.bags.sqlite_tree import TableTree
+
+TABLES = """
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+    serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,
+    timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+"""
+INSERT = 'INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)'
+START_NS = 1_700_000_000 * 10**9
+SIZES = (0, 1, 500, 4000, 4061, 4062, 65535, 65536, 65537, 80_000, 4092 * 40, 1_300_000, 2**22)
+
+
+def blobs(count: int = 60) -> list[bytes]:
+    rng = random.Random(3)
+    sizes = [
+        *SIZES,
+        *(rng.choice((rng.randrange(2000), rng.randrange(400_000))) for _ in '1' * count),
+    ]
+    return [rng.randbytes(size) for size in sizes]
+
+
+def database(path, *pragmas):
+    connection = sqlite3.connect(path)
+    for pragma in pragmas:
+        connection.execute(f'PRAGMA {pragma}')
+    connection.executescript(TABLES)
+    row = ('/text', 'std_msgs/msg/String', 'cdr', '')
+    connection.execute('INSERT INTO topics VALUES (1, ?, ?, ?, ?)', row)
+    return connection
+
+
+def read(path, since_ns=None):
+    with open_messages(path) as messages:
+        found = [(each.stamp_ns, bytes(each.data)) for each in messages.since(since_ns)]
+        return found, messages.findings
+
+
+@pytest.fixture
+def outcomes(monkeypatch):
+    """How each large row was read: its size, or None where SQLite had to."""
+    found = []
+    blob = TableTree.blob
+
+    def spy(tree, row_id, size):
+        found.append(None)
+        data = blob(tree, row_id, size)
+        found[-1] = len(data)
+        return data
+
+    monkeypatch.setattr(TableTree, 'blob', spy)
+    return found
+
+
+def write(connection, data):
+    rows = [(START_NS + place, each) for place, each in enumerate(data)]
+    with connection:
+        connection.executemany(INSERT, rows)
+    return rows
+
+
+@pytest.mark.parametrize(
+    'pragmas', [(), ('page_size=512',), ('page_size=65536',), ('auto_vacuum=FULL',)]
+)
+def test_large_rows_are_read_whole(pragmas, tmp_path, outcomes):
+    path = tmp_path / 'bag.db3'
+    connection = database(path, *pragmas)
+    rows = write(connection, blobs())
+    connection.close()
+    assert read(path) == (rows, ())
+    assert outcomes == [len(data) for _, data in rows if len(data) >= 2**16]
+    assert read(path, START_NS + 30)[0] == rows[30:]
+
+
+def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
+    path = tmp_path / 'bag.db3'
+    connection = database(path, 'page_size=1024')
+    filler = blobs(100)
+    write(connection, filler)
+    with connection:  # every other row leaves a hole, which later rows fill
+        connection.execute('DELETE FROM messages WHERE id % 2')
+        connection.executemany(INSERT, [(1, bytes(each % 3000)) for each in range(500)])
+        connection.execute('DELETE FROM messages WHERE length(data) < 3000 AND id % 3 = 1')
+    write(connection, blobs(50))
+    expected = connection.execute('SELECT timestamp, data FROM messages ORDER BY 1, id').fetchall()
+    connection.close()
+    assert read(path)[0] == expected
+    assert outcomes == [len(data) for _, data in expected if len(data) >= 2**16]
+
+
+def test_small_blocks_change_nothing(tmp_path, outcomes, monkeypatch):
+    monkeypatch.setattr(sqlite_tree, '_BLOCK', 3 * 4096)
+    monkeypatch.setattr(sqlite_tree, '_KEPT', 1)
+    test_rows_in_pieces_are_read_whole(tmp_path, outcomes)
+
+
+def test_rows_out_of_time_order(tmp_path, outcomes):
+    path = tmp_path / 'bag.db3'
+    connection = database(path)
+    rows = [(START_NS - place, each) for place, each in enumerate(blobs())]
+    with connection:
+        connection.executemany(INSERT, rows)
+    connection.close()
+    assert read(path) == (rows[::-1], ())
+    assert None not in outcomes
+
+
+def test_rows_of_a_log_come_from_sqlite(tmp_path, outcomes):
+    path = tmp_path / 'bag.db3'
+    connection = database(path, 'journal_mode=WAL', 'wal_autocheckpoint=0')
+    rows = write(connection, blobs(5))
+    assert read(path)[0] == rows
+    assert not outcomes
+    connection.close()
+
+
+def test_a_damaged_chain_is_read_as_sqlite_reads_it(tmp_path, outcomes):
+    path = tmp_path / 'bag.db3'
+    connection = database(path)
+    data = blobs(0)[-3:]
+    rows = write(connection, [*data, *data])
+    connection.close()
+    sound = path.read_bytes()
+    broken = {}
+    for place, link in ((1, 0), (1, 1), (200, 7), (1, 2**31), (900, 0)):
+        at = place * 4096 + (sound.index(data[1][2**19 : 2**19 + 64]) // 4096) * 4096
+        number = struct.pack('>I', link)
+        path.write_bytes(sound[:at] + number + sound[at + 4 :])
+        connection = sqlite3.connect(path)
+        expected, failed = [], False
+        for row_id in range(1, 7):
+            try:
+                query = 'SELECT timestamp, data FROM messages WHERE id = ?'
+                expected.append(connection.execute(query, [row_id]).fetchone())
+            except sqlite3.Error:
+                failed = True
+        connection.close()
+        found, findings = read(path)
+        broken[place, link] = found != rows
+        assert found == expected
+        assert bool(findings) == failed
+    assert any(broken.values())
+    assert None in outcomes
+
+
+def test_noise_in_the_tree_raises_value_errors_only(tmp_path):
+    path = tmp_path / 'bag.db3'
+    connection = database(path, 'page_size=512')
+    rows = write(connection, blobs())
+    (root,) = connection.execute(
+        "SELECT rootpage FROM sqlite_master WHERE name='messages'"
+    ).fetchone()
+    connection.close()
+    sound = path.read_bytes()
+    rng = random.Random(4)
+    ids = [place + 1 for place, (_, data) in enumerate(rows) if len(data) >= 2**16]
+    failed = 0
+    for turn in range(60):
+        noisy = bytearray(sound)
+        for _ in range(40):
+            page = root - 1 if turn % 2 else rng.randrange(root, len(noisy) // 512)
+            noisy[page * 512 + rng.randrange(512)] = rng.randrange(256)
+        path.write_bytes(noisy[: rng.choice((len(noisy), len(noisy) // 2))])
+        file = FileBytes(path, path)
+        tree = TableTree(file, Pages(file), root)
+        for row_id in ids:
+            try:
+                data = tree.blob(row_id, len(rows[row_id - 1][1]))
+            except ValueError:
+                failed += 1
+            else:
+                assert len(data) == len(rows[row_id - 1][1])
+        file.close()
+    assert failed
