@@ -22,7 +22,7 @@ from .frames import topic_of
 from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
-from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt, scan_turn
+from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 OTHER_CAMERA = 'in the pixels of another camera'
 _FLAT = 'without a 3D box, which tracklets have no place for,'
 _REPORTED_TILT_RAD = np.radians(10)
-_REPORTED_TURN_RAD = np.radians(5)
-"""Of the scans from the cameras; KITTI's own are within 1 degree."""
 
 
 class BoxConversion:
@@ -77,7 +75,6 @@ class BoxConversion:
         self.left_out: Counter[str] = Counter()
         self._flat_absurd = 0
         self._max_tilt = 0.0
-        self._turn = 0.0
         self._tracks = TrackIds()
         labels = plan.labels
         self._only_flat = (
@@ -167,7 +164,6 @@ class BoxConversion:
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
         self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
-        self._turn = scan_turn(calibration) if cuboids else self._turn
         return boxes if flat is None else self._joined(boxes, flat, size)
 
     def _joined(self, boxes: list[Box], flat: Any, size: tuple[int, int]) -> list[Box]:  # noqa: ANN401
@@ -234,13 +230,6 @@ class BoxConversion:
             found.append(
                 f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
                 f' axis, about which alone labels turn: their heading was kept'
-            )
-        if self._plan.layout.traits.frame_set and abs(self._turn) > _REPORTED_TURN_RAD:
-            found.append(
-                f'x of the scans is {np.degrees(abs(self._turn)):.0f} degrees off the direction of'
-                f' the cameras: OpenPCDet and mmdetection3d turn boxes by as much when they move'
-                f' them into the scans; scan.forward of the plan turns the scans, to a frame such'
-                f' as base_link'
             )
         return found if self._classes is None else [*found, *self._classes.notes()]
 

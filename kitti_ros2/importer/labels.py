@@ -111,19 +111,6 @@ def max_tilt(cuboids: Sequence[Cuboid], calibration: Calibration) -> float:
     return float(np.arccos(np.clip(np.abs(down).max(axis=1).min(), 0.0, 1.0)))
 
 
-def scan_turn(calibration: Calibration) -> float:
-    """Return the angle of the scans' x from the optical axis of camera 0 about its y, radians.
-
-    OpenPCDet (pcdet/datasets/kitti/kitti_dataset.py:167-168) and mmdetection3d v1.4.0
-    (mmdet3d/structures/ops/box_np_ops.py:66, yaw = -rotation_y - pi / 2) take it as 0.
-
-    Raises:
-        ValueError: A required part of the calibration is missing.
-    """
-    forward = rect_from_velo(calibration).rotation[:, 0]
-    return float(np.arctan2(forward[0], forward[2]))
-
-
 def _upright(cuboid: Cuboid, velo_down: Float64Array) -> Cuboid:
     """Reorder the axes of a box so that z points up or down.
 

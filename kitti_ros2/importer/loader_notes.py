@@ -3,8 +3,8 @@
 """What programs that load, train on or evaluate KITTI demand of labels, beyond its format.
 
 mmdetection3d and OpenPCDet compute the yaw of a box in the scan as -(pi/2 + rotation_y), as if x of
-the scan were the optical axis of the camera (mmdet3d/structures/ops/box_np_ops.py,
-box_camera_to_lidar; pcdet/datasets/kitti/kitti_dataset.py, get_infos).
+the scan were the optical axis of the camera (mmdetection3d v1.4.0,
+mmdet3d/structures/ops/box_np_ops.py:66; OpenPCDet, pcdet/datasets/kitti/kitti_dataset.py:167-168).
 """
 
 from __future__ import annotations

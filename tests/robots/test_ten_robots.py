@@ -112,7 +112,7 @@ def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
     told = [line for line in printed.out.splitlines() if 'without a return were dropped' in line]
     assert told == ([robot.made.dropped] if robot.made.dropped else [])
     is_turned = robot.truth.turn_deg and written.layout == 'object'
-    assert ('degrees off the direction of the cameras' in printed.out) == bool(is_turned)
+    assert ('turn boxes by that angle' in printed.out) == bool(is_turned)
 
 
 @cache
