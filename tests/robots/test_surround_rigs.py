@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import camera_rigs
@@ -260,3 +261,14 @@ def test_each_camera_gets_a_set_with_all_cameras(convert):
         assert (scan.st_ino, scan.st_dev) == (first.st_ino, first.st_dev)
     behind = read_frame(out / 'training_CAM_BACK', 0)
     assert len(behind.labels) == 1
+
+
+def test_the_look_names_the_cameras_that_are_passed_over_in_one_line(tmp_path, capsys, monkeypatch):
+    bag = camera_rigs.write(autoware_rig(), tmp_path / 'bag')
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.stdout, 'isatty', lambda: True)
+        assert main(['to-kitti', str(bag)]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith('note: ')]
+    (note,) = (line for line in notes if 'passed over: ' in line)
+    assert note.count(', it looks ') == 5
+    assert len(notes) <= 10
