@@ -7,6 +7,7 @@ from __future__ import annotations
 from ..model.class_names import KITTI_CLASSES, own_class
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
+from .plan_values import shown
 
 
 def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, str]:
@@ -21,11 +22,13 @@ def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, s
         UsageError: One is invalid; the error names the key.
     """
     if not isinstance(classes, dict):
-        raise UsageError(f'{where}: {classes!r}; expected NAME: CLASS, ...')
+        raise UsageError(f'{where}: {shown(classes)}; expected NAME: CLASS, ...')
     found = {}
     for name, wanted in classes.items():
         if type(name) not in (str, int) or not isinstance(wanted, str):
-            raise UsageError(f'{where}: {name!r}: {wanted!r}; expected two texts (quote numbers)')
+            raise UsageError(
+                f'{where}: {shown(name)}: {shown(wanted)}; expected two texts (quote numbers)'
+            )
         kind = own_class(wanted)
         is_word = wanted.isprintable() and len(wanted.split()) == 1
         if kind is None and not (any_word and is_word):

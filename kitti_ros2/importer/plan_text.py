@@ -29,6 +29,7 @@ from .plan import (
 )
 from .plan_classes import check_classes
 from .plan_numbers import as_number, check_numbers
+from .plan_values import shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,7 +79,7 @@ def parse_plan(text: str, path: Path) -> Plan:
 
     try:
         values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date, digits
         raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
     if not isinstance(values, dict):
         raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
@@ -110,7 +111,9 @@ def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
     if not isinstance(cameras, dict) or not all(
         type(key) is int and key in range(5) for key in cameras
     ):
-        raise UsageError(f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {cameras}')
+        raise UsageError(
+            f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {shown(cameras)}'
+        )
     return {
         key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
     }
@@ -119,7 +122,7 @@ def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
 def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
     place = f'{path}: camera_sets'
     if not isinstance(sets, dict):
-        raise UsageError(f'{place}: {sets!r}; expected names of sets, each with a camera')
+        raise UsageError(f'{place}: {shown(sets)}; expected names of sets, each with a camera')
     for name in sets:
         if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
             raise UsageError(
@@ -152,16 +155,19 @@ def _check_words(scan: ScanPlan | None, path: Path) -> None:
         if value and value not in known:
             hint = did_you_mean(value, known)
             expected = ', '.join(known)
-            raise UsageError(f'{path}: scan: {key}: {value!r}; expected one of {expected}{hint}')
+            raise UsageError(
+                f'{path}: scan: {key}: {shown(value)}; expected one of {expected}{hint}'
+            )
 
 
 def _choose(kind: type[Enum], value: object, where: str) -> Enum:
     try:
-        return kind(value)
+        # The error of an Enum has the whole value.
+        return kind(value if isinstance(value, str) else None)
     except ValueError:
         known = [str(each.value) for each in kind]
-        hint = did_you_mean(str(value), known)
-        raise UsageError(f'{where}: {value!r}; expected {" or ".join(known)}{hint}') from None
+        hint = did_you_mean(value if isinstance(value, str) else '', known)
+        raise UsageError(f'{where}: {shown(value)}; expected {" or ".join(known)}{hint}') from None
 
 
 def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
@@ -183,7 +189,7 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
         if wanted is float and type(value) in (int, float):
             checked[name] = as_number(value, f'{place}{key}')
         elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{key}: {value!r}; expected {_WORDS[wanted]}')
+            raise UsageError(f'{place}{key}: {shown(value)}; expected {_WORDS[wanted]}')
         else:
             checked[name] = value
     check_numbers(checked, place)

@@ -180,7 +180,7 @@ def parse_lasers(text: str, path: Path) -> Lasers:
     expected = 'the YAML calibration of a Velodyne unit (velodyne_pointcloud, gen_calibration.py)'
     try:
         values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date, digits
         raise BadFileError(path, f'no YAML ({" ".join(str(error).split())})', expected) from error
     entries = values.get('lasers') if isinstance(values, dict) else None
     if not isinstance(entries, list) or not 0 < len(entries) <= _MOST_LASERS:

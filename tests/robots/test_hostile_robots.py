@@ -155,3 +155,32 @@ def test_thousands_of_transforms_take_seconds(tmp_path, chained):
     started = time.process_time()
     assert convert(bag, tmp_path / 'set', '--layout', 'object') == 0
     assert time.process_time() - started < 15
+
+
+BOMB = 'x0: &x0 [a, a, a, a, a, a, a, a, a]\n' + ''.join(
+    f'x{n}: &x{n} [{", ".join([f"*x{n - 1}"] * 9)}]\n' for n in range(1, 9)
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('tolerance_s: ' + '9' * 5000, 'is not valid YAML'),
+        ('name: 2023-99-99', 'is not valid YAML'),
+        ('[' * 20000, 'is not valid YAML'),
+        (f'{BOMB}layout: *x8', 'layout: '),
+        (f'{BOMB}layout: object\ncameras: *x8', 'cameras: expected'),
+        (f'{BOMB}layout: object\nlabels: {{topic: a, classes: *x8}}', 'labels: classes: '),
+        (f'{BOMB}layout: object\nscan: {{topic: a, frame: a, offset_s: *x8}}', 'scan: offset_s: '),
+        (f'{BOMB}layout: object\nstamps: *x8', 'stamps: '),
+    ],
+    ids=['digits', 'date', 'deep', 'layout', 'cameras', 'classes', 'offset_s', 'stamps'],
+)
+def test_a_plan_that_is_no_yaml_or_repeats_itself_is_refused_in_a_line(
+    bag, tmp_path, capfd, text, said
+):
+    path = tmp_path / 'plan.yaml'
+    path.write_text(text)
+    line = refusal(bag, tmp_path, capfd, path)
+    assert said in line
+    assert len(line) < 4000
