@@ -105,7 +105,9 @@ def _camera_of(plan: ScanPlan, survey: Survey) -> CameraModel:
 
 def _lasers_of(plan: ScanPlan | None, topic: TopicSurvey) -> tuple[VelodyneModel, Lasers]:
     """Return the model of a scanner and its lasers; without a plan those that the packets name."""
-    model = MODELS[plan.model] if plan is not None and plan.model else _model_of(topic)
+    model = (
+        _planned_model(plan.model, topic) if plan is not None and plan.model else _model_of(topic)
+    )
     if plan is not None and plan.calibration:
         path = Path(plan.calibration)
         if not path.is_file():
@@ -125,6 +127,25 @@ def _lasers_of(plan: ScanPlan | None, topic: TopicSurvey) -> tuple[VelodyneModel
         named = '' if plan is None else plan.calibration
         raise UsageError(f'{named}: {len(lasers)} lasers; a {model.name} has {model.lasers}')
     return model, lasers
+
+
+def _planned_model(name: str, topic: TopicSurvey) -> VelodyneModel:
+    """Return a model by name, unless packets name one with another number of lasers.
+
+    Raises:
+        UsageError: They do: their points would be wrong.
+    """
+    model = MODELS[name]
+    try:
+        own = _model_of(topic)
+    except UsageError:
+        return model
+    if own.lasers != model.lasers:
+        raise UsageError(
+            f'scan.model: {name}, but the packets of {topic.name} are of a {own.name}, with'
+            f' {own.lasers} lasers: take scan.model out'
+        )
+    return model
 
 
 def _model_of(topic: TopicSurvey) -> VelodyneModel:

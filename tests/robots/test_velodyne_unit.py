@@ -180,6 +180,17 @@ class TestHostile:
             convert(bag, tmp_path / 'out')
         assert '\n' not in str(caught.value)
 
+    def test_a_plan_of_a_model_with_other_lasers(self, tmp_path):
+        packets, _ = robot.encode(robot.UNITS['VLP-16'], sequences=240)
+        bag = robot.write(tmp_path / 'bag', packets)
+
+        def wrong(plan):
+            return replace(plan, scan=replace(plan.scan, model='HDL-32E'))
+
+        with pytest.raises(UsageError, match=r'scan.model: HDL-32E, but .* VLP-16, with 16 lasers'):
+            convert(bag, tmp_path / 'out', wrong)
+        assert not (tmp_path / 'out').exists()
+
     def test_a_plan_of_an_unknown_model(self, tmp_path):
         with pytest.raises(UsageError, match=r"plan.yaml: scan: model: 'VLP-17'; expected one of"):
             parse_plan(
