@@ -19,7 +19,7 @@ from ..model.errors import OutputError, describe_error
 from .fingerprint import fingerprint, fingerprint_paths
 from .manifest import DONE, FAILED, Identity, Manifest, UnitRecord
 from .pool import run_on_processes, run_serially
-from .results import UnitJob, LostWorker, UnitResult
+from .results import LostWorker, UnitJob, UnitResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -185,7 +185,7 @@ def _folders(folder: Path) -> list[Path]:
     try:
         with os.scandir(folder) as entries:
             names = [each.name for each in entries if each.is_dir() and each.name[0] != '.']
-    except PermissionError:
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
         return []
     return [folder / name for name in sorted(names, reverse=True)]
 
