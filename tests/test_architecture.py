@@ -30,6 +30,7 @@ _IMPORTS = {
     'rig': 'model messages',
     'stack_setup': 'model files options kitti stacks messages bags',
     'exporter': 'model files options messages bags stacks',
+    'batch': 'model files options kitti bags exporter',
     'importer': 'model files options drawing kitti messages bags rig',
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',

@@ -27,6 +27,7 @@ from .commands.report import report
 from .commands.split import split
 from .commands.stacks import stacks
 from .commands.stats import stats
+from .commands.status import status
 from .commands.to_bag import to_bag
 from .commands.to_kitti import to_kitti
 from .commands.validate import validate
@@ -144,6 +145,7 @@ _COMMANDS: dict[str, Callable[..., int]] = {
     'report': report,
     'to-bag': to_bag,
     'to-kitti': to_kitti,
+    'status': status,
     'recover': recover,
     'download': download,
     'extract': extract,

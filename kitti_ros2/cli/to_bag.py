@@ -16,6 +16,7 @@ from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.streams import Clock
+from ..options.batch import split_batch_options
 from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -55,12 +56,22 @@ def run_to_bag(
         The exit code.
     """
     keep_imports()
-    chosen = dict(given)
+    batch, chosen = split_batch_options(given)
     if config:
         from .config_file import add_config
 
         chosen = add_config(config, chosen, TO_BAG)
     settings = make_settings(chosen)
+    if batch.whole:
+        from .. import __version__
+        from ..batch.bag_unit import bag_suffix, run_bag_unit
+        from ..batch.collection import Collection
+        from .collection import run_collection
+
+        collection = Collection(
+            'to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit, __version__
+        )
+        return run_collection(collection, src, settings.read, quiet=quiet, json=json)
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)

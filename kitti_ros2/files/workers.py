@@ -22,10 +22,21 @@ R = TypeVar('R')
 
 _MOST_WORKERS = 8  # each may hold images or chunks of several megabytes
 _AHEAD_PER_WORKER = 2
+_ONE_THREAD: list[bool] = []
+
+
+def hold_to_one_thread() -> None:
+    """Let worker_count return 1 in this process from now on: it is one of several workers."""
+    _ONE_THREAD[:] = [True]
 
 
 def worker_count(most: int | None = _MOST_WORKERS) -> int:
-    """Return the number of threads to use: one per available CPU, at most `most` unless None."""
+    """Return the number of threads to use: one per available CPU, at most `most` unless None.
+
+    It is one in a process that is held to one thread.
+    """
+    if _ONE_THREAD:
+        return 1
     available = len(os.sched_getaffinity(0))
     return available if most is None else min(most, available)
 

@@ -141,14 +141,14 @@ def _around(path: Path) -> DataSet | None:
     """Return the data set that a folder or file is a part of."""
     for folder in path.parents[:_MOST_LEVELS]:
         part = path.relative_to(folder).parts[0]
-        if _is_inside(part):
-            found = _at(folder)
+        if is_inside(part):
+            found = data_set_in(folder)
             if found is not None:
                 return found
     return None
 
 
-def _is_inside(name: str) -> bool:
+def is_inside(name: str) -> bool:
     """Whether a name is one of those in a data set, also of data that others add to KITTI's."""
     return (
         name in _FOLDERS
@@ -182,7 +182,7 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
         if place in seen:
             continue
         seen.add(place)
-        data_set = _at(folder) if level else None
+        data_set = data_set_in(folder) if level else None
         if data_set is not None:
             found.append(data_set)
         elif level < _MOST_LEVELS:
@@ -190,7 +190,7 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
     return found, not queue
 
 
-def _at(folder: Path) -> DataSet | None:
+def data_set_in(folder: Path) -> DataSet | None:
     """Return the data set in a folder, if names in it are KITTI's."""
     if not any(map(_is_kitti_name, _entries(folder))):
         return None

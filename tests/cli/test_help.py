@@ -15,7 +15,7 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import find_command
-from kitti_ros2.options import dataset_tables, evaluation_tables, table
+from kitti_ros2.options import batch, dataset_tables, evaluation_tables, table
 from kitti_ros2.pictures.modes import MODES
 
 from terminals import read_to_the_end  # isort: skip
@@ -23,6 +23,7 @@ from terminals import read_to_the_end  # isort: skip
 COMMANDS = {
     'to-bag': 'SRC OUT',
     'to-kitti': 'BAG... OUT',
+    'status': 'OUT',
     'recover': 'BAG OUT',
     'info': 'SRC',
     'validate': 'PATH...',
@@ -42,7 +43,7 @@ COMMANDS = {
     'eval live': 'SRC',
 }
 TABLES = {
-    'to-bag': table.TO_BAG,
+    'to-bag': batch.TO_BAG_ALL,
     'to-kitti': table.TO_KITTI,
     'view': table.VIEW,
     'crop': dataset_tables.CROP,

@@ -11,7 +11,7 @@ from ...model.containers import FILE_NAMES
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('TO_BAG')
+@takes('TO_BAG_ALL', of='batch')
 def to_bag(
     src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence')],
     out: Annotated[
@@ -28,9 +28,12 @@ def to_bag(
 ) -> int:
     """Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).
 
+    With --all: every drive, sequence and split below SRC, to OUT/NAME.mcap. A run that was stopped
+    goes on where it was; the command status shows what is done.
+
     Examples:
       kitti-ros2 to-bag 2011_09_26/2011_09_26_drive_0005_sync drive_0005.mcap
-      kitti-ros2 to-bag odometry seq_00 --sequence 00 --exclude-topics '*image*'
+      kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
     from ..to_bag import run_to_bag
 

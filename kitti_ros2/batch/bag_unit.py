@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The unit of to-bag: one recording, or a slice of one, to one bag."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..bags.open_folder import open_folder
+from ..bags.writer import guess_storage
+from ..exporter.to_bag import convert
+from ..kitti.extract_oxts import add_extract
+from ..kitti.predictions import add_predictions
+from ..model.containers import CONTAINERS
+from ..model.errors import KittiRos2Error, UsageError, describe_error
+from ..options.selection import Bound
+from ..options.table import make_settings
+from .results import UnitResult
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from ..exporter.to_bag import ExportReport
+    from .results import Advance, UnitJob
+
+_KEPT_LOSSES = 20
+
+
+def bag_suffix(options: Mapping[str, object]) -> str:
+    """Return the ending of the bags: a container's, or empty where a bag is a directory.
+
+    Raises:
+        UsageError: An option is invalid.
+    """
+    settings = make_settings(options)
+    storage = guess_storage(Path(), settings.storage)
+    bag = settings.bag(storage)
+    container = CONTAINERS[storage]
+    return container.suffix if container.in_file and not bag.split else ''
+
+
+def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Convert a unit; errors of its data become the reason of a failed result."""
+    started = time.monotonic()
+    try:
+        report = _convert(job, advance)
+    except (KittiRos2Error, OSError) as error:
+        return UnitResult(reason=describe_error(error), seconds=time.monotonic() - started)
+    except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
+        reason = f'internal error, {type(error).__name__}: {error}; please report it'
+        return UnitResult(reason=reason, seconds=time.monotonic() - started)
+    texts = dict.fromkeys(f'{loss.stream} ({loss.count}): {loss.text()}' for loss in report.losses)
+    return UnitResult(
+        counts={
+            'frames': report.frames,
+            'messages': sum(report.counts.values()),
+            'bytes': report.size_bytes,
+        },
+        bad=sum(loss.count for loss in report.losses),
+        losses=tuple(texts)[:_KEPT_LOSSES],
+        notes=report.notes,
+        seconds=time.monotonic() - started,
+    )
+
+
+def _convert(job: UnitJob, advance: Advance) -> ExportReport:
+    unit, settings = job.unit, make_settings(job.options)
+    read = replace(settings.read, layout=unit.layout, sequence=unit.sequence)
+    selection = settings.selection
+    if unit.first is not None:
+        if not selection.is_whole:
+            raise UsageError('--slice-frames chooses the frames; leave --start and --end out')
+        selection = replace(selection, start=Bound(frame=unit.first), end=Bound(frame=unit.last))
+    recording = open_folder(unit.source, read)
+    add_predictions(recording, settings.predictions.path)
+    add_extract(recording, settings.imu)
+    return convert(
+        recording,
+        job.out,
+        settings.messages,
+        selection,
+        settings.bag(guess_storage(job.out, settings.storage)),
+        strict=settings.strict,
+        progress=partial(_advancing, advance),
+    )
+
+
+@contextmanager
+def _advancing(advance: Advance, samples: int, _frames: int) -> Iterator[Advance]:
+    yield lambda done, _bytes: advance(done, samples)

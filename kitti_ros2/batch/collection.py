@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a command over a collection: skips what is done, records what happens in the manifest."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import deque
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..files.staging import lock_exclusively, reported
+from ..files.workers import worker_count
+from ..model.errors import OutputError, describe_error
+from .fingerprint import fingerprint, fingerprint_paths
+from .manifest import DONE, FAILED, Identity, Manifest, UnitRecord
+from .pool import run_on_processes, run_serially
+from .results import LostWorker, UnitJob, UnitResult
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from ..options.batch import BatchOptions
+    from .pool import Outcome, RunUnit
+    from .units import WorkUnit
+
+_ATTEMPTS = 2  # a killed worker may have been unlucky once
+_LOCK_WAIT_S = 5.0
+_LOCK_POLL_S = 0.05
+
+
+class Progress:
+    """What a collection reports while it runs; this one shows nothing."""
+
+    def skip(self, unit: str) -> None:
+        """A unit was done, or had failed, before."""
+
+    def begin(self, unit: str) -> None:
+        """A unit begins."""
+
+    def advance(self, unit: str, done: int, total: int) -> None:
+        """A unit has converted so many of its samples."""
+
+    def end(self, unit: str) -> None:
+        """A unit has ended."""
+
+
+@dataclass(frozen=True)
+class Collection:
+    """A command over the units of a collection.
+
+    Attributes:
+        command: Its name.
+        out: The folder of outputs.
+        suffix: What is added to the name of a unit for its output.
+        options: Values of the command's options by name.
+        batch: How the collection is run.
+        run: Runs a unit; a function of a module.
+        version: Of this package.
+    """
+
+    command: str
+    out: Path
+    suffix: str
+    options: Mapping[str, object]
+    batch: BatchOptions
+    run: RunUnit
+    version: str
+
+    def convert(self, units: Sequence[WorkUnit], progress: Progress) -> CollectionReport:
+        """Run all units that are not done.
+
+        Raises:
+            OutputError: Another run is writing there, or the disk refuses.
+        """
+        with reported(self.out):
+            self.out.mkdir(parents=True, exist_ok=True)
+        jobs = min(self.batch.jobs or worker_count(), max(len(units), 1))
+        with _locked(self.out) as lock, Manifest(self.out) as manifest:
+            manifest.begin(self.command, jobs)
+            manifest.add({unit.name: str(unit.source) for unit in units})
+            queue = _Queue(self, units, manifest, progress)
+            try:
+                self._work(queue, jobs, lock, progress)
+            finally:
+                manifest.release()
+            names = {unit.name for unit in units}
+            records = [each for name, each in manifest.records().items() if name in names]
+        return CollectionReport(self.out, tuple(records), frozenset(queue.ran), jobs)
+
+    def _work(self, queue: _Queue, jobs: int, lock: int, progress: Progress) -> None:
+        if jobs == 1:
+            outcomes = run_serially(queue, self.run, progress.advance)
+        else:
+            outcomes = run_on_processes(queue, self.run, progress.advance, jobs, lock)
+        with closing(outcomes):  # type: ignore[type-var]
+            for outcome in outcomes:
+                queue.settle(outcome)
+
+    def output(self, unit: WorkUnit) -> Path:
+        """Return the output of a unit."""
+        return self.out / f'{unit.name}{self.suffix}'
+
+    def options_text(self) -> str:
+        """Return the command and its options as JSON, with the state of the files they name."""
+        chosen = {name: value for name, value in self.options.items() if name != 'overwrite'}
+        paths = [value for value in chosen.values() if isinstance(value, Path)]
+        named = {'files': fingerprint_paths(paths)} if paths else {}
+        return json.dumps(
+            {'command': self.command, **named, 'options': chosen}, default=str, sort_keys=True
+        )
+
+
+@dataclass(frozen=True)
+class CollectionReport:
+    """The result of a run over a collection.
+
+    Attributes:
+        out: The folder of outputs.
+        records: All units of the collection.
+        ran: Names of the units that this run has run; the others were done or had failed before.
+        jobs: Number of worker processes.
+    """
+
+    out: Path
+    records: tuple[UnitRecord, ...]
+    ran: frozenset[str]
+    jobs: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether all units are done, without losses."""
+        return all(each.state == DONE and not each.bad for each in self.records)
+
+
+class _Queue:
+    """The jobs of a collection, chosen when a worker is free."""
+
+    def __init__(
+        self,
+        collection: Collection,
+        units: Iterable[WorkUnit],
+        manifest: Manifest,
+        progress: Progress,
+    ) -> None:
+        self._collection = collection
+        self._units = iter(units)
+        self._manifest = manifest
+        self._progress = progress
+        self._known = manifest.records()
+        self._options = collection.options_text()
+        self._again: deque[UnitJob] = deque()
+        self._identities: dict[str, Identity] = {}
+        self.ran: set[str] = set()
+
+    def take(self) -> UnitJob | None:
+        """Return the next job, recorded as running."""
+        if self._again:
+            return self._begin(self._again.popleft())
+        for unit in self._units:
+            job = self._job(unit)
+            if job is not None:
+                return self._begin(job)
+            self._progress.skip(unit.name)
+        return None
+
+    def settle(self, outcome: Outcome) -> None:
+        """Record an outcome; the unit of a lost worker is run once more."""
+        job, result = outcome
+        name = job.unit.name
+        if isinstance(result, LostWorker):
+            if job.attempt < _ATTEMPTS:
+                self._again.append(replace(job, attempt=job.attempt + 1))
+                return
+            result = UnitResult(
+                reason=f'its worker process {result.how}, {job.attempt} times;'
+                ' is there enough memory?'
+            )
+        self._manifest.end(name, result)
+        self._identities.pop(name, None)
+        self._progress.end(name)
+
+    def _job(self, unit: WorkUnit) -> UnitJob | None:
+        """Return the job of a unit; None if it is done, or failed and is not to be retried."""
+        known = self._known[unit.name]
+        try:
+            files = fingerprint(unit)
+        except OSError as error:  # its unit will fail with it
+            files = describe_error(error)
+        identity = Identity(str(unit.source), files, self._options, self._collection.version)
+        out = self._collection.output(unit)
+        if known.identity == identity:
+            if known.state == DONE and os.path.lexists(out):
+                return None
+            if known.state == FAILED and not self._collection.batch.retry:
+                return None
+        self._identities[unit.name] = identity
+        options = self._collection.options
+        if self._is_ours(known, unit, out):
+            options = {**options, 'overwrite': True}
+        return UnitJob(unit, out, options)
+
+    @staticmethod
+    def _is_ours(known: UnitRecord, unit: WorkUnit, out: Path) -> bool:
+        """Whether a unit may replace what is at its output: nothing, or its own."""
+        own = known.ours and known.identity.source == str(unit.source)
+        return own or not os.path.lexists(out)
+
+    def _begin(self, job: UnitJob) -> UnitJob:
+        name = job.unit.name
+        ours = bool(job.options.get('overwrite'))
+        self._manifest.start(name, self._identities[name], attempt=job.attempt, ours=ours)
+        with reported(job.out):
+            # Here, as a worker that fails would remove a folder that another one counts on.
+            job.out.parent.mkdir(parents=True, exist_ok=True)
+        self.ran.add(name)
+        self._progress.begin(name)
+        return job
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[int]:
+    """Lock a folder against other runs; yield the descriptor that holds the lock."""
+    with reported(folder):
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        _wait_for(lambda: lock_exclusively(lock, folder))
+        yield lock
+    finally:
+        os.close(lock)
+
+
+def _wait_for(acquire: Callable[[], None]) -> None:
+    """Acquire a lock that the workers of a killed run hold for another moment."""
+    end = time.monotonic() + _LOCK_WAIT_S
+    while True:
+        try:
+            return acquire()
+        except OutputError:
+            if time.monotonic() > end:
+                raise
+        time.sleep(_LOCK_POLL_S)

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fingerprints of a unit's input: the names, sizes and times of change of its files."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..kitti.layouts import open_recording
+from ..kitti.recording_tree import tree_of
+from ..model.errors import KittiRos2Error
+from ..options.read import ReadOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from ..model.layouts import Layout
+    from .units import WorkUnit
+
+_NUMBER = re.compile(r'\d{6}')
+
+
+class InputFile(NamedTuple):
+    """A file of a unit: path below the unit's folder, bytes, nanoseconds of the last change."""
+
+    name: str
+    size: int
+    mtime_ns: int
+
+    @property
+    def number(self) -> int | None:
+        """The number in its name, if that is a frame's."""
+        stem = Path(self.name).stem
+        return int(stem) if _NUMBER.fullmatch(stem) else None
+
+
+def fingerprint(unit: WorkUnit) -> str:
+    """Return the fingerprint of a unit's files; of a slice those of its frames and common files.
+
+    Raises:
+        OSError: A folder cannot be read.
+    """
+    files: Iterable[InputFile] = _files_of(unit.source, unit.layout, unit.sequence)
+    if unit.first is not None and unit.last is not None:
+        first, last = unit.first, unit.last
+        files = (each for each in files if each.number is None or first <= each.number <= last)
+    return _digest(files)
+
+
+def fingerprint_paths(paths: Iterable[Path]) -> str:
+    """Return the fingerprint of files and folders that options name.
+
+    Raises:
+        OSError: A folder cannot be read.
+    """
+    return _digest(each for path in paths for each in _walk(path, path.parent))
+
+
+def _digest(files: Iterable[InputFile]) -> str:
+    digest = hashlib.sha256()
+    for each in sorted(files):
+        digest.update(f'{each.name}\0{each.size}\0{each.mtime_ns}\n'.encode(errors='replace'))
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)  # slices of one set follow each other
+def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
+    try:
+        recording = open_recording(source, ReadOptions(layout=layout, sequence=sequence))
+        parts = [path for path, _ in tree_of(recording).parts]
+    except KittiRos2Error:
+        parts = [source]  # its unit will fail with this error, until something there changes
+    return tuple(sorted({each for part in parts for each in _walk(part, source)}))
+
+
+def _walk(path: Path, base: Path) -> Iterator[InputFile]:
+    """Yield the files at a path; those that disappear meanwhile are left out."""
+    if not path.is_dir():
+        if path.is_file():
+            status = path.stat()
+            yield InputFile(os.path.relpath(path, base), status.st_size, status.st_mtime_ns)
+        return
+    prefix = os.path.relpath(path, base)
+    folders = [(str(path), prefix)]
+    while folders:
+        folder, place = folders.pop()
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                name = f'{place}/{entry.name}'
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append((entry.path, name))
+                elif entry.is_file():
+                    status = entry.stat()
+                    yield InputFile(name, status.st_size, status.st_mtime_ns)

@@ -1,0 +1,294 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The manifest of a collection: a SQLite file in the output folder, one row for each unit.
+
+One process writes it. A rollback journal, not a write-ahead log: that needs shared memory, which
+network file systems do not have. Each change is one transaction, so that a killed process leaves
+the state before or after it.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..model.errors import BadFileError, MissingPathError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from typing_extensions import Self
+
+    from .results import UnitResult
+
+MANIFEST = 'manifest.sqlite'
+TODO, RUNNING, DONE, FAILED = STATES = ('todo', 'running', 'done', 'failed')
+_VERSION = 1  # of the tables, in user_version
+_BUSY_S = 30.0
+_TABLES = """
+CREATE TABLE units (
+    name TEXT PRIMARY KEY,
+    source TEXT NOT NULL,
+    state TEXT NOT NULL CHECK (state IN ('todo', 'running', 'done', 'failed')),
+    input TEXT NOT NULL DEFAULT '',
+    options TEXT NOT NULL DEFAULT '',
+    version TEXT NOT NULL DEFAULT '',
+    ours INTEGER NOT NULL DEFAULT 0,
+    counts TEXT NOT NULL DEFAULT '{}',
+    bad INTEGER NOT NULL DEFAULT 0,
+    losses TEXT NOT NULL DEFAULT '[]',
+    reason TEXT NOT NULL DEFAULT '',
+    seconds REAL NOT NULL DEFAULT 0,
+    attempts INTEGER NOT NULL DEFAULT 0,
+    run INTEGER NOT NULL DEFAULT 0,
+    ended REAL
+) WITHOUT ROWID;
+CREATE TABLE runs (
+    run INTEGER PRIMARY KEY,
+    command TEXT NOT NULL,
+    jobs INTEGER NOT NULL,
+    started REAL NOT NULL
+);
+"""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the output of a unit depends on.
+
+    Attributes:
+        source: The folder of the unit.
+        input: Fingerprint of its files.
+        options: The command with its options, as JSON.
+        version: Of this package.
+    """
+
+    source: str
+    input: str
+    options: str
+    version: str
+
+
+@dataclass(frozen=True)
+class UnitRecord:
+    """The row of a unit.
+
+    Attributes:
+        name: Of the unit.
+        state: One of STATES.
+        identity: Of the last run of the unit.
+        ours: Whether what is at its output was written by a run that this manifest knows.
+        counts: What was written: frames, messages, bytes.
+        bad: Number of samples and files that were skipped.
+        losses: What was skipped, the first few reasons.
+        reason: Why it failed.
+        seconds: Time taken.
+        attempts: How often it was begun with this identity.
+        run: Number of the last run that changed it.
+        ended: When it was done or failed, seconds since 1970; None before.
+    """
+
+    name: str
+    state: str
+    identity: Identity
+    ours: bool = False
+    counts: Mapping[str, int] = field(default_factory=dict)
+    bad: int = 0
+    losses: tuple[str, ...] = ()
+    reason: str = ''
+    seconds: float = 0.0
+    attempts: int = 0
+    run: int = 0
+    ended: float | None = None
+
+
+@dataclass(frozen=True)
+class CollectionRun:
+    """A run over the collection: number, command, worker processes, start (seconds since 1970)."""
+
+    number: int
+    command: str
+    jobs: int
+    started: float
+
+
+class Manifest:
+    """The manifest of an output folder, open for writing by one process.
+
+    Args:
+        folder: The output folder.
+
+    Raises:
+        BadFileError: The file is no manifest.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / MANIFEST
+        self._run = 0
+        self._database = sqlite3.connect(self._path, timeout=_BUSY_S, isolation_level=None)
+        try:
+            with _reported(self._path):
+                self._database.execute('PRAGMA journal_mode = DELETE')
+                self._database.execute('PRAGMA synchronous = NORMAL')
+                self._create()
+        except BaseException:
+            self._database.close()
+            raise
+
+    def begin(self, command: str, jobs: int) -> None:
+        """Begin a run. Units that a killed run left running are to do again."""
+        with self._transaction():
+            cursor = self._database.execute(
+                'INSERT INTO runs (command, jobs, started) VALUES (?, ?, ?)',
+                (command, jobs, time.time()),
+            )
+            self._run = cursor.lastrowid or 0
+            self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
+
+    def add(self, units: Mapping[str, str]) -> None:
+        """Add units, name to source; those that are known stay as they are."""
+        with self._transaction():
+            self._database.executemany(
+                'INSERT OR IGNORE INTO units (name, source, state) VALUES (?, ?, ?)',
+                [(name, source, TODO) for name, source in units.items()],
+            )
+
+    def records(self) -> dict[str, UnitRecord]:
+        """Return all units by name."""
+        with _reported(self._path):
+            return _records(self._database)
+
+    def start(self, name: str, identity: Identity, *, attempt: int, ours: bool) -> None:
+        """Record that a unit is running."""
+        with self._transaction():
+            self._database.execute(
+                'UPDATE units SET state = ?, source = ?, input = ?, options = ?, version = ?,'
+                " ours = ?, attempts = ?, run = ?, counts = '{}', bad = 0, losses = '[]',"
+                " reason = '', seconds = 0, ended = NULL WHERE name = ?",
+                (
+                    RUNNING, identity.source, identity.input, identity.options, identity.version,
+                    ours, attempt, self._run, name,
+                ),
+            )  # fmt: skip
+
+    def end(self, name: str, result: UnitResult) -> None:
+        """Record the result of a unit."""
+        with self._transaction():
+            self._database.execute(
+                'UPDATE units SET state = ?, ours = (ours OR ?), counts = ?, bad = ?, losses = ?,'
+                ' reason = ?, seconds = ?, ended = ?, run = ? WHERE name = ?',
+                (
+                    FAILED if result.failed else DONE, not result.failed,
+                    json.dumps(dict(result.counts)), result.bad, json.dumps(result.losses),
+                    result.reason, result.seconds, time.time(), self._run, name,
+                ),
+            )  # fmt: skip
+
+    def release(self) -> None:
+        """Record that no unit is running any more: the rest is to do."""
+        with self._transaction():
+            self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _create(self) -> None:
+        _check(self._database, self._path)
+        if _version_of(self._database) == 0:
+            self._database.executescript(
+                f'BEGIN IMMEDIATE; {_TABLES} PRAGMA user_version = {_VERSION}; COMMIT;'
+            )
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with _reported(self._path):
+            self._database.execute('BEGIN IMMEDIATE')
+            try:
+                yield
+                self._database.execute('COMMIT')
+            except BaseException:
+                self._database.execute('ROLLBACK')
+                raise
+
+
+def read_manifest(folder: Path) -> tuple[list[UnitRecord], CollectionRun | None]:
+    """Return the units in the manifest of a folder by name, and its last run.
+
+    Raises:
+        MissingPathError: The folder has no manifest.
+        BadFileError: The file is no manifest.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise MissingPathError(path)
+    with (
+        _reported(path),
+        closing(sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)) as database,
+    ):
+        _check(database, path)
+        if _version_of(database) == 0:
+            return [], None
+        row = database.execute(
+            'SELECT run, command, jobs, started FROM runs ORDER BY run DESC LIMIT 1'
+        ).fetchone()
+        return list(_records(database).values()), None if row is None else CollectionRun(*row)
+
+
+def _records(database: sqlite3.Connection) -> dict[str, UnitRecord]:
+    rows = database.execute(
+        'SELECT name, state, source, input, options, version, ours, counts, bad, losses, reason,'
+        ' seconds, attempts, run, ended FROM units ORDER BY name'
+    )
+    return {row[0]: _record(row) for row in rows}
+
+
+def _record(row: tuple[Any, ...]) -> UnitRecord:
+    name, state, *identity, ours, counts, bad, losses, reason, seconds, attempts, run, ended = row
+    return UnitRecord(
+        name, state, Identity(*identity), bool(ours), json.loads(counts), bad,
+        tuple(json.loads(losses)), reason, seconds, attempts, run, ended,
+    )  # fmt: skip
+
+
+def _version_of(database: sqlite3.Connection) -> int:
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    return int(version)
+
+
+def _check(database: sqlite3.Connection, path: Path) -> None:
+    """Refuse a database of others, or of another version of these tables."""
+    tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
+    version = _version_of(database)
+    if version not in {0, _VERSION} or (version == 0 and tables):
+        raise _no_manifest(path, f'is a database of version {version}')
+    if version and not {'units', 'runs'} <= tables:
+        raise _no_manifest(path, 'lacks its tables')
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    """Convert errors of SQLite about a file to one line."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise OSError(0, f'{error} (SQLite)', str(path)) from error
+    except (sqlite3.DatabaseError, ValueError) as error:
+        raise _no_manifest(path, str(error)) from error
+
+
+def _no_manifest(path: Path, found: str) -> BadFileError:
+    return BadFileError(
+        path, found, 'the manifest of a collection', remedy='choose another OUT, or move it away'
+    )

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs jobs one after the other, or on worker processes.
+
+Workers are new interpreters: a fork would copy locks that other threads hold. They ignore Ctrl-C,
+which a terminal sends to all processes, and end with the process that started them.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+from ..files.workers import hold_to_one_thread
+from .results import LostWorker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from multiprocessing.context import SpawnProcess
+
+    from .results import Advance, UnitJob, UnitResult
+
+    RunUnit: TypeAlias = Callable[[UnitJob, Advance], UnitResult]
+    Outcome: TypeAlias = tuple[UnitJob, UnitResult | LostWorker]
+    ShowUnit: TypeAlias = Callable[[str, int, int], None]
+
+_EXIT_TERMINATED = 143
+_ADVANCE_S = 0.2  # between two reports of progress
+_PATIENCE_S = 10.0  # for a worker to remove its partial output
+
+
+class JobQueue(Protocol):
+    """Jobs to run."""
+
+    def take(self) -> UnitJob | None:
+        """Return the next job; None if there is none now."""
+
+
+def run_serially(queue: JobQueue, run: RunUnit, show: ShowUnit) -> Iterator[Outcome]:
+    """Yield the result of each job, run in this process.
+
+    Args:
+        queue: The jobs.
+        run: Runs a job.
+        show: Called with the name of a unit, the samples done and the number of all.
+    """
+    while (job := queue.take()) is not None:
+        name = job.unit.name
+        yield job, run(job, lambda done, total, name=name: show(name, done, total))  # type: ignore[misc]
+
+
+def run_on_processes(
+    queue: JobQueue, run: RunUnit, show: ShowUnit, workers: int, held: int
+) -> Iterator[Outcome]:
+    """Yield the results of jobs in the order in which they end, run on worker processes.
+
+    A job whose worker was killed yields LostWorker; another worker takes its place. The workers
+    end with the iterator.
+
+    Args:
+        queue: The jobs; asked for another after each outcome.
+        run: Runs a job; a function of a module, since it is pickled.
+        show: As in run_serially.
+        workers: Number of processes.
+        held: A descriptor that workers keep open until they end, such as that of a lock.
+    """
+    pool: list[_Worker] = []
+    try:
+        while busy := _busy(pool, queue, lambda: _Worker(run, held), workers):
+            for ready in wait(list(busy)):
+                worker = busy[ready]
+                outcome = worker.receive(show)
+                if outcome is None:
+                    continue
+                if isinstance(outcome[1], LostWorker):
+                    pool.remove(worker)
+                yield outcome
+    finally:
+        for worker in pool:
+            worker.stop()
+        for worker in pool:
+            worker.join()
+
+
+def _busy(
+    pool: list[_Worker], queue: JobQueue, start: Callable[[], _Worker], workers: int
+) -> dict[Any, _Worker]:
+    """Give jobs to idle workers, and to new ones up to their number; return the busy ones."""
+    for worker in pool:
+        if worker.job is None:
+            worker.give(queue.take())
+    while len(pool) < workers and (job := queue.take()) is not None:
+        pool.append(start())
+        pool[-1].give(job)
+    return {each.connection: each for each in pool if each.job is not None}
+
+
+class _Worker:
+    """A worker process and the job that it runs."""
+
+    def __init__(self, run: RunUnit, held: int) -> None:
+        context = multiprocessing.get_context('spawn')
+        self.connection, theirs = context.Pipe()
+        self.job: UnitJob | None = None
+        with theirs, Connection(os.dup(held)) as lock, _no_interrupt():
+            self._process: SpawnProcess = context.Process(
+                target=_serve, args=(run, theirs, lock), daemon=True
+            )
+            self._process.start()
+
+    def give(self, job: UnitJob | None) -> None:
+        """Send a job."""
+        self.job = job
+        if job is not None:
+            with suppress(BrokenPipeError, ConnectionResetError):  # noticed by receive
+                self.connection.send(job)
+
+    def receive(self, show: ShowUnit) -> Outcome | None:
+        """Receive a result; None if it was progress only."""
+        job = self.job
+        if job is None:
+            raise RuntimeError('a worker without a job reports')
+        try:
+            kind, content = self.connection.recv()
+        except (EOFError, ConnectionResetError):
+            self.connection.close()
+            self._process.join()
+            self.job = None
+            return job, LostWorker(self._how())
+        if kind == 'advance':
+            show(job.unit.name, *content)
+            return None
+        self.job = None
+        return job, content
+
+    def _how(self) -> str:
+        code = self._process.exitcode or 0
+        return f'was killed by signal {-code}' if code < 0 else f'ended with exit code {code}'
+
+    def stop(self) -> None:
+        """Ask the process to end: it removes its partial output."""
+        self._process.terminate()
+
+    def join(self) -> None:
+        """Wait until the process has ended; kill one that does not."""
+        self._process.join(_PATIENCE_S)
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Block Ctrl-C here, and for good in a process that is started inside."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(run: RunUnit, connection: Any, lock: Any) -> None:  # noqa: ANN401, ARG001 - Connections
+    """Run the jobs that come, in a worker process; the lock is kept open until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_EXIT_TERMINATED))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.environ['OPENCV_FOR_THREADS_NUM'] = '1'
+    hold_to_one_thread()
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            job: UnitJob = connection.recv()
+            connection.send(('end', run(job, _Advancing(connection))))
+
+
+class _Advancing:
+    """Reports the progress of a job, not too often."""
+
+    def __init__(self, connection: Any) -> None:  # noqa: ANN401 - a Connection
+        self._connection = connection
+        self._last = time.monotonic()
+
+    def __call__(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if now - self._last >= _ADVANCE_S:
+            self._last = now
+            self._connection.send(('advance', (done, total)))
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it does; a lock on its output ends with it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(_EXIT_TERMINATED)

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 status."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from ..batch.manifest import STATES, read_manifest
+from ..batch.pace import measure_pace
+from .collection_tables import complain_of, print_groups, print_pace, record_json
+from .exit_codes import EXIT_LOSSES, EXIT_OK
+from .json_text import print_json
+from .memory import keep_imports
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def run_status(out: Path, *, json: bool, quiet: bool) -> int:
+    """Print how much of a collection is done.
+
+    Args:
+        out: The folder that a command with --all writes.
+        json: Whether to print JSON instead of text.
+        quiet: Print only failed units and skipped data.
+
+    Returns:
+        The exit code: 1 with failed units or skipped data.
+    """
+    keep_imports()
+    records, run = read_manifest(out)
+    pace = measure_pace(records, run)
+    if json:
+        print_json(
+            {
+                'out': out,
+                'pace': {**asdict(pace), 'left': pace.left},
+                'run': None if run is None else asdict(run),
+                'units': [record_json(each) for each in records],
+            }
+        )
+    elif not quiet:
+        by_state = {state: [each for each in records if each.state == state] for state in STATES}
+        print_groups({state: units for state, units in by_state.items() if units})
+        print_pace(out, pace)
+    complain_of(records)
+    return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options of commands that take whole collections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from ..model.errors import UsageError
+from .declare import option, options_of, parse_values, values_for
+from .parsers import parse_flag, parse_integer
+from .table import TO_BAG
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_MOST_JOBS = 256
+_MOST_FRAMES = 1_000_000
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """Options of a collection.
+
+    Attributes:
+        whole: Whether SRC is a collection and OUT a folder of outputs.
+        jobs: Number of worker processes; None is one for each CPU, at most 8.
+        slice_frames: Frames of a unit of an object set; None takes a split whole.
+        retry: Whether failed units are run again.
+
+    Raises:
+        UsageError: A number is out of range, or an option is given without `all`.
+    """
+
+    group: ClassVar = 'Collections'
+
+    whole: bool = option(
+        False,
+        'SRC is a collection (a root, a quoted glob, or a .txt list of folders), OUT a folder',
+        parse_flag,
+        name='all',
+        flags=('--all',),
+    )
+    jobs: int | None = option(
+        None,
+        'With --all: worker processes, 1 to 256',
+        parse_integer,
+        unset='one per CPU, at most 8',
+    )
+    slice_frames: int | None = option(
+        None,
+        'With --all: divide object sets into units of so many frames',
+        parse_integer,
+        unset='one unit',
+    )
+    retry: bool = option(
+        False, 'With --all: run failed units again', parse_flag, flags=('--retry',)
+    )
+
+    def __post_init__(self) -> None:
+        self._check('jobs', self.jobs, _MOST_JOBS)
+        self._check('slice-frames', self.slice_frames, _MOST_FRAMES)
+        given = {
+            'jobs': self.jobs is not None,
+            'slice-frames': self.slice_frames is not None,
+            'retry': self.retry,
+        }
+        alone = [name for name, is_given in given.items() if is_given and not self.whole]
+        if alone:
+            raise UsageError(f'--{alone[0]} is for whole collections; give --all too')
+
+    @staticmethod
+    def _check(name: str, value: int | None, most: int) -> None:
+        if value is not None and not 1 <= value <= most:
+            raise UsageError(f'--{name} {value} is out of range; expected 1 to {most}')
+
+
+BATCH = options_of(BatchOptions)
+TO_BAG_ALL = (*TO_BAG, *BATCH)
+"""Options of the command to-bag; those of a collection are of the command line only."""
+
+
+def split_batch_options(
+    values: Mapping[str, object],
+) -> tuple[BatchOptions, dict[str, object]]:
+    """Return the options of the collection, and the values of the others, by name.
+
+    Raises:
+        UsageError: A value is invalid.
+    """
+    names = {each.name for each in BATCH}
+    own = {name: value for name, value in values.items() if name in names}
+    rest = {name: value for name, value in values.items() if name not in names}
+    return BatchOptions(**values_for(BatchOptions, parse_values(own, BATCH))), rest
