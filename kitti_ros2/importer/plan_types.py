@@ -36,7 +36,7 @@ def check_types(plan: Plan, survey: Survey) -> None:
         UsageError: The type of one is another; the error names the key.
     """
     for key, name, expected in _uses(plan):
-        topic = survey.topics.get(name)
+        topic = survey.topics.get(name) if name else None  # a bag may have a topic of no name
         if topic is not None and topic.count and topic.msgtype not in expected:
             raise UsageError(
                 f'{key}: {name} is of type {topic.msgtype}; expected {", ".join(expected)}'

@@ -152,7 +152,7 @@ def test_an_append_behind_a_link_is_refused(bag, tmp_path, capsys):
         (['{bag}', '{out}', '--layout', 'raw', '--append'], '--append continues an object set'),
         (['{bag}', '{out}', '--layout', 'raw', '--name', '../x'], '../x is no drive'),
         (['{bag}', '{out}', '--layout', 'object', '--name', '../x'], "no split '../x'"),
-        (['{bag}', '{out}', '--layout', 'object', '--calib', '{none}'], 'No such file'),
+        (['{bag}', '{out}', '--layout', 'object', '--calib', '{none}'], 'no such file or folder'),
         (['{bag}', '{out}', '--plan-file', '{none}'], 'No such file'),
         (['{none}', '{out}', '--layout', 'object'], 'there is no such file'),
         (['{circle}', '{out}', '--layout', 'object'], 'there is no such file'),
