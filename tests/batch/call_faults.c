@@ -9,8 +9,7 @@
    FAULT_DO    self: kill this process; group: kill its group; full: fail with ENOSPC; readonly: EROFS
    FAULT_LOG   each call appends a byte to this file
    FAULT_ONCE  a file that is removed first; only the process that removes it acts
-
-   With FAULT_MAIN set, worker processes of Python's multiprocessing do not count. */
+   FAULT_OF    main: calls of worker processes do not count; workers: only they do */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -52,7 +51,8 @@ __attribute__((constructor)) static void begin(void) {
     if (getenv("FAULT_LOG"))
         log_fd = syscall(SYS_openat, AT_FDCWD, getenv("FAULT_LOG"),
                          O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
-    if (getenv("FAULT_MAIN") && is_worker())
+    const char *of = getenv("FAULT_OF");
+    if (of && is_worker() != !strcmp(of, "workers"))
         wanted[0] = 0;
 }
 

@@ -56,7 +56,7 @@ def calls(library, root, tmp_path_factory):
     @cache
     def count(jobs, path):
         folder = tmp_path_factory.mktemp('calls')
-        return Faulty(library, root, folder / 'bags').count(folder, jobs, main=1, path=path)
+        return Faulty(library, root, folder / 'bags').count(folder, jobs, of='main', path=path)
 
     return count
 
@@ -69,7 +69,7 @@ def run(library, root, tmp_path):
 @pytest.mark.parametrize('moment', range(1, 6))
 @pytest.mark.parametrize(('jobs', 'what'), [(1, 'self'), (2, 'self'), (2, 'group')])
 def test_a_run_killed_at_a_change_of_the_manifest(jobs, what, moment, run, undisturbed, calls):
-    faults = {'main': 1, 'path': 'manifest.sqlite'}
+    faults = {'of': 'main', 'path': 'manifest.sqlite'}
     at = max(1, calls(jobs, faults['path']) * moment // 6)
     code, _ = run.run(jobs, at=at, do=what, **faults)
     assert code == -9
@@ -97,7 +97,7 @@ def test_a_worker_killed_at_a_change_of_an_output(call, run, undisturbed, tmp_pa
 
 def test_two_workers_killed_by_one_unit_leave_no_partial_output(run, undisturbed):
     """Every worker is killed at its first unit, so that all units fail."""
-    code, complaints = run.run(2, at=5, do='self', path='.partial')
+    code, complaints = run.run(2, at=5, do='self', of='workers', path='.partial')
     assert code == 1
     assert complaints.count('its worker process was killed by signal 9, 2 times') == UNITS
     assert set(states(run.out).values()) == {'failed'}
@@ -133,13 +133,13 @@ def test_five_kills_of_a_run_over_many_units(library, tmp_path):
     words = ['to-bag', str(root), str(undisturbed), '--all', '--jobs', '1', '-q', *ONLY_SCANS]
     assert main(words) == 0
     run = Faulty(library, root, out, ONLY_SCANS)
-    faults = {'main': 1, 'path': 'manifest.sqlite', 'do': 'group'}
+    faults = {'of': 'main', 'path': 'manifest.sqlite', 'do': 'group'}
     done = set()
-    for calls in (97, 231, 364, 55, 412):
+    for calls in (150, 300, 500, 200, 350):
         code, _ = run.run(2, at=calls, **faults)
         assert code == -9
         now = check_left(out, outputs(undisturbed))
-        assert done < now
+        assert done <= now
         done = now
-    assert len(done) < MANY
+    assert 0 < len(done) < MANY
     check_completed(run, 2, undisturbed)
