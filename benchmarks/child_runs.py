@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
 import signal
@@ -11,12 +12,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 Words: TypeAlias = Sequence[str | Path]
 _POLL_S = 0.02
+_PR_SET_CHILD_SUBREAPER = 36  # Linux's prctl.h
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ def run_together(commands: Sequence[Sequence[str]], cpus: Sequence[set[int]] = (
         CalledProcessError: One has failed.
     """
     everything = os.sched_getaffinity(0)
+    _adopt_orphans()
     before, started, memory = _children_cpu(), time.perf_counter(), 0
     running = []
     for number, command in enumerate(commands):
@@ -59,6 +63,7 @@ def run_together(commands: Sequence[Sequence[str]], cpus: Sequence[set[int]] = (
     for each in running:
         if each.returncode:
             raise subprocess.CalledProcessError(each.returncode, each.args)
+    _reap()
     return Usage(wall, _children_cpu() - before, memory)
 
 
@@ -73,11 +78,13 @@ def best(times: int, command: Sequence[str], clear: Callable[[], None]) -> Usage
 
 def kill_when(command: Sequence[str], condition: Callable[[], bool]) -> bool:
     """Run a command and kill its process group when a condition holds; return whether it was."""
+    _adopt_orphans()
     process = subprocess.Popen(command, start_new_session=True)
     while process.poll() is None:
         if condition():
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+            _reap()
             return True
         time.sleep(_POLL_S)
     return False
@@ -89,12 +96,24 @@ def resident(pid: int) -> int:
     try:
         pages = int(Path(f'/proc/{pid}/statm').read_text('ascii').split()[1])
         total = pages * os.sysconf('SC_PAGE_SIZE')
-        for task in os.listdir(f'/proc/{pid}/task'):
-            children = Path(f'/proc/{pid}/task/{task}/children').read_text('ascii').split()
+        for task in Path(f'/proc/{pid}/task').iterdir():
+            children = (task / 'children').read_text('ascii').split()
             total += sum(resident(int(child)) for child in children)
     except OSError:  # it has ended
         pass
     return total
+
+
+def _adopt_orphans() -> None:
+    """Become the parent of descendants whose parent ends, to count the server of workers, too."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def _reap() -> None:
+    """Wait for the adopted processes."""
+    with suppress(ChildProcessError):
+        while True:
+            os.wait()
 
 
 def _children_cpu() -> float:

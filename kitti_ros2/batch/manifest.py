@@ -17,7 +17,8 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import BadFileError, MissingPathError
+from ..model.errors import MissingPathError
+from .manifest_file import check, connect, create_tables, reported, version_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -29,33 +30,6 @@ if TYPE_CHECKING:
 
 MANIFEST = 'manifest.sqlite'
 TODO, RUNNING, DONE, FAILED = STATES = ('todo', 'running', 'done', 'failed')
-_VERSION = 1  # of the tables, in user_version
-_BUSY_S = 30.0
-_TABLES = """
-CREATE TABLE units (
-    name TEXT PRIMARY KEY,
-    source TEXT NOT NULL,
-    state TEXT NOT NULL CHECK (state IN ('todo', 'running', 'done', 'failed')),
-    input TEXT NOT NULL DEFAULT '',
-    options TEXT NOT NULL DEFAULT '',
-    version TEXT NOT NULL DEFAULT '',
-    ours INTEGER NOT NULL DEFAULT 0,
-    counts TEXT NOT NULL DEFAULT '{}',
-    bad INTEGER NOT NULL DEFAULT 0,
-    losses TEXT NOT NULL DEFAULT '[]',
-    reason TEXT NOT NULL DEFAULT '',
-    seconds REAL NOT NULL DEFAULT 0,
-    attempts INTEGER NOT NULL DEFAULT 0,
-    run INTEGER NOT NULL DEFAULT 0,
-    ended REAL
-) WITHOUT ROWID;
-CREATE TABLE runs (
-    run INTEGER PRIMARY KEY,
-    command TEXT NOT NULL,
-    jobs INTEGER NOT NULL,
-    started REAL NOT NULL
-);
-"""
 
 
 @dataclass(frozen=True)
@@ -132,9 +106,9 @@ class Manifest:
     def __init__(self, folder: Path) -> None:
         self._path = folder / MANIFEST
         self._run = 0
-        self._database = _connect(self._path)
+        self._database = connect(self._path)
         try:
-            with _reported(self._path):
+            with reported(self._path):
                 self._database.execute('PRAGMA journal_mode = TRUNCATE')
                 self._database.execute('PRAGMA synchronous = NORMAL')
                 self._create()
@@ -162,7 +136,7 @@ class Manifest:
 
     def records(self) -> dict[str, UnitRecord]:
         """Return all units by name."""
-        with _reported(self._path):
+        with reported(self._path):
             return _records(self._database)
 
     def start(self, name: str, identity: Identity, *, attempt: int, ours: bool) -> None:
@@ -215,16 +189,14 @@ class Manifest:
         self.close()
 
     def _create(self) -> None:
-        _check(self._database, self._path)
-        if _version_of(self._database) == 0:
-            self._database.executescript(
-                f'BEGIN IMMEDIATE; {_TABLES} PRAGMA user_version = {_VERSION}; COMMIT;'
-            )
+        check(self._database, self._path)
+        if version_of(self._database) == 0:
+            create_tables(self._database)
 
     @contextmanager
     def _transaction(self, *, commit: bool = True) -> Iterator[None]:
         """Begin a transaction, or continue the one that is open."""
-        with _reported(self._path):
+        with reported(self._path):
             if not self._database.in_transaction:
                 self._database.execute('BEGIN IMMEDIATE')
             try:
@@ -249,21 +221,16 @@ def read_manifest(folder: Path) -> tuple[list[UnitRecord], CollectionRun | None]
     if not path.is_file():
         raise MissingPathError(path)
     with (
-        _reported(path),
-        closing(_connect(path)) as database,
+        reported(path),
+        closing(connect(path)) as database,
     ):
-        _check(database, path)
-        if _version_of(database) == 0:
+        check(database, path)
+        if version_of(database) == 0:
             return [], None
         row = database.execute(
             'SELECT run, command, jobs, started FROM runs ORDER BY run DESC LIMIT 1'
         ).fetchone()
         return list(_records(database).values()), None if row is None else CollectionRun(*row)
-
-
-def _connect(path: Path) -> sqlite3.Connection:
-    with _reported(path):
-        return sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
 
 
 def _records(database: sqlite3.Connection) -> dict[str, UnitRecord]:
@@ -280,41 +247,3 @@ def _record(row: tuple[Any, ...]) -> UnitRecord:
         name, state, Identity(*identity), bool(ours), json.loads(counts), bad,
         tuple(json.loads(losses)), reason, seconds, attempts, run, ended,
     )  # fmt: skip
-
-
-def _version_of(database: sqlite3.Connection) -> int:
-    (version,) = database.execute('PRAGMA user_version').fetchone()
-    return int(version)
-
-
-def _check(database: sqlite3.Connection, path: Path) -> None:
-    """Refuse a database of others, or of another version of these tables."""
-    tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
-    version = _version_of(database)
-    if version not in {0, _VERSION} or (version == 0 and tables):
-        raise _no_manifest(path, f'is a database of version {version}')
-    if version and not {'units', 'runs'} <= tables:
-        raise _no_manifest(path, 'lacks its tables')
-
-
-@contextmanager
-def _reported(path: Path) -> Iterator[None]:
-    """Convert errors of SQLite about a file to one line."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        locked = 'locked' in str(error)
-        remedy = (
-            'close the program that has it open'
-            if locked
-            else ('check the room on the disk and the permissions of the folder')
-        )
-        raise OSError(0, f'{error} (SQLite); {remedy}', str(path)) from error
-    except (sqlite3.DatabaseError, ValueError) as error:
-        raise _no_manifest(path, str(error)) from error
-
-
-def _no_manifest(path: Path, found: str) -> BadFileError:
-    return BadFileError(
-        path, found, 'the manifest of a collection', remedy='choose another OUT, or move it away'
-    )
