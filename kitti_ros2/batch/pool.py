@@ -95,8 +95,13 @@ def run_on_processes(
     finally:
         for worker in pool:
             worker.stop()
-        for worker in pool:
-            worker.join()
+        try:
+            for worker in pool:
+                worker.join()
+        except KeyboardInterrupt:  # Ctrl-C again, while one does not end
+            for worker in pool:
+                worker.kill()
+            raise
 
 
 def _busy(
@@ -159,10 +164,14 @@ class _Worker:
         """Ask the process to end: it removes its partial output."""
         self._process.terminate()
 
+    def kill(self) -> None:
+        """End the process at once: the next run removes its partial output."""
+        self._process.kill()
+
     def join(self) -> None:
         """Wait until the process has ended; kill one that does not."""
         self._process.join(_PATIENCE_S)
-        self._process.kill()
+        self.kill()
         self._process.join()
         self.connection.close()
 
