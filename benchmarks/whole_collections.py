@@ -1,13 +1,21 @@
 #!/usr/bin/env python3
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How kitti-ros2 to-bag --all scales: worker processes, and the overhead of tiny units.
+"""How kitti-ros2 to-bag --all scales: worker processes, frames, units, and SIGKILL.
 
-    python benchmarks/whole_collections.py [--units N] [--drives N] [--frames N] [--dir FOLDER]
+    python benchmarks/whole_collections.py [--parts PART ...] [--drives N] [--frames N]
+        [--units N] [--kills N] [--dir FOLDER]
 
-Synthetic drives with --images raw: --jobs 1 on one CPU beside --jobs 2 with one thread each, and
-the plain command on each drive; the bytes of all must be equal. Then N units of one tiny frame:
-time per unit beside that of the bare conversions in one process, and of a rerun that skips all.
+workers: synthetic drives with --images raw: --jobs 1 on one CPU beside --jobs 2, and beside two
+independent --jobs 1 of half of the drives each, which is what the machine can do. Bytes are equal.
+
+growth: one drive of 10, 100 and 1000 frames, and 10, 100 and 1000 units of one tiny frame. The
+cost is CPU time, which other programs on the machine change less than elapsed time; the cost of one
+more is that between two sizes, so that the constant part of a run does not count.
+
+many: N units of one tiny frame: time and CPU time of a unit beside those of bare conversions in one
+process, peak memory, a second run, status; then a run that is killed N times and continued:
+the manifest is whole, agrees with the outputs, and their bytes are those of the run before.
 """
 
 from __future__ import annotations
@@ -16,99 +24,183 @@ import argparse
 import filecmp
 import os
 import shutil
-import subprocess
+import sqlite3
 import sys
 import tempfile
 import time
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from kitti_ros2.batch.bag_unit import run_bag_unit
+from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest
 from kitti_ros2.batch.results import UnitJob
 from kitti_ros2.batch.units import find_units
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
+from child_runs import Usage, best, kill_when, run_together, to_bag  # isort: skip
+
 TINY = SyntheticOptions(frames=1, image_size=(62, 20), lidar_columns=20)
+GROWING = (10, 100, 1000)
+REPEATS = 3
 
 
 def make_root(folder: Path, drives: int, options: SyntheticOptions) -> Path:
-    """Write so many copies of a synthetic drive."""
+    """Write so many copies of a synthetic drive; the copies are hard links."""
     drive = write_synthetic(folder, Layout.RAW, options)
     for number in range(2, drives + 1):
-        shutil.copytree(drive, drive.with_name(drive.name.replace('0001', f'{number:04d}')))
+        copy = drive.with_name(drive.name.replace('0001', f'{number:04d}'))
+        shutil.copytree(drive, copy, copy_function=os.link)
     return folder
 
 
-def seconds(*words: str | Path, cpus: set[int] | None = None) -> float:
-    """Run kitti-ros2 to-bag on some CPUs; return the seconds taken."""
-    command = [sys.executable, '-m', 'kitti_ros2', 'to-bag', *map(str, words), '-q']
-    everything = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, cpus or everything)
-    try:
-        started = time.perf_counter()
-        subprocess.run(command, check=True)
-        return time.perf_counter() - started
-    finally:
-        os.sched_setaffinity(0, everything)
-
-
 def same(one: Path, other: Path) -> bool:
-    """Whether two folders hold the same bags."""
-    names = [path.relative_to(one) for path in one.rglob('*.mcap')]
-    return bool(names) and all(
-        filecmp.cmp(one / name, other / name, shallow=False) for name in names
+    """Whether two folders hold the same bags, and no partial ones."""
+    found = [
+        {path.relative_to(folder) for path in folder.rglob('*.mcap*')} for folder in (one, other)
+    ]
+    return (
+        bool(found[0])
+        and found[0] == found[1]
+        and all(filecmp.cmp(one / name, other / name, shallow=False) for name in found[0])
     )
 
 
-def scaling(folder: Path, drives: int, frames: int) -> None:
+def row(name: str, usage: Usage, note: str = '') -> None:
+    """Print a row of a table."""
+    memory = f'{usage.memory / 1e6:.0f} MB'
+    print(f'  {name:<28} {usage.wall:8.2f} s {usage.cpu:8.2f} s CPU {memory:>8} {note}'.rstrip())
+
+
+def workers(folder: Path, drives: int, frames: int) -> None:
     """Print the table of worker processes."""
     root = make_root(folder / 'root', drives, SyntheticOptions(frames=frames))
-    one_cpu = {min(os.sched_getaffinity(0))}
-    words = ('--images', 'raw')
-    alone = seconds(root, folder / 'one', '--all', '--jobs', '1', *words, cpus=one_cpu)
-    pair = seconds(root, folder / 'two', '--all', '--jobs', '2', *words)
-    plain = sum(
-        seconds(unit.source, folder / 'plain' / f'{unit.name}.mcap', *words, cpus=one_cpu)
-        for unit in find_units([root])
+    cpus = sorted(os.sched_getaffinity(0))
+    found = [unit.source for unit in find_units([root])]
+    halves = [folder / 'first.txt', folder / 'second.txt']
+    for path, part in zip(halves, (found[::2], found[1::2]), strict=True):
+        path.write_text(''.join(f'{each}\n' for each in part), 'utf-8')
+    words = ('--all', '--images', 'raw')
+    alone = run_together([to_bag(root, folder / 'one', *words, '--jobs', '1')], [{cpus[0]}])
+    pair = run_together([to_bag(root, folder / 'two', *words, '--jobs', '2')])
+    apart = run_together(
+        [to_bag(half, folder / half.stem, *words, '--jobs', '1') for half in halves],
+        [{cpu} for cpu in (cpus * 2)[:2]],
     )
     print(f'{drives} drives of {frames} frames, --images raw')
-    print(f'  plain command, one CPU  {plain:7.2f} s')
-    print(f'  --jobs 1, one CPU       {alone:7.2f} s')
-    print(f'  --jobs 2                {pair:7.2f} s, {alone / pair:.2f} x')
-    equal = same(folder / 'one', folder / 'two') and same(folder / 'one', folder / 'plain')
-    print(f'  bytes {"identical" if equal else "DIFFERENT"}')
+    row('--jobs 1, one CPU', alone)
+    row('--jobs 2', pair, f'{alone.wall / pair.wall:.2f} x')
+    row('two runs of half the drives', apart, f'{alone.wall / apart.wall:.2f} x, the limit here')
+    print(f'  bytes {"identical" if same(folder / "one", folder / "two") else "DIFFERENT"}')
 
 
-def overhead(folder: Path, count: int) -> None:
-    """Print the time per tiny unit."""
-    root = make_root(folder / 'tiny', count, TINY)
-    started = time.perf_counter()
-    for unit in find_units([root]):
-        run_bag_unit(UnitJob(unit, folder / 'bare' / f'{unit.name}.mcap', {}), lambda *_: None)
-    bare = (time.perf_counter() - started) / count
-    print(f'{count} units of one tiny frame, ms per unit')
-    print(f'  bare conversions        {bare * 1e3:7.2f}')
-    for jobs in ('1', '2'):
-        words = (root, folder / f'tiny_{jobs}', '--all', '--jobs', jobs)
-        first = seconds(*words) / count
-        again = seconds(*words) / count
-        print(
-            f'  --jobs {jobs}                {first * 1e3:7.2f}'
-            f' (overhead {(first - bare) * 1e3:.2f}), nothing to do {again * 1e3:.2f}'
+def growth(folder: Path) -> None:
+    """Print the cost of one more frame and of one more unit, for growing numbers."""
+    roots = {
+        ('frames', count): make_root(
+            folder / f'frames_{count}',
+            1,
+            SyntheticOptions(frames=count, image_size=(310, 94), lidar_columns=200),
         )
+        for count in GROWING
+    } | {('units', count): make_root(folder / f'units_{count}', count, TINY) for count in GROWING}
+    costs: dict[str, list[float]] = {'frames': [], 'units': []}
+    print('CPU time of one more')
+    before = (0, 0.0)
+    for (kind, count), root in roots.items():
+        out = folder / 'grown'
+        clear = partial(shutil.rmtree, out, ignore_errors=True)
+        usage = best(REPEATS, to_bag(root, out, '--all', '--jobs', '2'), clear)
+        note = ''
+        if count > GROWING[0]:
+            costs[kind].append((usage.cpu - before[1]) / (count - before[0]))
+            note = f'{costs[kind][-1] * 1e3:.2f} ms for one more of {kind}'
+        row(f'{count} {kind}', usage, note)
+        before = (count, usage.cpu)
+    for kind, (first, last) in costs.items():
+        print(f'  one more of {kind} costs {last / first - 1:+.0%} at {GROWING[-1]}')
+
+
+def many(folder: Path, count: int, kills: int) -> None:
+    """Print the cost of a tiny unit, and what kills leave."""
+    root, out = make_root(folder / 'tiny', count, TINY), folder / 'many'
+    bare = _bare(folder, root, min(count, 1000))
+    print(f'{count} units of one tiny frame; {bare * 1e3:.2f} ms CPU for a bare conversion')
+    for jobs in ('1', '2'):
+        shutil.rmtree(out, ignore_errors=True)
+        command = to_bag(root, out, '--all', '--jobs', jobs)
+        first = run_together([command])
+        over = (first.cpu / count - bare) * 1e3
+        row(f'--jobs {jobs}', first, f'{over:.2f} ms CPU more than bare for a unit')
+        row(f'--jobs {jobs} again', run_together([command]), 'nothing to do')
+    words = [sys.executable, '-m', 'kitti_ros2', 'status', str(out), '-q']
+    row('status', run_together([words]))
+    if kills:
+        _killed(root, out, folder / 'killed', count, kills)
+
+
+def _bare(folder: Path, root: Path, most: int) -> float:
+    started = time.process_time()
+    for unit in find_units([root])[:most]:
+        run_bag_unit(UnitJob(unit, folder / 'bare' / f'{unit.name}.mcap', {}), lambda *_: None)
+    return (time.process_time() - started) / most
+
+
+def _killed(root: Path, whole: Path, out: Path, count: int, kills: int) -> None:
+    command = to_bag(root, out, '--all', '--jobs', '2')
+    wrong = 0
+    for number in range(1, kills + 1):
+        enough = count * number // (kills + 1)
+        killed = kill_when(command, lambda enough=enough: len(_bags(out)) >= enough)  # type: ignore[misc]
+        wrong += not killed or not _sound(out)
+    last = run_together([command])
+    equal = same(whole, out) and _sound(out)
+    left = [path for path in out.rglob('.*') if path.name.endswith('.partial')]
+    row('the run after the last kill', last)
+    print(
+        f'  {kills} kills, {wrong} with an unsound manifest; outputs'
+        f' {"identical" if equal else "DIFFERENT"}, {len(left)} partial ones left'
+    )
+
+
+def _bags(out: Path) -> list[str]:
+    """Return the bags, by the names of their units."""
+    folders = [path for path in out.iterdir() if path.is_dir()] if out.is_dir() else []
+    return [
+        f'{folder.name}/{path.stem}'
+        for folder in folders
+        for path in folder.iterdir()
+        if path.suffix == '.mcap' and path.name[0] != '.'
+    ]
+
+
+def _sound(out: Path) -> bool:
+    """Whether the manifest is whole, and each unit that it calls done has its output."""
+    with closing(sqlite3.connect(out / MANIFEST)) as database:
+        (verdict,) = database.execute('PRAGMA integrity_check').fetchone()
+    done = {each.name for each in read_manifest(out)[0] if each.state == DONE}
+    return verdict == 'ok' and done <= set(_bags(out))
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser()
+    parser.add_argument('--parts', nargs='+', default=['workers', 'growth', 'many'])
     parser.add_argument('--units', type=int, default=300)
+    parser.add_argument('--kills', type=int, default=20)
     parser.add_argument('--drives', type=int, default=24)
     parser.add_argument('--frames', type=int, default=20)
     parser.add_argument('--dir', type=Path)
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=given.dir) as folder:
-        scaling(Path(folder), given.drives, given.frames)
-        overhead(Path(folder), given.units)
+    with tempfile.TemporaryDirectory(dir=given.dir) as name:
+        folder = Path(name)
+        if 'workers' in given.parts:
+            workers(folder / 'workers', given.drives, given.frames)
+        if 'growth' in given.parts:
+            growth(folder / 'growth')
+        if 'many' in given.parts:
+            many(folder / 'many', given.units, given.kills)
 
 
 if __name__ == '__main__':

@@ -8,14 +8,14 @@ import json
 import os
 import time
 from collections import deque
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files.staging import lock_exclusively, reported
+from ..files.staging import Staging, lock_exclusively, reported
 from ..files.workers import worker_count
-from ..model.errors import OutputError, describe_error
+from ..model.errors import OutputError, UsageError, describe_error
 from .fingerprint import fingerprint, fingerprint_paths
 from .manifest import DONE, FAILED, Identity, Manifest, UnitRecord
 from .pool import run_on_processes, run_serially
@@ -165,7 +165,9 @@ class _Queue:
             job = self._job(unit)
             if job is not None:
                 return self._begin(job)
+            self._manifest.flush()
             self._progress.skip(unit.name)
+        self._manifest.flush()
         return None
 
     def settle(self, outcome: Outcome) -> None:
@@ -180,6 +182,7 @@ class _Queue:
                 reason=f'its worker process {result.how}, {job.attempt} times;'
                 ' is there enough memory?'
             )
+            _remove_partial(job.out)
         self._manifest.end(name, result)
         self._identities.pop(name, None)
         self._progress.end(name)
@@ -220,6 +223,12 @@ class _Queue:
         self.ran.add(name)
         self._progress.begin(name)
         return job
+
+
+def _remove_partial(out: Path) -> None:
+    """Remove what a killed worker has left of an output."""
+    with suppress(OutputError, UsageError):
+        Staging(out, lambda _: None).discard()
 
 
 @contextmanager

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..kitti.layouts import open_recording
-from ..kitti.recording_tree import tree_of
+from ..kitti.recording_tree import calibration_beside, tree_of
 from ..model.errors import KittiRos2Error
+from ..model.layouts import Layout
 from ..options.read import ReadOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from ..model.layouts import Layout
     from .units import WorkUnit
 
 _NUMBER = re.compile(r'\d{6}')
@@ -71,11 +71,17 @@ def _digest(files: Iterable[InputFile]) -> str:
 @lru_cache(maxsize=1)  # slices of one set follow each other
 def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
     try:
-        recording = open_recording(source, ReadOptions(layout=layout, sequence=sequence))
-        parts = [path for path, _ in tree_of(recording).parts]
+        parts = _parts_of(source, layout, sequence)
     except KittiRos2Error:
         parts = [source]  # its unit will fail with this error, until something there changes
     return tuple(sorted({each for part in parts for each in _walk(part, source)}))
+
+
+def _parts_of(source: Path, layout: Layout, sequence: str | None) -> list[Path]:
+    if layout is Layout.RAW and sequence is None:  # to open it reads stamps and tracklets: 4 ms
+        return [source, *calibration_beside(source)]
+    recording = open_recording(source, ReadOptions(layout=layout, sequence=sequence))
+    return [path for path, _ in tree_of(recording).parts]
 
 
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:

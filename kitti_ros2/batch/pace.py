@@ -59,7 +59,8 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
         totals.update(each.counts)
     recent = [each for each in records if run and each.run == run.number and each.ended]
     ends = [each.ended for each in recent if each.ended is not None]
-    seconds = max(ends) - run.started if run and ends else 0.0
+    # A clock that was set back gives no rate.
+    seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
     left = states[TODO] + states[RUNNING]
     return Pace(
         states=states,
@@ -72,7 +73,7 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
         recent=len(recent),
         recent_seconds=seconds,
         recent_bytes=sum(each.counts.get('bytes', 0) for each in recent),
-        seconds_left=left * seconds / len(recent) if recent else None,
+        seconds_left=left * seconds / len(recent) if recent and seconds else None,
     )
 
 

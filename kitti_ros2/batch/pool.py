@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs jobs one after the other, or on worker processes.
 
-Workers are new interpreters: a fork would copy locks that other threads hold. They ignore Ctrl-C,
-which a terminal sends to all processes, and end with the process that started them.
+Workers are forked from a server process, a new interpreter that imports what they need once: a fork
+of this process would copy locks that other threads hold. They ignore Ctrl-C, which a terminal sends
+to all processes, and end with the process that started them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
@@ -23,7 +25,7 @@ from .results import LostWorker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from multiprocessing.context import SpawnProcess
+    from multiprocessing.context import ForkServerProcess
 
     from .results import Advance, UnitJob, UnitResult
 
@@ -34,6 +36,14 @@ if TYPE_CHECKING:
 _EXIT_TERMINATED = 143
 _ADVANCE_S = 0.2  # between two reports of progress
 _PATIENCE_S = 10.0  # for a worker to remove its partial output
+
+
+def prepare_workers() -> None:
+    """Start the server of workers: it imports what they need while this process goes on."""
+    context = multiprocessing.get_context('forkserver')
+    context.set_forkserver_preload([f'{__package__}.bag_unit', __name__])
+    with _no_interrupt():
+        forkserver.ensure_running()
 
 
 class JobQueue(Protocol):
@@ -85,8 +95,13 @@ def run_on_processes(
     finally:
         for worker in pool:
             worker.stop()
-        for worker in pool:
-            worker.join()
+        try:
+            for worker in pool:
+                worker.join()
+        except KeyboardInterrupt:  # Ctrl-C again, while one does not end
+            for worker in pool:
+                worker.kill()
+            raise
 
 
 def _busy(
@@ -106,11 +121,12 @@ class _Worker:
     """A worker process and the job that it runs."""
 
     def __init__(self, run: RunUnit, held: int) -> None:
-        context = multiprocessing.get_context('spawn')
+        prepare_workers()
+        context = multiprocessing.get_context('forkserver')
         self.connection, theirs = context.Pipe()
         self.job: UnitJob | None = None
         with theirs, Connection(os.dup(held)) as lock, _no_interrupt():
-            self._process: SpawnProcess = context.Process(
+            self._process: ForkServerProcess = context.Process(
                 target=_serve, args=(run, theirs, lock), daemon=True
             )
             self._process.start()
@@ -148,10 +164,14 @@ class _Worker:
         """Ask the process to end: it removes its partial output."""
         self._process.terminate()
 
+    def kill(self) -> None:
+        """End the process at once: the next run removes its partial output."""
+        self._process.kill()
+
     def join(self) -> None:
         """Wait until the process has ended; kill one that does not."""
         self._process.join(_PATIENCE_S)
-        self._process.kill()
+        self.kill()
         self._process.join()
         self.connection.close()
 

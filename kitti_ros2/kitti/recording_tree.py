@@ -65,6 +65,11 @@ class RecordingTree:
         raise ValueError(f'{path} is no part of {self.place}')
 
 
+def calibration_beside(drive: Path) -> list[Path]:
+    """Return the calibration files of a raw drive's date."""
+    return [drive.parent / name for name in names.RAW_CALIB if (drive.parent / name).is_file()]
+
+
 @singledispatch
 def tree_of(recording: KittiRecording) -> RecordingTree:
     """Return the files of a recording."""
@@ -76,7 +81,7 @@ def _(recording: RawRecording) -> RecordingTree:
     drive, root = recording.drive, recording.root
     dates = [each for each in (drive.name[:10], root.name) if names.RAW_DATE.fullmatch(each)]
     place = PurePosixPath(*dates[:1])
-    calibration = [root / name for name in names.RAW_CALIB if (root / name).is_file()]
+    calibration = calibration_beside(drive)
     scan_root = drive / names.RAW_SCANS
     suffixes = (names.BIN, names.TXT)
     return RecordingTree(

@@ -19,7 +19,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
 from builders import files_of  # isort: skip
-from waiting import PATIENCE_S, wait_until  # isort: skip
+from waiting import PATIENCE_S, is_running, wait_until  # isort: skip
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
@@ -36,9 +36,11 @@ sys.exit(main(sys.argv[1:]))
 class Running:
     """to-bag --all in a process group of its own, whose first unit blocks."""
 
-    def __init__(self, folder, root, jobs):
+    def __init__(self, folder, root, jobs, *, deaf):
         self.out, self.block = folder / 'bags', folder / 'block'
         self.block.mkdir()
+        if deaf:
+            (self.block / 'deaf').touch()
         arm(self.block)
         path = f'{ROOT}:{Path(__file__).parent}'
         self.process = subprocess.Popen(
@@ -86,8 +88,8 @@ def start(tmp_path, root):
     """A function that starts a run."""
     started = []
 
-    def start(jobs):
-        started.append(Running(tmp_path, root, jobs))
+    def start(jobs, *, deaf=False):
+        started.append(Running(tmp_path, root, jobs, deaf=deaf))
         return started[0]
 
     yield start
@@ -165,6 +167,19 @@ def test_a_signal_leaves_whole_units_only(jobs, name, start, root, undisturbed):
         running.process.terminate()
         running.end()
     assert main(['to-bag', str(root), str(running.out), '--all', '--jobs', jobs, '-q']) == 0
+    assert bags(running.out) == undisturbed
+
+
+def test_ctrl_c_again_ends_a_worker_that_does_not_end(start, root, undisturbed):
+    running = start('2', deaf=True)
+    worker = running.blocked()
+    os.killpg(running.process.pid, signal.SIGINT)
+    wait_until((running.block / 'asked').exists)
+    os.killpg(running.process.pid, signal.SIGINT)
+    code, _, err = running.end()
+    assert (code, 'Traceback' in err) == (130, False)
+    wait_until(lambda: not is_running(worker))
+    assert main(['to-bag', str(root), str(running.out), '--all', '--jobs', '2', '-q']) == 0
     assert bags(running.out) == undisturbed
 
 

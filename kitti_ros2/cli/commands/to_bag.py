@@ -35,6 +35,11 @@ def to_bag(
       kitti-ros2 to-bag 2011_09_26/2011_09_26_drive_0005_sync drive_0005.mcap
       kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
+    values = chosen(given)
+    if values.get('all') and str(values.get('jobs')) != '1':
+        from ...batch.pool import prepare_workers
+
+        prepare_workers()  # they import while this process does
     from ..to_bag import run_to_bag
 
-    return run_to_bag(src, out, chosen(given), config, json=json, quiet=quiet)
+    return run_to_bag(src, out, values, config, json=json, quiet=quiet)
