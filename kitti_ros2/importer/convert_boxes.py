@@ -18,12 +18,12 @@ from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
-from .frames import topic_of
 from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from ..model.boxes import Box, Cuboid

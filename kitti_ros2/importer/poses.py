@@ -23,10 +23,10 @@ from ..model.spelling import did_you_mean
 from ..model.streams import Stream
 from ..rig.moving_tree import ProductTrack
 from ..rig.tf_tree import plain
-from .frames import topic_of
 from .motion import StampedSeries, links_between, numbers_of, read_tree
 from .named_frames import NamedFrames, child_of, is_renamed, moving_pairs
 from .plan import Incomplete
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

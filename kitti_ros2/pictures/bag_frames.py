@@ -15,12 +15,13 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
-from ..importer.frames import choose_frames, frame_topics, topic_of
+from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
 from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
+from ..importer.planned_topics import topic_of
 from ..importer.poses import read_moving, read_track
 from ..importer.report import LossTally, damage
 from ..importer.scan_needs import without_unreadable_scans
