@@ -260,6 +260,9 @@ class _Builder:
         scan, dropped = self._rigging.scans.scan(cloud, own_ns)
         with self._lock:
             self._points_dropped.update(dropped)
+        if not len(scan.points):
+            reasons = ', '.join(reason for reason, count in dropped.items() if count)
+            raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
         self._writer.write_scan(number, stamp_ns, scan)
         self._depth_maps.write(number, stamp_ns, scan.points)
         return scan.points.nbytes
