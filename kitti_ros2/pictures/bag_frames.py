@@ -27,7 +27,7 @@ from ..importer.report import LossTally, damage
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
-from ..messages.detections import ABSURD
+from ..messages.detections import ABSURD, UNPLACED
 from ..messages.source import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
@@ -218,10 +218,13 @@ class BagFrames:
         if self._own_lines:
             return labels_of_text(decode_text(message))
         cuboids, left_out = self._rigging.labels.cuboids(message)
-        missing = {}
-        if ABSURD in left_out:
-            topic = frame_topics(self._plan)[Stream.LABELS]
-            missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
+        topic = frame_topics(self._plan)[Stream.LABELS]
+        lost = [
+            f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
+            for reason in (ABSURD, UNPLACED)
+            if reason in left_out
+        ]
+        missing = {'boxes': '; '.join(lost)} if lost else {}
         return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
 
     def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
