@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -17,12 +17,11 @@ from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
 from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
-from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
 from ..importer.planned_topics import topic_of
-from ..importer.poses import read_moving, read_track
+from ..importer.poses import read_moving
 from ..importer.report import LossTally, damage
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
@@ -38,6 +37,7 @@ from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
 from ..rig.tf_tree import FrameTree
+from .ego_track import ego_track
 from .frame import FrameData
 
 if TYPE_CHECKING:
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
     from ..rig.moving_tree import MovingTree
-    from ..rig.pose_track import Track
 
 T = TypeVar('T')
 
@@ -250,19 +249,6 @@ class BagFrames:
         return None if pose is None else Pose(pose @ self.base_t_imu)
 
 
-class EgoTrack(NamedTuple):
-    """Poses, and the frame that they are of."""
-
-    track: Track
-    body: str
-
-    def trajectory(self, body_T_imu: Transform) -> Trajectory:
-        """Return all poses, of the unit instead of the body."""
-        stamps_ns = self.track.stamps_ns
-        poses = [pose @ body_T_imu for pose in self.track.at(stamps_ns) if pose is not None]
-        return Trajectory(stamps_ns, poses)
-
-
 def _to_look_at(plan: Plan) -> Plan:
     """Return the plan with incomplete frames, and with boxes outside the camera's view."""
     labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
@@ -294,20 +280,6 @@ def _identified(cuboid: Cuboid) -> Cuboid:
     return replace(
         cuboid, class_name=class_name(cuboid.class_name), track_id=own_number(cuboid.identity)
     )
-
-
-def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
-    """Read the poses that the odometry layout would be made from, if any."""
-    pose, losses = guess_pose(survey, []), LossTally()
-    if pose is None:
-        return None
-    try:
-        track = read_track([bag], pose, survey, losses)
-    except KittiRos2Error as error:
-        notes.append(str(error))
-        return None
-    notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return EgoTrack(track, pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:
