@@ -7,7 +7,6 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..bags.writer import guess_storage, open_bag
@@ -19,10 +18,11 @@ from ..model.errors import KittiRos2Error, UsageError
 from ..model.losses import Loss
 from ..model.msgtypes import MARKERS, TF
 from ..model.spelling import did_you_mean
-from ..model.stamps import NS_PER_S, format_stamp
+from ..model.stamps import NS_PER_S
 from ..model.text import format_count, some_of
 from ..options.bag import BagOptions
 from ..player.answers import Answers
+from .live_losses import LiveRun, enter_losses, why_nothing
 from .node_process import NodeProcess, StackError
 
 if TYPE_CHECKING:
@@ -37,31 +37,6 @@ if TYPE_CHECKING:
 
 _LOOK_EVERY_S = 0.02
 _TRANSFORMS = (Channel('/tf', TF, depth=100), Channel('/tf_static', TF, latched=True, depth=100))
-
-
-@dataclass
-class LiveRun:
-    """What happened in a run.
-
-    Attributes:
-        answers: The answers of the stack.
-        topic: The topic with its results.
-        msgtype: The type of the topic.
-        losses: What the stack did not answer, and what could not be played.
-        notes: Other remarks, one line each.
-    """
-
-    answers: Answers
-    topic: str
-    msgtype: str = ''
-    losses: list[Loss] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def missing(self) -> tuple[int, ...]:
-        """The frames that were sent and not answered."""
-        answered = self.answers.latencies_ns
-        return tuple(number for number in self.answers.frames() if number not in answered)
 
 
 def record_run(
@@ -172,8 +147,10 @@ class _Stage:
         if player.error is not None:
             raise player.error
         if not answers.latencies_ns:
-            raise StackError(self._why_nothing(problem))
-        self._report(problem, total)
+            raise StackError(why_nothing(self.run, problem))
+        enter_losses(self.run, problem, total)
+        for reason, lost in player.session.counts.dropped.items():
+            self.run.losses.append(Loss('player', max(1, lost), reason))
 
     def _hears(self) -> bool:
         """Subscribe to the topic once it has a publisher; return whether it is connected."""
@@ -252,53 +229,6 @@ class _Stage:
         needed = self._options.wait_for
         few = 'no node' if needed == 1 else f'fewer than {needed} nodes'
         return f'{few} subscribed to the player within {seconds:g} s; it offers {offered}'
-
-    def _why_nothing(self, problem: str) -> str:
-        answers = self._answers
-        frames = format_count(len(answers.frames()), 'frame')
-        said = f'{self._options.topic}: no frame was answered ({frames} sent)'
-        if problem:
-            said += f'; {problem}'
-        if answers.between:
-            said += f'; {format_count(answers.between, "message")} with a stamp between two frames'
-        return f'{said}; {self._describe_strays()}' if answers.strays else said
-
-    def _describe_strays(self) -> str:
-        answers = self._answers
-        first = answers.first_stray_ns
-        shown = 'none' if first is None or first < 0 else format_stamp(first)
-        return (
-            f'{format_count(answers.strays, "message")} with the stamp of no frame, the first'
-            f' {shown}; a result must have the stamp of the scan or image that it was made from'
-        )
-
-    def _report(self, problem: str, total: int) -> None:
-        """Note what was not answered, sent or played."""
-        answers, run, topic = self._answers, self.run, self._options.topic
-        sent = len(answers.frames())
-        missing = run.missing
-        if problem and (missing or sent < total):
-            run.losses.append(
-                Loss(topic, max(1, total - sent), f'{problem}; {sent} of {total} frames were sent')
-            )
-        elif sent < total:
-            count = format_count(total - sent, 'frame')
-            run.notes.append(f'{count} of {total} have nothing that the node subscribes to')
-        if missing:
-            run.losses.append(Loss(topic, len(missing), 'no answer to frames {}', missing))
-        if answers.strays:
-            run.losses.append(Loss(topic, answers.strays, self._describe_strays()))
-        if answers.repeated:
-            run.notes.append(f'{answers.repeated} more messages for frames answered before')
-        if answers.between:
-            run.notes.append(f'{answers.between} more messages with a stamp between two frames')
-        if answers.on_the_way > 1:
-            run.notes.append(
-                f'up to {answers.on_the_way} frames were on their way at once, because an answer'
-                f' came late or not at all; latencies include the wait'
-            )
-        for reason, lost in self._player.session.counts.dropped.items():
-            run.losses.append(Loss('player', max(1, lost), reason))
 
 
 def stamp_of(data: bytes, msgtype: str) -> int | None:

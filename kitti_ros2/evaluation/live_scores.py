@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from .live_run import LiveRun
+    from .live_losses import LiveRun
 
     Given = Mapping[str, object]
 

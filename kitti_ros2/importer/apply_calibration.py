@@ -20,10 +20,10 @@ from .calibration_source import camera_models, make_calibrations
 from .convert_boxes import BoxConversion
 from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
-from .frames import topic_of
 from .frames_at import MovingBase
 from .named_frames import child_of
 from .plan import TF
+from .planned_topics import topic_of
 from .report import undecoded
 from .scan_frame import made_frame
 

@@ -15,11 +15,12 @@ from ..model.layouts import Layout
 from .append import appended
 from .camera_sets import build_sets, folder_of, plans_of
 from .clocks import clock_notes, clocked
-from .convert import Target, build
+from .convert import build
 from .guess import Guess, guess_plan
 from .loader_notes import loader_notes
 from .passed_over import passed_over
 from .plan import NONE
+from .set_builder import Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
-from ..messages.camera_info import camera_model
 from ..messages.source import CALIBRATION
-from ..model import msgtypes as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from .calibration import make_calibration
-from .frames import topic_of
 from .plan import NONE, SOURCE, TF
+from .planned_topics import camera_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -184,12 +182,8 @@ def camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
 
 
 def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
-    info = topic_of(survey, camera.info)
-    if info.msgtype != types.CAMERA_INFO or not info.looks:
-        reason = info.failure or f'it is a {info.msgtype}'
-        raise UsageError(f'{camera.info}: no CameraInfo ({reason})')
     try:
-        model = camera_model(info.looks[0])
+        model = camera_of(survey, camera.info)
     except ValueError as error:
         raise UsageError(
             f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'

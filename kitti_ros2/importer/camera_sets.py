@@ -21,12 +21,13 @@ from ..kitti.store import STORE
 from ..model.errors import UnsynchronisedError, UsageError
 from ..model.streams import Stream
 from .clocks import clocked
-from .convert import Target, build
+from .convert import build
 from .frames import choose_frames, pick_frames, select_frames
 from .plan import TF
 from .poses import read_motion
 from .report import LossTally
 from .scan_frame import CAMERA
+from .set_builder import Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.detections import ABSURD, boxes_of_detections_2d, has_scores
+from ..messages.detections import ABSURD, UNPLACED, boxes_of_detections_2d, has_scores
 from ..messages.solid_boxes import cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
 from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
-from .frames import topic_of
 from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
 from .plan import UNKNOWN_OCCLUSION
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from ..model.boxes import Box, Cuboid
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 OTHER_CAMERA = 'in the pixels of another camera'
+_LOST = {ABSURD: ' (NaN, 0 or beyond 100 km)', UNPLACED: ''}
+"""Reasons for which boxes are lost, with what is added to each; the others are by the plan."""
+
 _FLAT = 'without a 3D box, which tracklets have no place for,'
 _REPORTED_TILT_RAD = np.radians(10)
 
@@ -224,7 +227,7 @@ class BoxConversion:
         found = [
             f'{count} boxes {reason} were left out of the labels'
             for reason, count in self.left_out.items()
-            if count and reason != ABSURD
+            if count and reason not in _LOST
         ]
         if self._max_tilt > _REPORTED_TILT_RAD:
             found.append(
@@ -238,10 +241,10 @@ class BoxConversion:
         plan = self._plan.labels
         if plan is None:
             return ()
-        counts = Counter({plan.topic: self.left_out[ABSURD]})
-        counts[plan.boxes_2d or plan.topic] += self._flat_absurd
+        counts = Counter({(plan.topic, reason): self.left_out[reason] for reason in _LOST})
+        counts[plan.boxes_2d or plan.topic, ABSURD] += self._flat_absurd
         return tuple(
-            Loss(topic, count, f'{topic}: boxes {ABSURD} (NaN, 0 or beyond 100 km)')
-            for topic, count in counts.items()
+            Loss(topic, count, f'{topic}: boxes {reason}{_LOST[reason]}')
+            for (topic, reason), count in counts.items()
             if count
         )

@@ -13,7 +13,7 @@ from ..files.png.header import parse_image
 from ..messages.pixels import pixels_of, png_of, size_of
 from ..model.errors import BadFileError, UsageError
 from ..rig.rectify import Rectifier
-from .frames import topic_of
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,8 +13,8 @@ import numpy as np
 from ..messages.header import stamp_ns_of
 from ..model.losses import Loss
 from ..model.samples import Scan
-from .frames import topic_of
 from .frames_at import FramesAt
+from .planned_topics import topic_of
 from .scan_needs import needs_of_plan, source_of_plan
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..model.errors import UnsynchronisedError, UsageError
 from ..model.losses import Loss
-from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from ..rig.pose_track import MAX_GAP_NS
@@ -19,6 +18,8 @@ from .clocks import clock_notes, clocked
 from .label_groups import by_group, first_places, groups_of, places_of
 from .plan import Incomplete
 from .plan_types import check_types
+from .planned_topics import topic_of
+from .selected_frames import span_of
 from .stream_gaps import describe_gap
 from .sync import NONE, match_frames
 
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .survey import Survey
     from .sync import StreamMatch
-    from .topic_survey import TopicSurvey
 
 _MS = 1e6
 _DROPPED = 'dropped'
@@ -134,7 +134,7 @@ def choose_frames(
             f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
-        chosen = _span(reference, kept, selection)
+        chosen = span_of(reference, kept, selection)
         kept, lost = kept & chosen, lost & chosen
     samples = {stream: indices[kept] for stream, indices in samples.items()}
     label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
@@ -236,7 +236,7 @@ def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
     if selection.is_whole:
         return frames
     every = np.ones(len(frames), dtype=np.bool_)
-    return pick_frames(frames, _span(frames.stamps_ns, every, selection))
+    return pick_frames(frames, span_of(frames.stamps_ns, every, selection))
 
 
 def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track) -> Int64Array:
@@ -252,64 +252,6 @@ def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Tr
     first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
     inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
     return stamps_ns[inside]
-
-
-def _span(
-    stamps_ns: Int64Array, kept: npt.NDArray[np.bool_], selection: SelectionOptions
-) -> npt.NDArray[np.bool_]:
-    """Return which frames a selection takes.
-
-    Raises:
-        UsageError: None of those that are kept.
-    """
-    numbers = np.cumsum(kept) - 1
-    chosen = within(selection, numbers, stamps_ns)
-    if not (chosen & kept).any():
-        seconds = (int(stamps_ns[kept].max()) - int(stamps_ns.min())) / NS_PER_S
-        raise UsageError(
-            f'the selection takes no frame; there are frames 0 to {numbers[-1]},'
-            f' seconds 0s to {seconds:.3f}s'
-        )
-    return chosen
-
-
-def within(
-    selection: SelectionOptions, numbers: Int64Array, stamps_ns: Int64Array
-) -> npt.NDArray[np.bool_]:
-    """Return (N,) which frames are between the start and the end of a selection, both included.
-
-    Args:
-        selection: Its seconds count from the first frame.
-        numbers: (N,) of the frames.
-        stamps_ns: (N,) of the frames.
-    """
-    chosen = np.ones(len(numbers), dtype=np.bool_)
-    for bound, compare in ((selection.start, np.greater_equal), (selection.end, np.less_equal)):
-        if bound is None:
-            continue
-        if bound.frame is not None:
-            chosen &= compare(numbers, bound.frame)
-        elif bound.offset_ns is not None:
-            chosen &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
-        else:
-            chosen &= compare(stamps_ns, bound.stamp_ns or 0)
-    return chosen
-
-
-def topic_of(survey: Survey, name: str) -> TopicSurvey:
-    """Return the survey of a topic that a plan names.
-
-    Raises:
-        UsageError: The bag has no such topic, or it has no messages.
-    """
-    topic = survey.topics.get(name)
-    if topic is None or not topic.count:
-        topics = sorted(each.name for each in survey.topics.values() if each.count)
-        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
-        raise UsageError(
-            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
-        )
-    return topic
 
 
 def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | None) -> Int64Array:

@@ -23,7 +23,7 @@ _SHOWN = 12
 
 
 class LabelClasses:
-    """Maps classes, and counts those that become Misc.
+    """Maps classes, counts those that become Misc, and finds entries of the plan without a box.
 
     The plan's classes come first, then the defaults (model/class_names.py). Boxes of to-bag have
     KITTI's classes already, or those of the user's own labels: they have no defaults.
@@ -36,10 +36,18 @@ class LabelClasses:
         self._keeps = plan.keep_classes
         self._own = own
         self._others: Counter[str] = Counter()
+        self._unmatched = {
+            name for name, kind in plan.classes.items() if kind != (kitti_class(name) or OTHERS)
+        }
 
     def find(self, name: str) -> str:
         """Return the class of a label for that of a box."""
-        given = self._given.get(name) or self._by_word.get(plain(name) or name)
+        word = plain(name)
+        given = self._given.get(name) or self._by_word.get(word or name)
+        if given is not None and self._unmatched:
+            self._unmatched = {
+                each for each in self._unmatched if each != name and plain(each) != word
+            }
         if self._own and given is None:
             return class_name(name)
         known = kitti_class(name)
@@ -52,8 +60,12 @@ class LabelClasses:
         return found
 
     def notes(self) -> list[str]:
-        """Return a note on the boxes so far that became Misc."""
-        return others_note(self._topic, self._others, 'were written')
+        """Return notes on the boxes so far that became Misc, and on classes without a box."""
+        found = others_note(self._topic, self._others, 'were written')
+        if self._unmatched:
+            names = some_of([one_line(name) for name in sorted(self._unmatched)], _SHOWN)
+            found.append(f'{self._topic}: no box is of these labels.classes of the plan: {names}')
+        return found
 
 
 def others_note(topic: str, others: Mapping[str, int], done: str) -> list[str]:

@@ -27,10 +27,10 @@ from ..model.errors import KittiRos2Error, UsageError
 from ..model.layouts import Layout
 from ..model.samples import FrameLabels
 from .apply_calibration import Rigging
-from .frames import topic_of
 from .guess import guess_plan
 from .labels import own_number
 from .plan import NONE, SOURCE, TF
+from .planned_topics import topic_of
 from .poses import read_moving
 from .report import LossTally
 from .scan_needs import without_unreadable_scans

@@ -16,14 +16,13 @@ from ..messages.source import LABEL_LINES
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError
 from ..rig.tf_tree import FrameTree
-from .frames import topic_of
+from .planned_topics import topic_of
+from .survey_types import SOLID
 
 if TYPE_CHECKING:
     from .plan import Plan, PosePlan
     from .survey import Survey
     from .topic_survey import TopicSurvey
-
-_SOLID = (types.DETECTIONS_3D, types.DETECTED_OBJECTS, types.TRACKED_OBJECTS, types.MARKERS)
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def base_frame(plan: Plan, survey: Survey) -> str:
 def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     topic = topic_of(survey, name)
     frames = set(topic.frames)
-    if topic.msgtype in _SOLID:
+    if topic.msgtype in SOLID:
         for look in topic.looks:
             frames |= frames_in(look)
     return frames

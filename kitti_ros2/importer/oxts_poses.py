@@ -21,8 +21,9 @@ from ..model.errors import MissingDataError
 from ..model.geographic import GeoOrigin
 from ..model.geometry import Transform
 from ..model.streams import Stream
-from .frames import topic_of, within_gaps
+from .frames import within_gaps
 from .named_frames import child_of
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from ..model.samples import Int64Array

@@ -14,8 +14,8 @@ from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
-from .frames import topic_of
 from .oxts_poses import as_velocity
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

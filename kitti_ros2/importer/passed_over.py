@@ -14,7 +14,7 @@ from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.text import one_line, some_of
-from .poses import link_topics
+from .pose_ends import link_topics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

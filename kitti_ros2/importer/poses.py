@@ -15,18 +15,17 @@ from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
 from ..messages.header import stamp_ns_of
 from ..messages.pose import poses_of, poses_of_link
-from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
-from ..model.spelling import did_you_mean
 from ..model.streams import Stream
 from ..rig.moving_tree import ProductTrack
 from ..rig.tf_tree import plain
-from .frames import topic_of
-from .motion import StampedSeries, links_between, numbers_of, read_tree
+from .motion import StampedSeries, numbers_of, read_tree
 from .named_frames import NamedFrames, child_of, is_renamed, moving_pairs
 from .plan import Incomplete
+from .planned_topics import topic_of
+from .pose_ends import POSE_TYPES, find_ends, pose_pairs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,9 +37,6 @@ if TYPE_CHECKING:
     from .report import LossTally
     from .survey import Survey
     from .topic_survey import TopicSurvey
-
-_POSES = (types.ODOMETRY, types.POSE, types.PATH)
-_SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +134,8 @@ def read_track(
     """
     topic = topic_of(survey, plan.topic)
     names = NamedFrames(survey, plan)
-    ends = _ends(plan, topic, survey, names)
-    pairs = _pairs(ends)
+    ends = find_ends(plan, topic, survey, names)
+    pairs = ends.pairs()
     if pairs and tree is None:
         tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
     world, frame, moved, body = ends
@@ -162,88 +158,7 @@ def read_track(
 
 def _told(topic: TopicSurvey) -> str:
     """Return the topic if its invalid poses are found when the track is read."""
-    return topic.name if topic.msgtype in _POSES else ''
-
-
-def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
-    """Return the pairs of frames that transforms must join for the poses of a plan.
-
-    Raises:
-        UsageError: As read_track.
-    """
-    if plan is None:
-        return []
-    return _pairs(_ends(plan, topic_of(survey, plan.topic), survey, names))
-
-
-def link_topics(plan: Plan, survey: Survey) -> set[str]:
-    """Return the topics whose poses a plan uses as links between frames.
-
-    Raises:
-        UsageError: The plan names a missing topic.
-    """
-    names = NamedFrames(survey, plan.pose)
-    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
-    return {each.topic for each in links_between(names, pairs)}
-
-
-def _pairs(ends: tuple[str, str, str, str]) -> list[tuple[str, str]]:
-    world, frame, moved, body = ends
-    if frame == moved:
-        return [(world, body)] if world != body else []
-    return [pair for pair in ((world, frame), (moved, body)) if pair[0] != pair[1]]
-
-
-def _ends(
-    plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFrames
-) -> tuple[str, str, str, str]:
-    """Return world, the frame of the topic's poses, the frame they are of, and body.
-
-    The middle two are equal where a chain of transforms is the whole way, and all four where the
-    topic's poses are used as they are.
-    """
-    as_they_are = '', '', '', ''
-    if topic.msgtype in types.TF_TYPES:
-        links = [link for link in survey.moving if link[1] == plan.body]
-        world = plan.world or (links[0][0] if links else '')
-        if not world and plan.body in names.tree.frames:
-            world = names.tree.root_of(plan.body)
-        if (world, plan.body) in links:
-            return as_they_are
-        _check_frames(plan, names, '')
-        _check_joined(world, plan.body, names)
-        return world, plan.body, plan.body, plan.body
-    if topic.msgtype not in _POSES or topic.name in own_topics():
-        return as_they_are
-    frame, moved = topic.frame, child_of(topic)
-    world, body = plan.world or frame, plan.body or moved
-    if not moved or is_renamed(plan, topic, names):
-        moved = body
-    if (world, body) == (frame, moved):
-        return as_they_are
-    _check_frames(plan, names, moved)
-    _check_joined(world, frame, names)
-    _check_joined(moved, body, names)
-    return world, frame, moved, body
-
-
-def _check_frames(plan: PosePlan, names: NamedFrames, child: str) -> None:
-    known = names.tree.frames | ({child} if child else set())
-    for key, name in (('world', plan.world), ('body', plan.body)):
-        if name and plain(name) not in known:
-            shown = ', '.join(sorted(known)[:_SHOWN]) or 'no frames'
-            raise UsageError(
-                f'the plan has pose: {key}: {name}, which is no frame of the bag; expected one of'
-                f' {shown}{did_you_mean(name, sorted(known))}'
-            )
-
-
-def _check_joined(target: str, source: str, names: NamedFrames) -> None:
-    if target != source and names.moving_between(target, source) is None:
-        raise UsageError(
-            f'the plan has poses of {source} in {target}, which no transforms join; the bag has'
-            f' {names.tree}: name frames of one tree in pose: world and pose: body'
-        )
+    return topic.name if topic.msgtype in POSE_TYPES else ''
 
 
 def _read(
@@ -297,7 +212,7 @@ def _poses(
     Raises:
         ValueError: One is not.
     """
-    if msgtype in _POSES:
+    if msgtype in POSE_TYPES:
         poses_of(message)
         stamped = getattr(message, 'poses', [message])
         poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]

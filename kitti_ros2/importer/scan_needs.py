@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..kitti.store import STORE
-from ..messages.camera_info import camera_model
 from ..messages.scan_sources import SCAN_SOURCES, ScanNeeds, source_named, source_of_type
 from ..messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
 from ..messages.velodyne_packets import find_model
-from ..model import msgtypes as types
 from ..model.errors import KittiRos2Error, UsageError
 from ..rig.rectify import Rectifier
-from .frames import topic_of
 from .guess_cameras import main_camera
+from .planned_topics import camera_of, topic_of
 
 if TYPE_CHECKING:
     from ..messages.camera_info import CameraModel
@@ -90,12 +88,8 @@ def missing_calibration(topic: TopicSurvey) -> str:
 def _camera_of(plan: ScanPlan, survey: Survey) -> CameraModel:
     if not plan.info:
         raise UsageError(f'scan.info: {plan.topic} needs the CameraInfo of its depth images')
-    info = topic_of(survey, plan.info)
-    if info.msgtype != types.CAMERA_INFO or not info.looks:
-        reason = info.failure or f'it is a {info.msgtype}'
-        raise UsageError(f'scan.info: {plan.info}: no CameraInfo ({reason})')
     try:
-        camera = camera_model(info.looks[0])
+        camera = camera_of(survey, plan.info)
         if camera.d.any():
             Rectifier(camera)  # checks the lens
     except ValueError as error:

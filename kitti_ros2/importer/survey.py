@@ -146,6 +146,12 @@ class _Pass:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
                 if RECORDING not in self._topics:  # scans of to-bag are stamped facing forward
                     topic.turn_ns = turn_of(topic.looks)
+        invalid = {
+            f'the transforms {parent} -> {child} of /tf are no transforms: NaN, infinite or without'
+            f' rotation': count
+            for (parent, child), count in self._links.invalid().items()
+        }
+        losses = {**losses, **invalid}
         found = *self._links.sorted(), self._calibrations, notes, losses, left_out
         return Survey(self._topics, *found)
 

@@ -5,40 +5,33 @@
 from __future__ import annotations
 
 from ..messages.scan_sources import SCAN_TYPES
+from ..model import msgtypes as types
 from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import (
-    CAMERA_INFO,
-    COMPRESSED,
-    DETECTED_OBJECTS,
-    DETECTIONS_2D,
-    DETECTIONS_3D,
-    FIX,
-    IMAGE,
-    IMU,
-    MARKERS,
-    ODOMETRY,
-    PATH,
-    POSE,
-    STRING,
-    TF_TYPES,
-    TRACKED_OBJECTS,
-    TWIST,
-)
 
-_SOLID_BOXES = frozenset({DETECTIONS_3D, DETECTED_OBJECTS, TRACKED_OBJECTS})
-_BOXES = _SOLID_BOXES | {DETECTIONS_2D}
+_SOLID_BOXES = frozenset({types.DETECTIONS_3D, types.DETECTED_OBJECTS, types.TRACKED_OBJECTS})
+_BOXES = _SOLID_BOXES | {types.DETECTIONS_2D}
 
-SOLID = _SOLID_BOXES | {MARKERS}
+SOLID = _SOLID_BOXES | {types.MARKERS}
 """Types with 3D boxes."""
 
 HEADED = SCAN_TYPES | _BOXES
-HEADED |= {IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE, PATH}
+HEADED |= {
+    types.IMAGE,
+    types.COMPRESSED,
+    types.CAMERA_INFO,
+    types.IMU,
+    types.FIX,
+    types.TWIST,
+    types.ODOMETRY,
+    types.POSE,
+    types.PATH,
+}
 """Types that begin with a Header."""
 
-DESCRIBING = TF_TYPES | _BOXES | {CAMERA_INFO, MARKERS, STRING}
+DESCRIBING = types.TF_TYPES | _BOXES | {types.CAMERA_INFO, types.MARKERS, types.STRING}
 """Types that describe the sensors, or what they see."""
 
-READ = HEADED | TF_TYPES | {MARKERS}
+READ = HEADED | types.TF_TYPES | {types.MARKERS}
 """Types of which some messages are decoded."""
 
 FIRST_ONLY = LARGE_TYPES | SCAN_TYPES

@@ -19,12 +19,13 @@ from .cdr_writer import CdrWriter
 from .header import pose_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from ..model.boxes import Box
     from .cdr import Parts
 
 ABSURD = 'without a possible size, place or score'
+UNPLACED = 'in a frame that nothing joins to the scans'
 
 _TRUTH_SCORE = 1.0
 _UNKNOWN = (0.0,) * 36
@@ -120,24 +121,23 @@ def cuboids_of_detections(
         scores: Whether the recording has scores, even if these look like ground truth.
 
     Raises:
-        ValueError: A box is in a frame that is not joined.
+        ValueError: All boxes are in frames that are not joined.
     """
     scores = scores or has_scores(message)
-    cuboids = []
-    for detection in message.detections:
+
+    def make(detection: Any) -> Cuboid:  # noqa: ANN401 - as above
         class_name, identity, score = _best_result(detection)
         frame = detection.header.frame_id or message.header.frame_id
         size = detection.bbox.size
-        cuboids.append(
-            Cuboid(
-                class_name,
-                identity,
-                place_in_velo(detection.bbox.center, frame, to_velo),
-                (size.x, size.y, size.z),
-                score if scores else None,
-            )
+        return Cuboid(
+            class_name,
+            identity,
+            place_in_velo(detection.bbox.center, frame, to_velo),
+            (size.x, size.y, size.z),
+            score if scores else None,
         )
-    return possible(cuboids)
+
+    return placed(message.detections, make)
 
 
 def boxes_of_detections_2d(message: Any) -> tuple[list[ImageBox], list[str]]:  # noqa: ANN401
@@ -203,6 +203,31 @@ def place_in_velo(
     else:
         found = Transform.from_translation(place)
     return to_velo[name] @ found
+
+
+def placed(
+    boxes: Iterable[Any],
+    make: Callable[[Any], Cuboid],
+) -> tuple[list[Cuboid], list[str]]:
+    """Make the boxes of a message; also return why others were skipped: ABSURD or UNPLACED.
+
+    Args:
+        boxes: Of the bag's types.
+        make: Raises ValueError for a box in a frame that is not joined.
+
+    Raises:
+        ValueError: They all are.
+    """
+    made, faults = [], []
+    for each in boxes:
+        try:
+            made.append(make(each))
+        except ValueError as error:
+            faults.append(error)
+    if faults and not made:
+        raise faults[0]
+    kept, left_out = possible(made)
+    return kept, left_out + [UNPLACED] * len(faults)
 
 
 def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:

@@ -15,13 +15,14 @@ import numpy as np
 from .scan_points import ScanPoints, make_points
 
 NO_RETURN = 'x y z 0 0 0, or not finite'
+MISSING = 'points that point_num counts, and that the message does not have'
 
 
 def decode_livox(
     message: Any,  # noqa: ANN401 - of the bag's types
     intensity_scale: float = 255.0,
 ) -> ScanPoints:
-    """Decode a message; its points may be fewer or more than point_num says."""
+    """Decode a message; points that it declares and does not have are lost."""
     values = np.array(
         [(each.x, each.y, each.z, each.reflectivity) for each in message.points], dtype=np.float64
     ).reshape(-1, 4)
@@ -29,4 +30,6 @@ def decode_livox(
     is_return = np.isfinite(xyz).all(axis=1) & xyz.any(axis=1)
     kept = values[is_return]
     points = make_points(kept[:, :3], kept[:, 3] / intensity_scale)
-    return ScanPoints(points, {NO_RETURN: len(values) - len(kept)})
+    missing = int(message.point_num) - len(values)
+    lost = {MISSING: missing} if missing > 0 else {}
+    return ScanPoints(points, {NO_RETURN: len(values) - len(kept)}, lost)

@@ -11,7 +11,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from ..model.boxes import Cuboid
-from .detections import place_in_velo, possible
+from .detections import place_in_velo, placed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +56,7 @@ def cuboids_of_markers(
         scores: Whether to read scores from the captions: car 0.87, or car 87%.
 
     Raises:
-        ValueError: A box is in a frame that is not joined.
+        ValueError: All boxes are in frames that are not joined.
     """
     shown = _shown(message)
     cubes = [each for each in shown if each.type == _CUBE]
@@ -64,18 +64,17 @@ def cuboids_of_markers(
     lists = [
         each for each in shown if each.type in {_LINE_LIST, _CUBE_LIST} and each.id not in framed
     ]
-    cuboids, left_out = possible(
-        [
-            Cuboid(
-                _class_of(cube, shown),
-                f'{cube.ns}/{cube.id}',
-                place_in_velo(cube.pose, cube.header.frame_id, to_velo),
-                (cube.scale.x, cube.scale.y, cube.scale.z),
-                _score_of(cube, shown) if scores else None,
-            )
-            for cube in cubes
-        ]
-    )
+
+    def make(cube: Any) -> Cuboid:  # noqa: ANN401 - as above
+        return Cuboid(
+            _class_of(cube, shown),
+            f'{cube.ns}/{cube.id}',
+            place_in_velo(cube.pose, cube.header.frame_id, to_velo),
+            (cube.scale.x, cube.scale.y, cube.scale.z),
+            _score_of(cube, shown) if scores else None,
+        )
+
+    cuboids, left_out = placed(cubes, make)
     return cuboids, left_out + [AS_LINES] * len(lists)
 
 

@@ -25,6 +25,7 @@ from ..files.picture_headers import (
     webp_size,
 )
 from ..files.png.decode import inflated
+from .jpeg import decode_jpeg
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -189,7 +190,8 @@ def decode_compressed_pixels(message: CompressedImage, *, deep: bool = False) ->
     The kind is detected from the data; format only determines whether grey pixels are a mosaic.
 
     Raises:
-        ValueError: The data are of another kind, truncated, too large, or cannot be decoded.
+        ValueError: The data are of another kind, truncated, corrupt or too large, or cannot be
+            decoded.
     """
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
@@ -202,7 +204,7 @@ def decode_compressed_pixels(message: CompressedImage, *, deep: bool = False) ->
     # A camera's calibration is of the pixels as stored, whatever the orientation in EXIF.
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        pixels = cv2.imdecode(file, flags)
+        pixels = decode_jpeg(file, flags) if kind == 'JPEG' else cv2.imdecode(file, flags)
     except cv2.error:  # more pixels than OpenCV allows
         pixels = None
     if pixels is None:

@@ -34,7 +34,7 @@ def cuboids_in(
         The boxes in velo_link, and the reasons why others were skipped.
 
     Raises:
-        ValueError: A box is in a frame that is not joined.
+        ValueError: All boxes are in frames that are not joined.
     """
     if hasattr(message, 'detections'):
         return cuboids_of_detections(message, to_velo, scores=scores)

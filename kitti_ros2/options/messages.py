@@ -17,7 +17,7 @@ from ..stacks.stack_names import StackName
 from .declare import choice, option
 from .ground_truth import GroundTruthOptions
 from .markers import MarkerOptions
-from .parsers import parse_flag, parse_labels, parse_place
+from .parsers import parse_choice, parse_flag, parse_labels, parse_place
 
 
 class Preset(str, Enum):
@@ -67,6 +67,11 @@ class Images(str, Enum):
 
 BASE_T_IMU = (-0.05, 0.32, 0.93)
 KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
+
+
+def _parse_stack(_name: str, value: object) -> StackName:
+    """Parse the name of a stack; errors have the word of the command line, too."""
+    return parse_choice(StackName)('--for (stack)', value)
 
 
 @dataclass(frozen=True)
@@ -172,10 +177,11 @@ class MessageOptions:
     color_encoding: ColorEncoding = choice(
         ColorEncoding.BGR8, 'Encoding of raw colour images', ColorEncoding
     )
-    stack: StackName | None = choice(
+    stack: StackName | None = option(
         None,
         'Options, topics and frames that a stack expects, see kitti-ros2 stacks',
-        StackName,
+        _parse_stack,
+        choices=tuple(each.value for each in StackName),
         unset='none',
         flags=('--for',),
         metavar='STACK',

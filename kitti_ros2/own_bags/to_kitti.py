@@ -87,9 +87,10 @@ class Conversion:
         from ..importer.append import mend  # noqa: PLC0415
         from ..importer.apply_plan import adapt, convert, guess  # noqa: PLC0415
         from ..importer.camera_sets import plans_of  # noqa: PLC0415
-        from ..importer.frames import frame_topics, topic_of  # noqa: PLC0415
+        from ..importer.frames import frame_topics  # noqa: PLC0415
         from ..importer.passed_over import passed_over  # noqa: PLC0415
         from ..importer.plan_text import parse_plan  # noqa: PLC0415
+        from ..importer.planned_topics import topic_of  # noqa: PLC0415
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -15,18 +15,18 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
-from ..importer.frames import choose_frames, frame_topics, topic_of
+from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
-from ..importer.guess_pose import guess_pose
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
-from ..importer.poses import read_moving, read_track
+from ..importer.planned_topics import topic_of
+from ..importer.poses import read_moving
 from ..importer.report import LossTally, damage
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
-from ..messages.detections import ABSURD
+from ..messages.detections import ABSURD, UNPLACED
 from ..messages.source import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, MissingDataError, UsageError
 from ..model.geometry import Transform
@@ -37,6 +37,7 @@ from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
 from ..rig.tf_tree import FrameTree
+from .ego_track import ego_track
 from .frame import FrameData
 
 if TYPE_CHECKING:
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
     from ..own_bags.places import Place
     from ..rig.moving_tree import MovingTree
-    from ..rig.pose_track import Track
 
 T = TypeVar('T')
 
@@ -217,10 +217,13 @@ class BagFrames:
         if self._own_lines:
             return labels_of_text(decode_text(message))
         cuboids, left_out = self._rigging.labels.cuboids(message)
-        missing = {}
-        if ABSURD in left_out:
-            topic = frame_topics(self._plan)[Stream.LABELS]
-            missing['boxes'] = f'{topic}: {left_out.count(ABSURD)} boxes {ABSURD} are left out'
+        topic = frame_topics(self._plan)[Stream.LABELS]
+        lost = [
+            f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
+            for reason in (ABSURD, UNPLACED)
+            if reason in left_out
+        ]
+        missing = {'boxes': '; '.join(lost)} if lost else {}
         return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
 
     def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
@@ -244,19 +247,6 @@ class BagFrames:
             return None
         (pose,) = self._track.track.at(np.array([stamp_ns], dtype=np.int64))
         return None if pose is None else Pose(pose @ self.base_t_imu)
-
-
-class EgoTrack(NamedTuple):
-    """Poses, and the frame that they are of."""
-
-    track: Track
-    body: str
-
-    def trajectory(self, body_T_imu: Transform) -> Trajectory:
-        """Return all poses, of the unit instead of the body."""
-        stamps_ns = self.track.stamps_ns
-        poses = [pose @ body_T_imu for pose in self.track.at(stamps_ns) if pose is not None]
-        return Trajectory(stamps_ns, poses)
 
 
 def _to_look_at(plan: Plan) -> Plan:
@@ -290,20 +280,6 @@ def _identified(cuboid: Cuboid) -> Cuboid:
     return replace(
         cuboid, class_name=class_name(cuboid.class_name), track_id=own_number(cuboid.identity)
     )
-
-
-def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
-    """Read the poses that the odometry layout would be made from, if any."""
-    pose, losses = guess_pose(survey, []), LossTally()
-    if pose is None:
-        return None
-    try:
-        track = read_track([bag], pose, survey, losses)
-    except KittiRos2Error as error:
-        notes.append(str(error))
-        return None
-    notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-    return EgoTrack(track, pose.body)
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:

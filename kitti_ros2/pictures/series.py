@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..files.workers import ordered_map, worker_count
-from ..importer.frames import within
+from ..importer.selected_frames import within
 from ..model.errors import MissingDataError, UsageError
 from ..model.losses import Loss, describe_frames
 from ..model.stamps import NS_PER_S

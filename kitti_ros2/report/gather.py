@@ -107,7 +107,8 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     # The importer takes 20 ms to import, and a folder needs none of it.
     from ..importer.survey import look  # noqa: PLC0415
-    from ..pictures.bag_frames import BagFrames, ego_track  # noqa: PLC0415
+    from ..pictures.bag_frames import BagFrames  # noqa: PLC0415
+    from ..pictures.ego_track import ego_track  # noqa: PLC0415
     from ..pictures.sources import open_bag_frames, open_own_recording  # noqa: PLC0415
 
     overview, blueprint = inspect_bag(bag)

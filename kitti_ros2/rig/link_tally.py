@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..messages.ros_types import TFMessage
 from ..messages.transforms import decode_static
@@ -27,6 +29,7 @@ class LinkTally:
         self._moving: set[tuple[str, str]] = set()
         self._static: set[tuple[str, str]] = set()
         self._changing: set[tuple[str, str]] = set()
+        self._invalid: Counter[tuple[str, str]] = Counter()
 
     def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
         """Add the transforms of a TFMessage; still for those of /tf_static."""
@@ -35,7 +38,13 @@ class LinkTally:
             if key in self._moving and not still:
                 continue  # known to move
             ((_, _, transform),) = decode_static(TFMessage([stamped]))
+            if not still and not _is_finite(transform):
+                self._invalid[key] += 1
+                self._first.setdefault(key, transform)
+                continue
             first = self._first.setdefault(key, transform)
+            if not still and not self._seen[key]:  # those before were invalid
+                self._first[key] = first = transform
             self._seen[key] += 1
             if still:
                 # The last value of a static link is valid, as for late subscribers.
@@ -46,9 +55,18 @@ class LinkTally:
             elif key not in self._moving and differ(first, transform, _STILL_M):
                 self._moving.add(key)
 
+    def invalid(self) -> dict[tuple[str, str], int]:
+        """Return the links on /tf without a valid transform, each with the number of the others."""
+        return {key: count for key, count in sorted(self._invalid.items()) if not self._seen[key]}
+
     def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
         """Return static, moving and changing static links; one seen only once on /tf is moving."""
         moving = {key for key in self._moving if key not in self._static}
         moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
         still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
         return still, sorted(moving), sorted(self._changing)
+
+
+def _is_finite(transform: Transform) -> bool:
+    """Whether no number is NaN or infinite; a quaternion of zeros has become NaN."""
+    return bool(np.isfinite(transform.matrix()).all())

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from vision_types import DETECTIONS_3D
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.model.channels import Channel
@@ -22,20 +23,6 @@ if TYPE_CHECKING:
 
     from kitti_ros2.options.bag import BagOptions
 
-VISION = {
-    'vision_msgs/msg/ObjectHypothesis': 'string class_id\nfloat64 score',
-    'vision_msgs/msg/ObjectHypothesisWithPose': (
-        'vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose'
-    ),
-    'vision_msgs/msg/BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
-    'vision_msgs/msg/Detection3D': (
-        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
-        'vision_msgs/BoundingBox3D bbox\nstring id'
-    ),
-    'vision_msgs/msg/Detection3DArray': (
-        'std_msgs/Header header\nvision_msgs/Detection3D[] detections'
-    ),
-}
 CHANNELS = (
     Channel('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2'),
     Channel('/kitti/camera_color_left/image_rect', 'sensor_msgs/msg/Image'),
@@ -72,7 +59,7 @@ class Sample:
 def jazzy() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
-    for name, text in VISION.items():
+    for name, text in DETECTIONS_3D.items():
         types.update(get_types_from_msg(text, name))
     store.register(types)
     return store

@@ -16,7 +16,7 @@ import pytest
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.evaluation import live, live_run
+from kitti_ros2.evaluation import live, live_losses, live_run
 from kitti_ros2.evaluation.node_process import NodeProcess, StackError
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.header import peek_header
@@ -223,7 +223,7 @@ def test_answers_with_the_current_time_are_explained(tmp_path):
     answers.sent(0, 1_317_000_000 * 10**9, scan=True)
     answers.received(1_700_000_000 * 10**9)
     with new_stage(tmp_path, Waiting(True), answers) as stage:
-        assert stage._why_nothing('no answer within 30 s') == (
+        assert live_losses.why_nothing(stage.run, 'no answer within 30 s') == (
             '/answering/bxes: no frame was answered (1 frame sent); no answer within 30 s; 1'
             ' message with the stamp of no frame, the first 2023-11-14 22:13:20.000000000; a result'
             ' must have the stamp of the scan or image that it was made from'

@@ -10,7 +10,7 @@ import pytest
 from builders import convert_recording
 
 from kitti_ros2.evaluation import live, live_run, live_scores, pose_errors, track_metrics
-from kitti_ros2.evaluation.live_run import LiveRun
+from kitti_ros2.evaluation.live_losses import LiveRun
 from kitti_ros2.evaluation.track_boxes import TrackBox, TrackBoxes
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import KittiRos2Error

@@ -18,6 +18,7 @@ import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from vision_types import DETECTIONS_3D
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -32,21 +33,6 @@ SIZE = (320, 240)
 K = np.array([[200.0, 0, 158.5], [0, 201.0, 121.25], [0, 0, 1]])
 OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: x, y, z of an optical frame in axes x forward, y left, z up."""
-
-_VISION = {
-    'vision_msgs/msg/ObjectHypothesis': 'string class_id\nfloat64 score',
-    'vision_msgs/msg/ObjectHypothesisWithPose': (
-        'vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose'
-    ),
-    'vision_msgs/msg/BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
-    'vision_msgs/msg/Detection3D': (
-        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
-        'vision_msgs/BoundingBox3D bbox\nstring id'
-    ),
-    'vision_msgs/msg/Detection3DArray': (
-        'std_msgs/Header header\nvision_msgs/Detection3D[] detections'
-    ),
-}
 
 
 def turned(yaw_deg: float, pitch_deg: float = 0.0) -> np.ndarray:
@@ -164,7 +150,7 @@ def world() -> np.ndarray:
 def store(release: Stores = Stores.ROS2_HUMBLE) -> Typestore:
     made = get_typestore(release)
     types = {}
-    for name, text in _VISION.items():
+    for name, text in DETECTIONS_3D.items():
         types |= get_types_from_msg(text, name)
     if release is Stores.ROS1_NOETIC:
         text = 'geometry_msgs/TransformStamped[] transforms'

@@ -10,25 +10,14 @@ from typing import TYPE_CHECKING, Any
 import clocks_apart as base
 import numpy as np
 from rosbags.typesys import get_types_from_msg
+from vision_types import DETECTIONS_3D
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-_DEFINITIONS = {
-    'ObjectHypothesis': 'string class_id\nfloat64 score',
-    'ObjectHypothesisWithPose': (
-        'vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose'
-    ),
-    'BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
-    'Detection3D': (
-        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
-        'vision_msgs/BoundingBox3D bbox\nstring id'
-    ),
-    'Detection3DArray': 'std_msgs/Header header\nvision_msgs/Detection3D[] detections',
-}
-for _name, _text in _DEFINITIONS.items():
-    base.STORE.register(get_types_from_msg(_text, f'vision_msgs/msg/{_name}'))
+for _name, _text in DETECTIONS_3D.items():
+    base.STORE.register(get_types_from_msg(_text, _name))
 TYPES = base.STORE.types
 
 

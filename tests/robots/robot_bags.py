@@ -15,6 +15,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from vision_types import DETECTIONS_2D, DETECTIONS_3D
 
 from kitti_ros2.messages.type_definitions import read_definitions
 
@@ -28,7 +29,6 @@ LIVOX_MESSAGE = (
     'std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n'
     'CustomPoint[] points'
 )
-HYPOTHESIS = 'string class_id\nfloat64 score'
 DEFINITIONS = {
     'tf2_msgs/msg/TFMessage': 'geometry_msgs/TransformStamped[] transforms',
     'velodyne_msgs/msg/VelodynePacket': 'builtin_interfaces/Time stamp\nuint8[1206] data',
@@ -39,28 +39,8 @@ DEFINITIONS = {
     'livox_ros_driver/msg/CustomMsg': LIVOX_MESSAGE,
     'livox_ros_driver2/msg/CustomPoint': LIVOX_POINT,
     'livox_ros_driver2/msg/CustomMsg': LIVOX_MESSAGE,
-    'vision_msgs/msg/ObjectHypothesis': HYPOTHESIS,
-    'vision_msgs/msg/ObjectHypothesisWithPose': (
-        'vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose'
-    ),
-    'vision_msgs/msg/Point2D': 'float64 x\nfloat64 y',
-    'vision_msgs/msg/Pose2D': 'vision_msgs/Point2D position\nfloat64 theta',
-    'vision_msgs/msg/BoundingBox2D': 'vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y',
-    'vision_msgs/msg/BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
-    'vision_msgs/msg/Detection2D': (
-        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
-        'vision_msgs/BoundingBox2D bbox\nstring id'
-    ),
-    'vision_msgs/msg/Detection2DArray': (
-        'std_msgs/Header header\nvision_msgs/Detection2D[] detections'
-    ),
-    'vision_msgs/msg/Detection3D': (
-        'std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n'
-        'vision_msgs/BoundingBox3D bbox\nstring id'
-    ),
-    'vision_msgs/msg/Detection3DArray': (
-        'std_msgs/Header header\nvision_msgs/Detection3D[] detections'
-    ),
+    **DETECTIONS_2D,
+    **DETECTIONS_3D,
 }
 TF_STATIC = '/tf_static'
 
@@ -149,15 +129,7 @@ def _write_mcap(path, said, *, bare):
 def _write_sqlite3(path, said):
     store = types_of(Stores.ROS2_JAZZY)
     with Ros2Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        channels = {}
-        for each in said:
-            if each.topic not in channels:
-                channels[each.topic] = writer.add_connection(
-                    each.topic, each.msgtype, typestore=store
-                )
-            data = store.serialize_cdr(made(store, each.msgtype, each.values), each.msgtype)
-            writer.write(channels[each.topic], each.log_ns, data)
-    return path
+        _write_all(writer, said, store, store.serialize_cdr)
 
 
 def _without_definitions(path):
@@ -173,15 +145,18 @@ def _without_definitions(path):
 def _write_ros1(path, said):
     store = types_of(Stores.ROS1_NOETIC)
     with Ros1Writer(path) as writer:
-        channels = {}
-        for each in said:
-            if each.topic not in channels:
-                channels[each.topic] = writer.add_connection(
-                    each.topic, each.msgtype, typestore=store
-                )
-            data = store.serialize_ros1(made(store, each.msgtype, each.values), each.msgtype)
-            writer.write(channels[each.topic], each.log_ns, data)
+        _write_all(writer, said, store, store.serialize_ros1)
     return path
+
+
+def _write_all(writer, said, store, serialize):
+    """Write messages by a writer of rosbags."""
+    channels = {}
+    for each in said:
+        if each.topic not in channels:
+            channels[each.topic] = writer.add_connection(each.topic, each.msgtype, typestore=store)
+        data = serialize(made(store, each.msgtype, each.values), each.msgtype)
+        writer.write(channels[each.topic], each.log_ns, data)
 
 
 def transform(parent, child, matrix, stamp_ns=0):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from vision_types import DETECTIONS_3D
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,17 +31,8 @@ SPEED = 2.0  # m/s
 BOX = np.array([2.0, 1.2, 1.4])
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
-_VISION = {
-    'Detection3DArray': 'std_msgs/Header header\nDetection3D[] detections',
-    'Detection3D': 'std_msgs/Header header\nObjectHypothesisWithPose[] results\n'
-    'BoundingBox3D bbox\nstring id',
-    'ObjectHypothesisWithPose': 'ObjectHypothesis hypothesis\n'
-    'geometry_msgs/PoseWithCovariance pose',
-    'ObjectHypothesis': 'string class_id\nfloat64 score',
-    'BoundingBox3D': 'geometry_msgs/Pose center\ngeometry_msgs/Vector3 size',
-}
-for _name, _text in _VISION.items():
-    STORE.register(get_types_from_msg(_text, f'vision_msgs/msg/{_name}'))
+for _name, _text in DETECTIONS_3D.items():
+    STORE.register(get_types_from_msg(_text, _name))
 T = STORE.types
 
 

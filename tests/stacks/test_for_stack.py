@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pytest
 
+from kitti_ros2.cli import main
 from kitti_ros2.cli.config_file import add_config
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.errors import UsageError
@@ -100,3 +101,9 @@ def test_topics_and_frames_have_the_names_of_the_stack():
     names = naming_of(MessageOptions(stack=StackName.RTABMAP_STEREO))
     left = '/stereo_camera/left/image_rect_color'
     assert names.topic('/kitti/camera_color_left/image_rect/compressed') == f'{left}/compressed'
+
+
+def test_an_unknown_stack_is_an_error_of_its_option(tmp_path, capsys):
+    out = str(tmp_path / 'out.mcap')
+    assert main(['to-bag', str(tmp_path), out, '--for', 'nope']) == 2
+    assert capsys.readouterr().err.startswith('kitti-ros2: --for (stack) takes kiss-icp, ')
