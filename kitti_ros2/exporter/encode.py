@@ -21,11 +21,12 @@ from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
-from ..model.losses import Loss, format_numbers
+from ..model.losses import Loss
 from ..model.msgtypes import IMAGE
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import ColorEncoding
+from .remarks import Remarks
 from .turn_notes import turn_notes
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class Encoder:
 
     Attributes:
         table: The rows with messages, in the order of Message.topic.
+        remarks: On the samples encoded so far.
     """
 
     def __init__(
@@ -88,8 +90,7 @@ class Encoder:
             self._rows[row.stream].append((index, row))
         self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
-        self._nominal: set[str] = set()
-        self._remarks: dict[str, set[int]] = {}
+        self.remarks = Remarks()
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
@@ -115,7 +116,7 @@ class Encoder:
             mounted = with_nominal_mounts(
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
-            self._nominal.update(mounted.nominal)
+            self.remarks.add_nominal(mounted.nominal)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -126,7 +127,7 @@ class Encoder:
             _once(decode_png),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
-            lambda text: self._remarks.setdefault(text, set()).add(entry.number),
+            lambda text: self.remarks.add_estimated(text, entry.number),
         )
         messages, losses = self._serialize(rows, sample, moment)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -151,10 +152,7 @@ class Encoder:
 
     def notes(self) -> tuple[str, ...]:
         """Return non-fatal remarks on the samples encoded so far."""
-        notes = [
-            f'{part}: not in the calibration, a nominal value is used'
-            for part in sorted(self._nominal)
-        ]
+        notes = self.remarks.on_calibration()
         options, in_map = self._rig.options, any(self._rows[stream] for stream in _IN_MAP)
         if in_map and has_no_gravity(self._recording.start, options.map):
             notes.append(
@@ -171,10 +169,7 @@ class Encoder:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
             notes += turn_notes(scans, self._recording.turns, FORMATS[options.cloud])
             notes += self._missing_source()
-        notes += [
-            f'{text}: scans {format_numbers(sorted(numbers))}'
-            for text, numbers in sorted(self._remarks.items())
-        ]
+        notes += self.remarks.on_scans()
         if options.stack is not None:
             from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
 

@@ -80,6 +80,15 @@ class Schedule:
         for code, number, stamp_ns in zip(*columns, strict=True):
             yield Entry(_STREAMS[code], number, stamp_ns)
 
+    def part(self, start: int, stop: int) -> list[Entry]:
+        """Return the samples from one position to another, which is not included."""
+        columns = (
+            each[start:stop].tolist() for each in (self.streams, self.numbers, self.stamps_ns)
+        )
+        return [
+            Entry(_STREAMS[code], number, ns) for code, number, ns in zip(*columns, strict=True)
+        ]
+
     def count(self, stream: Stream) -> int:
         """Return the number of scheduled samples of a stream."""
         return int((self.streams == _STREAMS.index(stream)).sum())
