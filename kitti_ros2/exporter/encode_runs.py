@@ -12,12 +12,12 @@ the last one, and where a chunk or a file of the bag ends.
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pickle import PickleBuffer
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..files.opencv_threads import one_opencv_thread
 from ..files.processes import can_fork, forked
 from ..files.workers import hold_to_one_thread, ordered_map, worker_count
 from .remarks import Remarks
@@ -81,7 +81,7 @@ class RunEncoder:
 
 
 @dataclass(frozen=True)
-class Encoding:
+class EncodedSamples:
     """The encoding of all samples, in progress.
 
     Attributes:
@@ -101,7 +101,7 @@ def encoding(
     *,
     decodes: bool,
     jobs: int = 1,
-) -> Iterator[Encoding]:
+) -> Iterator[EncodedSamples]:
     """Encode all samples in order, on several cores; what encodes ends with the context.
 
     Args:
@@ -119,15 +119,15 @@ def encoding(
         workers, batch = (worker_count(), 1) if decodes else (1, _RUN)
         outcomes = ordered_map(encoder.encode, schedule, workers, batch)
         with closing(outcomes):  # type: ignore[type-var]
-            yield Encoding(outcomes, lambda: recording.late_losses)
+            yield EncodedSamples(outcomes, lambda: recording.late_losses)
         return
     encode_run = RunEncoder(encoder, recording, schedule)
     with ExitStack() as stack:
-        with _one_opencv_thread(imported=decodes):
+        with one_opencv_thread(imported=decodes):
             starts = range(0, len(schedule), _RUN)
             runs = stack.enter_context(forked(encode_run, starts, jobs, _SLOT_BYTES))
         late = dict.fromkeys(recording.late_losses)
-        yield Encoding(_outcomes(runs, encoder, late), lambda: late)
+        yield EncodedSamples(_outcomes(runs, encoder, late), lambda: late)
 
 
 def _outcomes(
@@ -145,23 +145,3 @@ def _buffers(parts: Parts) -> Parts:
         bytes(part) if len(part) < _BUFFERED_FROM else PickleBuffer(memoryview(part).toreadonly())  # type: ignore[misc]
         for part in parts
     )
-
-
-@contextmanager
-def _one_opencv_thread(*, imported: bool) -> Iterator[None]:
-    """End OpenCV's threads, of which a fork has no copy but would wait for.
-
-    Args:
-        imported: Import OpenCV if it is not: once here takes less than once in each fork.
-    """
-    if not imported and 'cv2' not in sys.modules:
-        yield
-        return
-    import cv2  # noqa: PLC0415 - 0.2 s
-
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)

@@ -65,11 +65,11 @@ def forked(
         KittiRos2Error: By the iterator: a process was killed, for example for lack of memory.
         Exception: By the iterator: what the function raises.
     """
-    pool: list[_Worker[T, R]] = []
+    pool: list[_Fork[T, R]] = []
     try:
         with _without_signals():
             for first in range(min(workers, len(items))):
-                pool.append(_Worker(function, items[first::workers], slot_bytes, pool))
+                pool.append(_Fork(function, items[first::workers], slot_bytes, pool))
         yield (pool[index % workers].receive() for index in range(len(items)))
     finally:
         for worker in pool:
@@ -78,7 +78,7 @@ def forked(
             worker.join()
 
 
-class _Worker(Generic[T, R]):
+class _Fork(Generic[T, R]):
     """A forked process that sends the result of each of its items.
 
     Args:
@@ -96,7 +96,7 @@ class _Worker(Generic[T, R]):
         function: Callable[[T], R],
         items: Sequence[T],
         slot_bytes: int,
-        others: Sequence[_Worker[T, R]],
+        others: Sequence[_Fork[T, R]],
     ) -> None:
         context = multiprocessing.get_context('fork')
         self.connection, theirs = context.Pipe()

@@ -20,7 +20,7 @@ _SHARED_FROM = 16 * 2**10
 """Below this size in bytes, the pipe costs no more."""
 
 
-class Packed(NamedTuple):
+class PickledResult(NamedTuple):
     """A pickled result.
 
     Attributes:
@@ -46,7 +46,7 @@ class SharedSlots:
         self._memory = mmap.mmap(-1, _SLOTS * size)
         self._free = list(range(_SLOTS))
 
-    def pack(self, result: object, wait_for_slot: Callable[[], int]) -> Packed:
+    def pack(self, result: object, wait_for_slot: Callable[[], int]) -> PickledResult:
         """Pickle a result, its buffers (pickle.PickleBuffer) in a slot.
 
         Args:
@@ -69,9 +69,11 @@ class SharedSlots:
                 ends.append(start + len(data))
                 return False
 
-        return Packed(pickle.dumps(result, protocol=5, buffer_callback=is_pickled), slot, ends)
+        return PickledResult(
+            pickle.dumps(result, protocol=5, buffer_callback=is_pickled), slot, ends
+        )
 
-    def take(self, packed: Packed) -> Any:  # noqa: ANN401 - whatever was packed
+    def take(self, packed: PickledResult) -> Any:  # noqa: ANN401 - whatever was packed
         """Return a result; its slot is free then, since its buffers are views of a copy."""
         if packed.slot is None:
             return pickle.loads(packed.pickled)  # noqa: S301 - of a process of this program
