@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from ..files.png.decode import decode_png
 from ..messages.cdr import Message
@@ -16,7 +16,7 @@ from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import naming_of
 from ..messages.selected_topics import select_topics, unmatched
-from ..messages.source import GREY, POINTS, promise
+from ..messages.source import POINTS
 from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
@@ -26,6 +26,7 @@ from ..model.msgtypes import IMAGE
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import ColorEncoding
+from .description import describe
 from .remarks import Remarks
 from .turn_notes import turn_notes
 
@@ -238,43 +239,10 @@ class Encoder:
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
-            return self._describe()
+            return describe(self._recording, self._schedule, self.table, self._rig.options)
         if entry.stream is Stream.PATH:
             return self._recording.trajectory(self._pose_numbers)
         return self._recording.read(entry.stream, entry.number)
-
-    def _describe(self) -> Description:
-        """Describe the recording, and which of its files are in the messages.
-
-        Unreadable samples are included, since the description is sent first.
-        """
-        carried = {
-            row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
-        }
-        numbered = Stream.CALIBRATION in self._recording.streams
-        calibrations: list[str] = []
-        if Stream.CALIBRATION in carried and not numbered:
-            calibrations = [file.name for file in self._recording.calibration(0).files]
-        described = promise(self._recording.describe(), carried, calibrations)
-        grey = self._colours_lost()
-        return replace(described, values={**described.values, GREY: grey}) if grey else described
-
-    def _colours_lost(self) -> list[str]:
-        """Return the streams of colour images whose pixels are encoded as grey."""
-        if self._rig.options.color_encoding is not ColorEncoding.MONO8:
-            return []
-        raw = {row.stream for row in self.table if row.msgtype == IMAGE and row.restores}
-        return sorted(stream.value for stream in raw if self._is_colour(stream))
-
-    def _is_colour(self, stream: Stream) -> bool:
-        """Whether the first readable image of a stream has colours."""
-        for number in self._schedule.numbers_of(stream):
-            try:
-                image = cast('Image', self._recording.read(stream, number))
-            except (KittiRos2Error, OSError):
-                continue
-            return image.channels > 1
-        return False
 
 
 def _selected_streams(
