@@ -20,8 +20,9 @@ from kitti_ros2.exporter.encode_runs import RunEncoder
 from kitti_ros2.exporter.schedule import make_schedule
 from kitti_ros2.files.shared_slots import SharedSlots
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.batch import split_batch_options
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 
@@ -191,3 +192,9 @@ def test_a_number_of_jobs_out_of_range(recordings, tmp_path, jobs, capsys):
     words = ['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '--jobs', jobs]
     assert main(words) == 2
     assert f'--jobs {jobs} is out of range; expected 1 to 256' in capsys.readouterr().err
+
+
+def test_jobs_alone_are_for_commands_that_encode():
+    assert split_batch_options({'jobs': 3}, jobs_alone=True)[0].jobs == 3
+    with pytest.raises(UsageError, match='--jobs is for whole collections; give --all too'):
+        split_batch_options({'jobs': 3})
