@@ -39,6 +39,7 @@ def convert_recording(
     *,
     read: ReadOptions | None = None,
     strict: bool = False,
+    jobs: int = 1,
     **bag: Any,
 ) -> ExportReport:
     """Convert a recording; `bag` are fields of BagOptions."""
@@ -49,6 +50,7 @@ def convert_recording(
         selection or SelectionOptions(),
         BagOptions(**bag),
         strict=strict,
+        jobs=jobs,
     )
 
 

@@ -17,6 +17,7 @@ from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.errors import UsageError
+from ..options.batch import BatchOptions
 from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
 from ..own_bags.to_kitti import Conversion
 from .keywords import by_name
@@ -42,6 +43,7 @@ def to_bag(
     out: AnyPath,
     *,
     progress: Progress | None = None,
+    jobs: int = 1,
     **options: Unpack[ToBagKeywords],
 ) -> ExportReport:
     """Write a KITTI recording to a bag, as `kitti-ros2 to-bag` does.
@@ -50,6 +52,8 @@ def to_bag(
         src: A KITTI folder.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 folder.
         progress: Called with the samples done and the number of all.
+        jobs: Number of worker processes that encode, 1 to 256; 1: none, but threads. The bag is
+            the same. In a program that has threads, threads take their place.
         options: Those of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
             images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
 
@@ -79,6 +83,7 @@ def to_bag(
         bag,
         strict=settings.strict,
         progress=_shown(progress),
+        jobs=BatchOptions(jobs=jobs).jobs or 1,
     )
     _warn_of(report.losses)
     return report

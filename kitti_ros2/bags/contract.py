@@ -49,11 +49,13 @@ class SegmentContext:
         options: Storage, compression and level.
         typestore: Contains the definition of every channel's type.
         source_metadata: Origin of the data, stored in the file if the container supports that.
+        threads: Number of threads that compress.
     """
 
     options: BagOptions
     typestore: Typestore
     source_metadata: Mapping[str, str]
+    threads: int = 1
 
 
 class SegmentWriter(Protocol):

@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
 from ..files.checksums import crc32
-from ..files.workers import OrderedPool, worker_count
+from ..files.workers import OrderedPool
 from .compressors import POOL_AHEAD, compressor
 
 if TYPE_CHECKING:
@@ -203,11 +203,11 @@ class StreamedChunks(Chunks):
 class CompressedChunks(Chunks):
     """Compressed chunks: compressed on all cores, written in order."""
 
-    def __init__(self, file: VectoredFile, options: BagOptions) -> None:
+    def __init__(self, file: VectoredFile, options: BagOptions, threads: int) -> None:
         super().__init__(file)
         self._name = options.compression
         self._compress = compressor(options.compression, options.compression_level)
-        self._pool: OrderedPool[tuple[_Contents, bytes]] = OrderedPool(worker_count(), POOL_AHEAD)
+        self._pool: OrderedPool[tuple[_Contents, bytes]] = OrderedPool(threads, POOL_AHEAD)
         self._buffers: list[bytes | memoryview] = []
 
     def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:

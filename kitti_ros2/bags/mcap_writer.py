@@ -35,7 +35,7 @@ class McapSegment:
         self._chunks = (
             StreamedChunks(self._file)
             if options.compression == 'none'
-            else CompressedChunks(self._file, options)
+            else CompressedChunks(self._file, options, context.threads)
         )
         try:
             self._file.write([MAGIC, encode(Header('ros2', 'kitti_ros2'))])

@@ -13,7 +13,7 @@ import sqlite3
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..files.workers import OrderedPool, worker_count
+from ..files.workers import OrderedPool
 from .compressors import POOL_AHEAD, compressor
 from .metadata import ROS_DISTRO, VERSION, qos_text
 
@@ -62,7 +62,7 @@ class SqliteSegment:
         options = context.options
         self._pool: OrderedPool[_Row] | None = None
         if options.compression != 'none':
-            self._pool = OrderedPool(worker_count(), POOL_AHEAD)
+            self._pool = OrderedPool(context.threads, POOL_AHEAD)
             self._compress = compressor(options.compression, options.compression_level)
         self._connection = sqlite3.connect(path, isolation_level=None)
         self._connection.executescript(_PRAGMAS + _TABLES)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..files.workers import worker_count
 from ..model.containers import CONTAINERS, container_of
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
@@ -86,6 +87,7 @@ def open_bag(
     typestore: Typestore,
     *,
     source_metadata: Mapping[str, str] | None = None,
+    threads: int | None = None,
 ) -> BagWriter:
     """Open a bag for writing; use it as a context manager.
 
@@ -94,6 +96,7 @@ def open_bag(
         options: Storage, compression, split, overwrite.
         typestore: Contains the ROS 2 definitions of the types to be written.
         source_metadata: Origin of the data, stored in the bag if the container supports that.
+        threads: Number of threads that compress; None: worker_count().
 
     Raises:
         UsageError: The path's suffix contradicts the options.
@@ -105,6 +108,6 @@ def open_bag(
         key: value.encode('utf-8', 'replace').decode()
         for key, value in (source_metadata or {}).items()
     }
-    context = SegmentContext(options, typestore, source)
+    context = SegmentContext(options, typestore, source, threads or worker_count())
     target = output_path(path, options)
     return BagWriter(target, context, single_file=container_of(target.suffix) is not None)

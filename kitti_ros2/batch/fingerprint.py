@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..kitti.layouts import open_recording
+from ..kitti.listings import listings_kept
 from ..kitti.recording_tree import calibration_beside, tree_of
 from ..model.errors import KittiRos2Error
 from ..model.layouts import Layout
@@ -69,6 +70,7 @@ def _digest(files: Iterable[InputFile]) -> str:
 
 
 @lru_cache(maxsize=1)  # slices of one set follow each other
+@listings_kept()
 def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
     try:
         parts = _parts_of(source, layout, sequence)

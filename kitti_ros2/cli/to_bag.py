@@ -56,7 +56,7 @@ def run_to_bag(
         The exit code.
     """
     keep_imports()
-    batch, chosen = split_batch_options(given)
+    batch, chosen = split_batch_options(given, jobs_alone=True)
     if config:
         from .config_file import add_config
 
@@ -90,6 +90,7 @@ def run_to_bag(
         bag,
         strict=settings.strict,
         progress=partial(conversion_progress, show=not quiet),
+        jobs=batch.jobs or 1,
     )
     elapsed = time.monotonic() - started
     if json:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from ..files.png.decode import decode_png
 from ..messages.cdr import Message
@@ -16,16 +16,18 @@ from ..messages.moment import Moment, make_rig
 from ..messages.mounts import with_nominal_mounts
 from ..messages.naming import naming_of
 from ..messages.selected_topics import select_topics, unmatched
-from ..messages.source import GREY, POINTS, promise
+from ..messages.source import POINTS
 from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.labels import has_complete_labels
-from ..model.losses import Loss, format_numbers
+from ..model.losses import Loss
 from ..model.msgtypes import IMAGE
 from ..model.samples import Calibration, Description, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import ColorEncoding
+from .description import describe
+from .remarks import Remarks
 from .turn_notes import turn_notes
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ class Encoder:
 
     Attributes:
         table: The rows with messages, in the order of Message.topic.
+        remarks: On the samples encoded so far.
     """
 
     def __init__(
@@ -88,8 +91,7 @@ class Encoder:
             self._rows[row.stream].append((index, row))
         self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
-        self._nominal: set[str] = set()
-        self._remarks: dict[str, set[int]] = {}
+        self.remarks = Remarks()
 
     def encode(
         self, entry: Entry, wanted: Collection[int] | None = None
@@ -115,7 +117,7 @@ class Encoder:
             mounted = with_nominal_mounts(
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
-            self._nominal.update(mounted.nominal)
+            self.remarks.add_nominal(mounted.nominal)
         moment = Moment(
             self._rig,
             entry.stamp_ns,
@@ -126,7 +128,7 @@ class Encoder:
             _once(decode_png),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
-            lambda text: self._remarks.setdefault(text, set()).add(entry.number),
+            lambda text: self.remarks.add_estimated(text, entry.number),
         )
         messages, losses = self._serialize(rows, sample, moment)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -151,10 +153,7 @@ class Encoder:
 
     def notes(self) -> tuple[str, ...]:
         """Return non-fatal remarks on the samples encoded so far."""
-        notes = [
-            f'{part}: not in the calibration, a nominal value is used'
-            for part in sorted(self._nominal)
-        ]
+        notes = self.remarks.on_calibration()
         options, in_map = self._rig.options, any(self._rows[stream] for stream in _IN_MAP)
         if in_map and has_no_gravity(self._recording.start, options.map):
             notes.append(
@@ -171,10 +170,7 @@ class Encoder:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
             notes += turn_notes(scans, self._recording.turns, FORMATS[options.cloud])
             notes += self._missing_source()
-        notes += [
-            f'{text}: scans {format_numbers(sorted(numbers))}'
-            for text, numbers in sorted(self._remarks.items())
-        ]
+        notes += self.remarks.on_scans()
         if options.stack is not None:
             from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
 
@@ -243,43 +239,10 @@ class Encoder:
 
     def _read(self, entry: Entry) -> Sample:
         if entry.stream is Stream.RECORDING:
-            return self._describe()
+            return describe(self._recording, self._schedule, self.table, self._rig.options)
         if entry.stream is Stream.PATH:
             return self._recording.trajectory(self._pose_numbers)
         return self._recording.read(entry.stream, entry.number)
-
-    def _describe(self) -> Description:
-        """Describe the recording, and which of its files are in the messages.
-
-        Unreadable samples are included, since the description is sent first.
-        """
-        carried = {
-            row.stream: self._schedule.numbers_of(row.stream) for row in self.table if row.restores
-        }
-        numbered = Stream.CALIBRATION in self._recording.streams
-        calibrations: list[str] = []
-        if Stream.CALIBRATION in carried and not numbered:
-            calibrations = [file.name for file in self._recording.calibration(0).files]
-        described = promise(self._recording.describe(), carried, calibrations)
-        grey = self._colours_lost()
-        return replace(described, values={**described.values, GREY: grey}) if grey else described
-
-    def _colours_lost(self) -> list[str]:
-        """Return the streams of colour images whose pixels are encoded as grey."""
-        if self._rig.options.color_encoding is not ColorEncoding.MONO8:
-            return []
-        raw = {row.stream for row in self.table if row.msgtype == IMAGE and row.restores}
-        return sorted(stream.value for stream in raw if self._is_colour(stream))
-
-    def _is_colour(self, stream: Stream) -> bool:
-        """Whether the first readable image of a stream has colours."""
-        for number in self._schedule.numbers_of(stream):
-            try:
-                image = cast('Image', self._recording.read(stream, number))
-            except (KittiRos2Error, OSError):
-                continue
-            return image.channels > 1
-        return False
 
 
 def _selected_streams(

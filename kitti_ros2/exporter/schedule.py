@@ -4,18 +4,15 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..model.errors import UsageError
-from ..model.spelling import did_you_mean
-from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, STREAM_ALIASES, UNNUMBERED, Stream
-from ..model.text import either
+from ..model.streams import FRAME_STREAMS, UNNUMBERED, Stream
 from ..model.time_span import around, numbers_around, time_span
+from .stream_names import wanted_streams
 from .window import UNLIMITED, nothing_selected, numbered, select_window
 
 if TYPE_CHECKING:
@@ -33,11 +30,9 @@ _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""
 
 _STREAMS = tuple(Stream)
-_CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
 ONCE = (Stream.RECORDING, Stream.CALIBRATION, Stream.PATH)
 """Streams that may apply to a whole recording, and are then due once."""
 
-_PACKETS = {Stream.OXTS, Stream.OXTS_EXTRACT}
 _UNNUMBERED = [_STREAMS.index(stream) for stream in UNNUMBERED]
 UNKNOWN = -1
 """Placeholder for an unknown file number."""
@@ -79,6 +74,15 @@ class Schedule:
         columns = (self.streams.tolist(), self.numbers.tolist(), self.stamps_ns.tolist())
         for code, number, stamp_ns in zip(*columns, strict=True):
             yield Entry(_STREAMS[code], number, stamp_ns)
+
+    def part(self, start: int, stop: int) -> list[Entry]:
+        """Return the samples from one position to another, which is not included."""
+        columns = (
+            each[start:stop].tolist() for each in (self.streams, self.numbers, self.stamps_ns)
+        )
+        return [
+            Entry(_STREAMS[code], number, ns) for code, number, ns in zip(*columns, strict=True)
+        ]
 
     def count(self, stream: Stream) -> int:
         """Return the number of scheduled samples of a stream."""
@@ -187,7 +191,7 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     Raises:
         UsageError: A stream's name is unknown, or the selection is empty.
     """
-    wanted = _wanted_streams(selection.streams)
+    wanted = wanted_streams(selection.streams)
     common = recording.common_numbers
     own = numbered(recording)
     window = select_window(own, selection, common=common)
@@ -265,30 +269,3 @@ def _in_order(
     codes = streams[order].astype(np.int64)
     common = recording.common_numbers
     return Schedule(stamps[order], codes, numbers[order], spans, common, recording.turns)
-
-
-def _no_stream(name: str) -> UsageError:
-    known = ['image', *(stream.value for stream in Stream)]
-    other = STREAM_ALIASES.get(name.lower())
-    hint = f'; did you mean {other.value}?' if other else did_you_mean(_numbered(name), known)
-    return UsageError(f'there is no stream {name!r}{hint or f"; choose from {either(known)}"}')
-
-
-def _numbered(name: str) -> str:
-    """Return image_2 for the names of a camera in KITTI's folders, and in topics."""
-    camera = _CAMERA.fullmatch(name.lower())
-    return f'image_{camera[1]}' if camera else name
-
-
-def _wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
-    if not asked:
-        return set(Stream)
-    wanted: set[Stream] = set()
-    for name in asked:
-        if name == 'image':
-            wanted |= set(IMAGE_STREAMS)
-        elif name in {stream.value for stream in Stream}:
-            wanted |= _PACKETS if name == Stream.OXTS.value else {Stream(name)}
-        else:
-            raise _no_stream(name)
-    return wanted

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from ..bags.writer import open_bag
-from ..files.workers import ordered_map, worker_count
+from ..files.workers import worker_count
 from ..messages.last_keys import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error
 from ..model.losses import Loss
 from ..options.messages import Images
 from .encode import Encoder
+from .encode_runs import encoding
 from .schedule import make_schedule
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from ..options.selection import SelectionOptions
 
 ShowProgress: TypeAlias = 'Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]'
-_BATCH = 8  # samples, about a frame
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ExportReport:
     notes: tuple[str, ...]
 
 
-def convert(
+def convert(  # noqa: PLR0913 - three of them are optional
     recording: ReadableRecording,
     out: Path,
     messages: MessageOptions,
@@ -69,6 +69,7 @@ def convert(
     *,
     strict: bool = False,
     progress: ShowProgress = lambda _samples, _frames: nullcontext(lambda _done, _bytes: None),
+    jobs: int = 1,
 ) -> ExportReport:
     """Write a recording to a bag.
 
@@ -81,10 +82,11 @@ def convert(
         strict: Stop at the first loss, and remove the output.
         progress: Called with the number of samples and frames; returns a context with a function
             that is called with the samples done and the bytes written so far.
+        jobs: Number of worker processes that encode; 1: none, but threads. The bag is the same.
 
     Raises:
         UsageError: The selection is empty, or an option is invalid for the output.
-        KittiRos2Error: With strict, the first loss.
+        KittiRos2Error: With strict, the first loss; or a worker process was killed.
         OutputError: The output cannot be written.
         OutputExistsError: The output exists and the options do not overwrite.
     """
@@ -94,19 +96,19 @@ def convert(
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
+    decodes = messages.images is not Images.COMPRESSED
+    threads = max(worker_count(), jobs)
     with (
+        # Before the others: a fork keeps the files and locks that are open.
+        encoding(encoder, recording, schedule, decodes=decodes, jobs=jobs) as encoded,
         progress(len(schedule), schedule.frames) as show,
-        open_bag(out, bag, TYPESTORE, source_metadata=source) as writer,
+        open_bag(out, bag, TYPESTORE, source_metadata=source, threads=threads) as writer,
     ):
         channels = _Channels(writer, encoder.table)
-        workers, batch = 1, _BATCH
-        if messages.images is not Images.COMPRESSED:  # decoding is long enough to share it out
-            workers, batch = worker_count(), 1
-        outcomes = ordered_map(encoder.encode, schedule, workers, batch)
-        for done, outcome in enumerate(outcomes, 1):
+        for done, outcome in enumerate(encoded.outcomes, 1):
             tally.take(*outcome, channels)
             show(done, tally.size_bytes)
-        for loss in recording.late_losses:
+        for loss in encoded.late_losses():
             tally.lose_unnamed(loss)
     return ExportReport(
         path=writer.path,

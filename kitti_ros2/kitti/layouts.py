@@ -23,6 +23,7 @@ from ..options.read import ReadOptions
 from . import names
 from .find import absolute
 from .layout_files import LAYOUTS
+from .listings import listings_kept
 from .motion import prepare_motion
 from .stereo_pairs import prepare_stereo
 
@@ -59,6 +60,7 @@ def _only(path: Path, fits: dict[Layout, list[Candidate]]) -> tuple[Layout, list
     return next(iter(fits.items()))
 
 
+@listings_kept()
 def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
     """Open the recording at a path; lists folders, reads time stamps and sequence-wide files only.
 
@@ -92,6 +94,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
     return recording
 
 
+@listings_kept()
 def open_recordings(path: Path, options: ReadOptions | None = None) -> list[KittiRecording]:
     """Open all recordings at a path, or the one that the options choose.
 
@@ -149,6 +152,7 @@ def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
     return found
 
 
+@listings_kept()
 def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     """Find the data set at a path itself, of the requested or the detected layout.
 
@@ -169,6 +173,7 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     return [DataSet(path, layout, candidates)]
 
 
+@listings_kept()
 def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
     """Find the recordings at a path, of the requested or the detected layout.
 
@@ -192,6 +197,7 @@ def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiE
     return NotKittiError(path, found, [layout.value])
 
 
+@listings_kept()
 def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
     """Return the recordings at a path, by each layout that it has any of."""
     folder = absolute(path)

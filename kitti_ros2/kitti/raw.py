@@ -107,11 +107,10 @@ class RawRecording(KittiRecording):
     def _lose_all(self, stream: Stream, listing: Listing, reason: str) -> None:
         self._lose(stream, listing.numbers.tolist(), f'{reason} for frames {{}}')
 
-    @staticmethod
-    def _stamps(path: Path) -> tuple[Lines[int] | None, str]:
+    def _stamps(self, path: Path) -> tuple[Lines[int] | None, str]:
         """Read the stamps of a file; None and the reason if it is unreadable."""
         try:
-            return parse_timestamps(STORE.read_text(path), path), ''
+            return parse_timestamps(self.common_files.read_text(path), path), ''
         except (BadFileError, OSError) as error:
             return None, describe_error(error).replace('{', '(').replace('}', ')')
 
@@ -176,7 +175,7 @@ class RawRecording(KittiRecording):
         if not path.is_file():
             return {}
         try:
-            return cuboids_by_frame(parse_tracklets(STORE.read(path), path))
+            return cuboids_by_frame(parse_tracklets(self.common_files.read(path), path))
         except (BadFileError, OSError) as error:
             self._lose_lines(Stream.LABELS, str(error))
             return {}

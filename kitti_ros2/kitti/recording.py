@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 
 T = TypeVar('T')
 
+_KEPT_PACKETS = 8192  # of 2 kB; the path needs all before the first is due
+
 
 class KittiRecording(RecordingIndex):
     """The common part of the readers of all layouts."""
@@ -59,7 +61,8 @@ class KittiRecording(RecordingIndex):
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         super().__init__(root, options)
         self.name = name
-        self._packet_cached = lru_cache(maxsize=64)(self._packet)
+        self._packet_cached = lru_cache(_KEPT_PACKETS)(self._packet)
+        self._first_sizes: dict[Stream, tuple[int, int]] = {}
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
 
     @property
@@ -117,7 +120,7 @@ class KittiRecording(RecordingIndex):
         missing: dict[str, str] = {}
         for path in self.text_paths():
             try:
-                files.append(self._verbatim(path, STORE.read_text(path)))
+                files.append(self._verbatim(path, self.common_files.take_text(path)))
             except (BadFileError, OSError) as error:
                 missing[path.relative_to(self.root).as_posix()] = str(error)
         return Description(values, files, missing)
@@ -236,7 +239,7 @@ class KittiRecording(RecordingIndex):
     @cached_property
     def _world(self) -> MercatorWorld:
         """The fixed frame of the poses, at the first readable oxts packet."""
-        packet = self._first(Stream.OXTS, self._packet)
+        packet = self._first(Stream.OXTS, self._packet_cached)
         if packet is None:
             needed_for = 'the origin of the map: not one oxts packet is readable'
             raise MissingFileError(self.root, needed_for)
@@ -254,6 +257,8 @@ class KittiRecording(RecordingIndex):
     def _image(self, stream: Stream, number: int) -> Image:
         path = self._listings[stream].path(number)
         image = parse_image(STORE.read(path), path)
+        if number == self.streams[stream].numbers[0]:
+            self._first_sizes[stream] = image.width, image.height
         expected = self._expected_size(stream)
         if expected is not None and (image.width, image.height) != expected:
             raise BadFileError(
@@ -269,6 +274,8 @@ class KittiRecording(RecordingIndex):
         camera = self.calibration(0).cameras.get(stream.camera or 0)
         if camera is not None and camera.size is not None:
             return camera.size
+        if stream in self._first_sizes:
+            return self._first_sizes[stream]
         for number in self.streams[stream].numbers.tolist():
             path = self._listings[stream].path(number)
             try:
@@ -292,7 +299,7 @@ class KittiRecording(RecordingIndex):
         if not path.is_file():
             return ''
         try:
-            return STORE.read_text(path)
+            return self.common_files.read_text(path)
         except (BadFileError, OSError) as error:
             self._lose_lines(stream, str(error))
             return ''

@@ -13,6 +13,7 @@ from ..model.recording import StreamIndex
 from ..model.stamps import LAST_NS, NS_PER_S
 from ..model.streams import Stream
 from ..model.text import some_of
+from .common_files import CommonFiles
 from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class RecordingIndex:
         self.extract: PacketFiles | None = None
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
+        self.common_files = CommonFiles()
 
     @property
     def late_losses(self) -> list[Loss]:

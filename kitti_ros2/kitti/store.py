@@ -14,6 +14,7 @@ import numpy as np
 
 from ..files.page_cache import write_uncached
 from ..model.errors import BadFileError
+from .listings import kept
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,9 +67,22 @@ def _opened(path: Path) -> Iterator[tuple[int, int]]:
         os.close(file)
 
 
+def decode_text(data: bytes, path: Path) -> str:
+    """Decode the content of a text file.
+
+    Raises:
+        BadFileError: It is not UTF-8.
+    """
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise BadFileError(path, f'byte {error.start} is no text', 'a text file in UTF-8') from None
+
+
 class LocalStore:
     """Files on a local disk."""
 
+    @kept
     def names(self, folder: Path) -> list[str]:
         """List the names in a folder, sorted; none if the folder is absent."""
         try:
@@ -138,12 +152,7 @@ class LocalStore:
             BadFileError: The content is not UTF-8, or it is no regular file.
             OSError: The file cannot be read.
         """
-        try:
-            return self.read(path).decode()
-        except UnicodeDecodeError as error:
-            raise BadFileError(
-                path, f'byte {error.start} is no text', 'a text file in UTF-8'
-            ) from None
+        return decode_text(self.read(path), path)
 
     def write(self, path: Path, data: bytes | memoryview, *, new: bool = False) -> None:
         """Write a whole file, and create its folders.

@@ -25,7 +25,8 @@ class BatchOptions:
 
     Attributes:
         whole: Whether SRC is a collection and OUT a folder of outputs.
-        jobs: Number of worker processes; None is one for each CPU, at most 8.
+        jobs: Number of worker processes. Without `whole` they encode one recording, and None is no
+            process but this one; else they convert units, and None is one for each CPU, at most 8.
         slice_frames: Frames of a unit of an object set; None takes a split whole.
         retry: Whether failed units are run again.
 
@@ -44,9 +45,9 @@ class BatchOptions:
     )
     jobs: int | None = option(
         None,
-        'With --all: worker processes, 1 to 256',
+        'Worker processes, 1 to 256: with --all for units, without it for frames',
         parse_integer,
-        unset='one per CPU, at most 8',
+        unset='with --all one per CPU, at most 8',
     )
     slice_frames: int | None = option(
         None,
@@ -62,7 +63,6 @@ class BatchOptions:
         self._check('jobs', self.jobs, _MOST_JOBS)
         self._check('slice-frames', self.slice_frames, _MOST_FRAMES)
         given = {
-            'jobs': self.jobs is not None,
             'slice-frames': self.slice_frames is not None,
             'retry': self.retry,
         }
@@ -82,9 +82,13 @@ TO_BAG_ALL = (*TO_BAG, *BATCH)
 
 
 def split_batch_options(
-    values: Mapping[str, object],
+    values: Mapping[str, object], *, jobs_alone: bool = False
 ) -> tuple[BatchOptions, dict[str, object]]:
     """Return the options of the collection, and the values of the others, by name.
+
+    Args:
+        values: Of all options, by name.
+        jobs_alone: Whether the command has worker processes for a single recording, too.
 
     Raises:
         UsageError: A value is invalid.
@@ -92,4 +96,7 @@ def split_batch_options(
     names = {each.name for each in BATCH}
     own = {name: value for name, value in values.items() if name in names}
     rest = {name: value for name, value in values.items() if name not in names}
-    return BatchOptions(**values_for(BatchOptions, parse_values(own, BATCH))), rest
+    batch = BatchOptions(**values_for(BatchOptions, parse_values(own, BATCH)))
+    if batch.jobs is not None and not (batch.whole or jobs_alone):
+        raise UsageError('--jobs is for whole collections; give --all too')
+    return batch, rest

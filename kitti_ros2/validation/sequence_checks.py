@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from ..kitti import names
 from ..kitti.poses_file import parse_poses
 from ..kitti.stamps_file import parse_times, parse_timestamps
-from ..kitti.store import STORE
 from ..model.errors import BadFileError, describe_error
 from ..model.samples import OxtsPacket
 from ..model.streams import Stream
@@ -112,7 +111,7 @@ class SequenceChecks:
         text = None
         if file.is_worth_reading and not quick and path.suffix == names.TXT:
             try:
-                text = STORE.read_text(path)
+                text = self._recording.common_files.take_text(path)
             except (BadFileError, OSError) as error:
                 file = replace(file, error=error)
                 self._facts.reported.add(describe_error(error))

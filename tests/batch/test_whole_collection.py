@@ -186,7 +186,6 @@ def test_summary_and_status(root, out, capsys):
 @pytest.mark.parametrize(
     ('words', 'complaint'),
     [
-        (['--jobs', '2'], '--jobs is for whole collections'),
         (['--retry'], '--retry is for whole collections'),
         (['--slice-frames', '9'], '--slice-frames is for whole collections'),
         (['--all', '--jobs', '0'], 'expected 1 to'),
