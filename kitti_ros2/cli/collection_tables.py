@@ -30,8 +30,8 @@ _COUNTED = {
 """By command what is counted of a unit."""
 _FRAMES = ('frames',)
 _HEADINGS = {'bytes': 'size'}
-_BAD = {'validate': 'errors', 'report': 'losses'}
-_SKIPPED = 'skipped'
+_BAD = {'validate': ('error', 'errors'), 'report': ('loss', 'losses')}
+_SKIPPED = ('skipped', 'skipped')
 
 
 def record_json(record: UnitRecord) -> dict[str, object]:
@@ -47,7 +47,7 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
 
     counted = _COUNTED.get(command, _FRAMES)
     headings = [_HEADINGS.get(name, name) for name in counted]
-    table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)])
+    table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
     for name, units in groups.items():
         sums = {key: sum(each.counts.get(key, 0) for each in units) for key in counted}
         table.add_row(
@@ -61,11 +61,11 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
 
 def complain_of(records: Sequence[UnitRecord], command: str) -> None:
     """Print failed units, and what is bad in others, on standard error."""
-    bad = _BAD.get(command, _SKIPPED)
+    singular, plural = _BAD.get(command, _SKIPPED)
     failed = [each for each in records if each.state == FAILED]
     lossy = [each for each in records if each.state == DONE and each.bad]
     lines = [f'failed {each.name}: {each.reason}' for each in failed]
-    lines += [f'{bad} in {each.name}: {text}' for each in lossy for text in each.losses]
+    lines += [f'{singular} in {each.name}: {text}' for each in lossy for text in each.losses]
     for line in lines[:_SHOWN]:
         complain(line)
     if len(lines) > _SHOWN:
@@ -73,7 +73,8 @@ def complain_of(records: Sequence[UnitRecord], command: str) -> None:
     if failed or lossy:
         count = sum(each.bad for each in lossy)
         complain(
-            f'kitti-ros2: {format_count(len(failed), "unit")} failed, {count} {bad} in'
+            f'kitti-ros2: {format_count(len(failed), "unit")} failed, {count}'
+            f' {singular if count == 1 else plural} in'
             f' {format_count(len(lossy), "unit")}; exit code {EXIT_LOSSES}'
         )
 
