@@ -30,7 +30,6 @@ _IMPORTS = {
     'rig': 'model messages',
     'stack_setup': 'model files options kitti stacks messages bags',
     'exporter': 'model files options messages bags stacks',
-    'batch': 'model files options kitti bags exporter',
     'importer': 'model files options drawing kitti messages bags rig',
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
@@ -46,6 +45,8 @@ _IMPORTS = {
     ' pictures',
     'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
     ' validation',
+    'batch': 'model files options kitti bags exporter own_bags validation datasets report'
+    ' evaluation',
     'evaluation': 'model files options drawing kitti messages bags rig importer own_bags pictures'
     ' player node api',
 }

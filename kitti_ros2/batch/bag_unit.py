@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import time
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,18 +15,17 @@ from ..exporter.to_bag import convert
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.containers import CONTAINERS
-from ..model.errors import KittiRos2Error, UsageError, describe_error
+from ..model.errors import UsageError
 from ..options.selection import Bound
 from ..options.table import make_settings
 from .results import UnitResult
+from .unit_function import loss_lines, run_guarded, samples_shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from ..exporter.to_bag import ExportReport
     from .results import Advance, UnitJob
-
-_KEPT_LOSSES = 20
 
 
 def bag_suffix(options: Mapping[str, object]) -> str:
@@ -46,15 +43,11 @@ def bag_suffix(options: Mapping[str, object]) -> str:
 
 def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Convert a unit; errors of its data become the reason of a failed result."""
-    started = time.monotonic()
-    try:
-        report = _convert(job, advance)
-    except (KittiRos2Error, OSError) as error:
-        return UnitResult(reason=describe_error(error), seconds=time.monotonic() - started)
-    except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
-        reason = f'internal error, {type(error).__name__}: {error}; please report it'
-        return UnitResult(reason=reason, seconds=time.monotonic() - started)
-    texts = dict.fromkeys(f'{loss.stream} ({loss.count}): {loss.text()}' for loss in report.losses)
+    return run_guarded(_run, job, advance)
+
+
+def _run(job: UnitJob, advance: Advance) -> UnitResult:
+    report = _convert(job, advance)
     return UnitResult(
         counts={
             'frames': report.frames,
@@ -62,9 +55,8 @@ def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
             'bytes': report.size_bytes,
         },
         bad=sum(loss.count for loss in report.losses),
-        losses=tuple(texts)[:_KEPT_LOSSES],
+        losses=loss_lines(report.losses),
         notes=report.notes,
-        seconds=time.monotonic() - started,
     )
 
 
@@ -86,10 +78,5 @@ def _convert(job: UnitJob, advance: Advance) -> ExportReport:
         selection,
         settings.bag(guess_storage(job.out, settings.storage)),
         strict=settings.strict,
-        progress=partial(_advancing, advance),
+        progress=partial(samples_shown, advance),
     )
-
-
-@contextmanager
-def _advancing(advance: Advance, samples: int, _frames: int) -> Iterator[Advance]:
-    yield lambda done, _bytes: advance(done, samples)

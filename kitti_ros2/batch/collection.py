@@ -76,13 +76,15 @@ class Collection:
 
         Raises:
             OutputError: Another run is writing there, or the disk refuses.
+            UsageError: The folder has the outputs of another command.
         """
         with reported(self.out):
             self.out.mkdir(parents=True, exist_ok=True)
         jobs = min(self.batch.jobs or worker_count(), max(len(units), 1))
         with _locked(self.out) as lock, Manifest(self.out) as manifest:
+            self._check(manifest.command)
             manifest.begin(self.command, jobs)
-            manifest.add({unit.name: str(unit.source) for unit in units})
+            manifest.add({unit.name: unit.origin for unit in units})
             queue = _Queue(self, units, manifest, progress)
             try:
                 self._work(queue, jobs, lock, progress)
@@ -91,6 +93,14 @@ class Collection:
             names = {unit.name for unit in units}
             records = [each for name, each in manifest.records().items() if name in names]
         return CollectionReport(self.out, tuple(records), frozenset(queue.ran), jobs)
+
+    def _check(self, command: str | None) -> None:
+        """Refuse a folder whose units another command would take for its own."""
+        if command not in {None, self.command}:
+            raise UsageError(
+                f'{self.out}: has the outputs of kitti-ros2 {command}; give {self.command} a folder'
+                f' of its own'
+            )
 
     def _work(self, queue: _Queue, jobs: int, lock: int, progress: Progress) -> None:
         if jobs == 1:
@@ -101,9 +111,9 @@ class Collection:
             for outcome in outcomes:
                 queue.settle(outcome)
 
-    def output(self, unit: WorkUnit) -> Path:
+    def output_of(self, name: str) -> Path:
         """Return the output of a unit."""
-        return self.out / f'{unit.name}{self.suffix}'
+        return self.out / f'{name}{self.suffix}'
 
     def options_text(self) -> str:
         """Return the command and its options as JSON, with the state of the files they name."""
@@ -194,8 +204,8 @@ class _Queue:
             files = fingerprint(unit)
         except OSError as error:  # its unit will fail with it
             files = describe_error(error)
-        identity = Identity(str(unit.source), files, self._options, self._collection.version)
-        out = self._collection.output(unit)
+        identity = Identity(unit.origin, files, self._options, self._collection.version)
+        out = self._collection.output_of(unit.name)
         if known.identity == identity:
             if known.state == DONE and os.path.lexists(out):
                 return None
@@ -210,7 +220,7 @@ class _Queue:
     @staticmethod
     def _is_ours(known: UnitRecord, unit: WorkUnit, out: Path) -> bool:
         """Whether a unit may replace what is at its output: nothing, or its own."""
-        own = known.ours and known.identity.source == str(unit.source)
+        own = known.ours and known.identity.source == unit.origin
         return own or not os.path.lexists(out)
 
     def _begin(self, job: UnitJob) -> UnitJob:

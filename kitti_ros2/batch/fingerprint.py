@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from .units import WorkUnit
 
+_SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
 _NUMBER = re.compile(r'\d{6}')
 
 
@@ -43,10 +44,18 @@ class InputFile(NamedTuple):
 def fingerprint(unit: WorkUnit) -> str:
     """Return the fingerprint of a unit's files; of a slice those of its frames and common files.
 
+    A file that does not exist has no part in it.
+
     Raises:
         OSError: A folder cannot be read.
     """
-    files: Iterable[InputFile] = _files_of(unit.source, unit.layout, unit.sequence)
+    files: Iterable[InputFile]
+    if unit.layout is None:
+        files = _walk(unit.source, unit.source.parent)
+    else:
+        files = _files_of(unit.source, unit.layout, unit.sequence)
+    if unit.result is not None:
+        files = [*files, *_walk(unit.result, unit.result.parent)]
     if unit.first is not None and unit.last is not None:
         first, last = unit.first, unit.last
         files = (each for each in files if each.number is None or first <= each.number <= last)
@@ -102,6 +111,6 @@ def _walk(path: Path, base: Path) -> Iterator[InputFile]:
                 name = f'{place}/{entry.name}'
                 if entry.is_dir(follow_symlinks=False):
                     folders.append((entry.path, name))
-                elif entry.is_file():
+                elif entry.is_file() and not name.endswith(_SHARED_MEMORY):
                     status = entry.stat()
                     yield InputFile(name, status.st_size, status.st_mtime_ns)

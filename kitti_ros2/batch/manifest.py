@@ -116,6 +116,13 @@ class Manifest:
             self._database.close()
             raise
 
+    @property
+    def command(self) -> str | None:
+        """The command of the last run; None before the first."""
+        with reported(self._path):
+            row = self._database.execute('SELECT command FROM runs ORDER BY run DESC').fetchone()
+        return None if row is None else str(row[0])
+
     def begin(self, command: str, jobs: int) -> None:
         """Begin a run. Units that a killed run left running are to do again."""
         with self._transaction():

@@ -20,7 +20,18 @@ if TYPE_CHECKING:
     from ..batch.pace import Pace
 
 _SHOWN = 20
-_COUNTED = ('frames', 'messages', 'bytes')
+_COUNTED = {
+    'to-bag': ('frames', 'messages', 'bytes'),
+    'to-kitti': ('frames', 'files', 'bytes'),
+    'validate': ('files', 'bytes', 'warnings'),
+    'stats': ('frames', 'objects'),
+    'report': ('frames', 'bytes'),
+}
+"""By command what is counted of a unit."""
+_FRAMES = ('frames',)
+_HEADINGS = {'bytes': 'size'}
+_BAD = {'validate': ('error', 'errors'), 'report': ('loss', 'losses')}
+_SKIPPED = ('skipped', 'skipped')
 
 
 def record_json(record: UnitRecord) -> dict[str, object]:
@@ -30,38 +41,40 @@ def record_json(record: UnitRecord) -> dict[str, object]:
     return {**values, 'source': identity['source'], 'version': identity['version']}
 
 
-def print_groups(groups: Mapping[str, Sequence[UnitRecord]]) -> None:
-    """Print a row of sums for each group of units."""
+def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> None:
+    """Print a row of sums for each group of units of a command."""
     from rich.console import Console
 
-    table = plain_table('units', ['count', 'frames', 'messages', 'size', 'skipped'])
+    counted = _COUNTED.get(command, _FRAMES)
+    headings = [_HEADINGS.get(name, name) for name in counted]
+    table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
     for name, units in groups.items():
-        sums = {key: sum(each.counts.get(key, 0) for each in units) for key in _COUNTED}
+        sums = {key: sum(each.counts.get(key, 0) for each in units) for key in counted}
         table.add_row(
             cell(name),
             f'{len(units):,}',
-            f'{sums["frames"]:,}',
-            f'{sums["messages"]:,}',
-            format_bytes(sums['bytes']),
+            *(format_bytes(n) if key == 'bytes' else f'{n:,}' for key, n in sums.items()),
             f'{sum(each.bad for each in units):,}',
         )
     Console(highlight=False).print(table)
 
 
-def complain_of(records: Sequence[UnitRecord]) -> None:
-    """Print failed units and skipped data on standard error."""
+def complain_of(records: Sequence[UnitRecord], command: str) -> None:
+    """Print failed units, and what is bad in others, on standard error."""
+    singular, plural = _BAD.get(command, _SKIPPED)
     failed = [each for each in records if each.state == FAILED]
     lossy = [each for each in records if each.state == DONE and each.bad]
     lines = [f'failed {each.name}: {each.reason}' for each in failed]
-    lines += [f'skipped in {each.name}: {text}' for each in lossy for text in each.losses]
+    lines += [f'{singular} in {each.name}: {text}' for each in lossy for text in each.losses]
     for line in lines[:_SHOWN]:
         complain(line)
     if len(lines) > _SHOWN:
         complain(f'... and {len(lines) - _SHOWN} more; kitti-ros2 status OUT --json lists them')
     if failed or lossy:
-        bad = sum(each.bad for each in lossy)
+        count = sum(each.bad for each in lossy)
         complain(
-            f'kitti-ros2: {format_count(len(failed), "unit")} failed, {bad} skipped in'
+            f'kitti-ros2: {format_count(len(failed), "unit")} failed, {count}'
+            f' {singular if count == 1 else plural} in'
             f' {format_count(len(lossy), "unit")}; exit code {EXIT_LOSSES}'
         )
 
@@ -76,7 +89,12 @@ def print_pace(out: Path, pace: Pace) -> None:
         left = pace.seconds_left or 0.0
         say(
             f'last run: {format_count(pace.recent, "unit")} in {pace.recent_seconds:.1f} s'
-            f' ({pace.recent * 3600 / pace.recent_seconds:,.0f} units/hour,'
-            f' {pace.recent_bytes / pace.recent_seconds / 1e6:.0f} MB/s)'
+            f' ({pace.recent * 3600 / pace.recent_seconds:,.0f} units/hour{_rate(pace)})'
             + (f'; about {format_duration(round(left * 1e9))} left' if pace.left else '')
         )
+
+
+def _rate(pace: Pace) -> str:
+    """Return the bytes per second of the last run; empty if none are counted."""
+    per_second = pace.recent_bytes / pace.recent_seconds
+    return f', {per_second / 1e6:.0f} MB/s' if pace.recent_bytes else ''

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 from ..evaluation.detection import ORIENTATION, score_frames
 from ..evaluation.detection_inputs import read_frames
 from ..evaluation.overlap import Space
+from ..evaluation.score_values import detection_values as scores_json
 from ..files.staging import staged_file
 from ..model.difficulty import Difficulty
+from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_detection_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
@@ -21,7 +23,7 @@ from .plot_output import check_plot, is_picture
 from .progress import step_progress
 from .tables import cell, plain_table
 from .text import format_count, format_path, say, show_losses
-from .worst_frames import check_folder, draw_worst, print_worst, worst_json
+from .worst_frames import check_folder, draw_worst, print_worst
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -55,6 +57,7 @@ def run_eval_detection(
         results: The result files, or a bag.
         given: The options of eval detection.
         out: The chart to draw, or a folder for pictures of the worst frames; None for none.
+            With --all the folder of scores.
         overwrite: Whether existing output may be replaced.
         json: Whether to print JSON instead of tables.
         quiet: Print only losses.
@@ -64,7 +67,20 @@ def run_eval_detection(
     """
     keep_imports()
     keep_freed_memory()
+    batch, given = split_batch_options(given)
     read, options, recorded = make_detection_options(given)
+    if batch.whole:
+        from .eval_collection import EVAL_DETECTION, run_eval_collection
+
+        return run_eval_collection(
+            EVAL_DETECTION,
+            (ground_truth, results),
+            {**given, 'overwrite': overwrite},
+            batch,
+            out=out,
+            json=json,
+            quiet=quiet,
+        )
     pictures = out is not None and options.worst is not None and not is_picture(out)
     check = check_folder if pictures else check_plot
     refusal = check(out, (ground_truth, results), overwrite=overwrite)
@@ -105,12 +121,6 @@ def _draw_curves(
 
     with staged_file(out, refusal) as path:
         draw_curves(scores, f'{results}', path)
-
-
-def scores_json(scores: DetectionScores) -> dict[str, object]:
-    """Return the scores as they are printed as JSON."""
-    worst = {} if scores.worst is None else {'worst': worst_json(scores.worst)}
-    return {**scores.percent(), **worst}
 
 
 def print_scores(scores: DetectionScores) -> None:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..evaluation.odometry import score_trajectory
+from ..evaluation.score_values import odometry_values as scores_json
 from ..evaluation.segment_errors import LENGTHS_M
 from ..files.staging import staged_file
+from ..options.batch import split_batch_options
 from ..options.eval_odometry import Alignment
 from ..options.evaluation_tables import make_odometry_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -54,7 +56,7 @@ def run_eval_odometry(
         ground_truth: A poses file, a KITTI folder or a bag.
         result: A poses file, a TUM file or a bag.
         given: Options by name.
-        out: The plot to draw, None for none.
+        out: The plot to draw, None for none; with --all the folder of scores.
         overwrite: Whether an existing plot may be replaced.
         json: Whether to print JSON instead of tables.
         quiet: Print only losses.
@@ -63,7 +65,20 @@ def run_eval_odometry(
         The exit code: 1 where frames have no pose, or data could not be used.
     """
     keep_imports()
+    batch, given = split_batch_options(given)
     read, options = make_odometry_options(given)
+    if batch.whole:
+        from .eval_collection import EVAL_ODOMETRY, run_eval_collection
+
+        return run_eval_collection(
+            EVAL_ODOMETRY,
+            (ground_truth, result),
+            {**given, 'overwrite': overwrite},
+            batch,
+            out=out,
+            json=json,
+            quiet=quiet,
+        )
     refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
     scores = score_trajectory(ground_truth, result, read, options)
     if out is not None:
@@ -79,18 +94,6 @@ def run_eval_odometry(
             say(format_path(out))
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
-
-
-def scores_json(scores: OdometryScores) -> dict[str, object]:
-    """Return the scores as they are printed as JSON."""
-    figures = {
-        't_err_percent': scores.t_err_percent,
-        'r_err_deg_per_m': scores.r_err_deg_per_m,
-        'segments': len(scores.segments),
-        'ape_m': scores.ape_m,
-        'rpe_m': scores.rpe_m,
-    }
-    return {'odometry': {scores.name: figures}}
 
 
 def print_scores(scores: OdometryScores) -> None:

@@ -6,10 +6,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..evaluation.score_values import tracking_values as scores_json
 from ..evaluation.tracking import score_tracking
+from ..model.errors import UsageError
+from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_tracking_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import losses_json, print_json
+from .json_text import print_json
 from .memory import keep_imports
 from .progress import step_progress
 from .tables import plain_table
@@ -38,7 +41,14 @@ _COLUMNS = {
 
 
 def run_eval_tracking(
-    ground_truth: Path, results: Path, given: Mapping[str, object], *, json: bool, quiet: bool
+    ground_truth: Path,
+    results: Path,
+    given: Mapping[str, object],
+    *,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool,
+    quiet: bool,
 ) -> int:
     """Print the scores of tracks.
 
@@ -46,31 +56,42 @@ def run_eval_tracking(
         ground_truth: A tracking set.
         results: A folder of a tracker's files, one of them, or a bag.
         given: Options by name.
+        out: With --all, the folder of scores; None for none.
+        overwrite: Whether existing files in it may be replaced.
         json: Whether to print JSON instead of a table.
         quiet: Print only losses.
 
     Returns:
         The exit code: 1 where sequences or frames have no results, or lines could not be used.
+
+    Raises:
+        UsageError: Options do not go together.
     """
     keep_imports()
+    batch, given = split_batch_options(given)
+    read, options = make_tracking_options(given)
+    if batch.whole:
+        from .eval_collection import EVAL_TRACKING, run_eval_collection
+
+        return run_eval_collection(
+            EVAL_TRACKING,
+            (ground_truth, results),
+            {**given, 'overwrite': overwrite},
+            batch,
+            out=out,
+            json=json,
+            quiet=quiet,
+        )
+    if out is not None or overwrite:
+        raise UsageError('-o and --overwrite are for whole collections; give --all too')
     with step_progress('scoring', show=not quiet) as progress:
-        scores = score_tracking(ground_truth, results, *make_tracking_options(given), progress)
+        scores = score_tracking(ground_truth, results, read, options, progress)
     if json:
         print_json(scores_json(scores))
     elif not quiet:
         print_scores(scores)
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
-
-
-def scores_json(scores: TrackingScores) -> dict[str, object]:
-    """Return the scores as they are printed as JSON."""
-    return {
-        'tracking': scores.classes,
-        'sequences': scores.sequences,
-        'frames': scores.frames,
-        'losses': losses_json(scores.losses),
-    }
 
 
 def print_scores(scores: TrackingScores) -> None:

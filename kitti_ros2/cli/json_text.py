@@ -4,38 +4,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from math import isfinite
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from ..files.json_text import json_text, losses_json
 
-    from ..model.losses import Loss
+__all__ = ['losses_json', 'print_json']
 
 
 def print_json(values: object) -> None:
     """Print one JSON document; NaN and infinite numbers are null."""
-    sys.stdout.write(json.dumps(_finite(values), default=_json_value, indent=2) + '\n')
-
-
-def losses_json(losses: Iterable[Loss]) -> list[dict[str, object]]:
-    """Return losses with their texts, for print_json."""
-    return [{'stream': each.stream, 'count': each.count, 'message': each.text()} for each in losses]
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """Return the value with null for NaN and infinite numbers, which JSON does not support."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def _json_value(value: object) -> str:
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(type(value))
+    sys.stdout.write(json_text(values))

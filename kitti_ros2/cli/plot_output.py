@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-_PLOTS = ('.png', '.pdf', '.svg')
+PLOTS = ('.png', '.pdf', '.svg')
 _OTHER_PICTURES = ('.jpg', '.jpeg', '.webp')
 _KEEP_ALL_BUT_PLOTS = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
 
 
 def is_picture(out: Path) -> bool:
     """Whether an output is a file by its name, not a folder: a plot or another picture."""
-    return out.suffix.lower() in {*_PLOTS, *_OTHER_PICTURES}
+    return out.suffix.lower() in {*PLOTS, *_OTHER_PICTURES}
 
 
 def check_output(
@@ -49,8 +49,8 @@ def check_plot(
     refusal = check_output(out, paths, _KEEP_ALL_BUT_PLOTS, overwrite=overwrite)
     if out is None:
         return refusal
-    if out.suffix.lower() not in _PLOTS:
-        raise UsageError(f'{out}: a plot ends in {either(_PLOTS)}')
+    if out.suffix.lower() not in PLOTS:
+        raise UsageError(f'{out}: a plot ends in {either(PLOTS)}')
     if find_spec('matplotlib') is None:
         raise UsageError(
             "-o needs matplotlib, which is not installed; run pip install 'kitti_ros2[plot]'"

@@ -7,15 +7,17 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..files.replacing import keep_all, keep_all_but_files
+from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
 from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
+from ..options.batch import split_batch_options
 from ..options.eval_detection import DetectionOptions
 from ..options.table import make_settings
 from ..report.gather import gather, with_scores
 from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .memory import keep_freed_memory, keep_imports
+from .page_output import ENDINGS, open_page
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
 
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
 
     from ..evaluation.detection import DetectionScores
     from ..options.read import ReadOptions
-
-_ENDINGS = ('.html', '.htm')
-_KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
 
 
 def run_report(
@@ -44,7 +43,7 @@ def run_report(
 
     Args:
         src: The folder or the bag.
-        out: The page.
+        out: The page; with --all the folder of pages.
         given: The options layout and sequence.
         results: Results of a detector to score, None for none.
         overwrite: Whether an existing page may be replaced.
@@ -57,10 +56,18 @@ def run_report(
     keep_imports()
     keep_freed_memory()
     started = time.monotonic()
+    batch, given = split_batch_options(given)
+    if batch.whole:
+        from .report_collection import run_report_collection
+
+        chosen = {**given, 'overwrite': overwrite}
+        return run_report_collection(
+            src, out, chosen, batch, results=results, quiet=quiet, show=show
+        )
     options = make_settings(given).read
-    if out.suffix.lower() not in _ENDINGS:
+    if out.suffix.lower() not in ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
-    refusal = _KEEP_ALL_BUT_PAGES if overwrite else keep_all
+    refusal = KEEP_ALL_BUT_PAGES if overwrite else keep_all
     Staging(out, refusal).discard()  # raises now for what could not be written later
     with step_progress('reading', show=not quiet) as progress:
         scores = None if results is None else _score(src, results, options)
@@ -79,7 +86,7 @@ def run_report(
             f' {format_bytes(size)}, took {time.monotonic() - started:.1f} s'
         )
     if show:
-        _open(out)
+        open_page(out)
     if report.sound:
         return EXIT_OK
     complain(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
@@ -91,12 +98,3 @@ def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
     from ..options.bag_results import BagResultsOptions
 
     return score_paths(src, results, options, DetectionOptions(), BagResultsOptions())
-
-
-def _open(page: Path) -> None:
-    """Open a page in the browser, or say that there is none."""
-    import webbrowser
-
-    address = page.resolve().as_uri()
-    if not webbrowser.open(address):
-        complain(f'no browser is found; open {address}')

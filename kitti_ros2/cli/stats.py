@@ -7,28 +7,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..datasets.set_statistics import count_set, find_sources
-from ..datasets.statistics_rows import StatisticsRow, plain_values, write_csv
-from ..files.replacing import keep_all_but_files
+from ..datasets.statistics_rows import plain_values, write_csv
 from ..files.staging import staged_file
+from ..model.errors import UsageError
+from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_statistics_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .memory import keep_freed_memory, keep_imports
 from .plot_output import check_output, check_plot
 from .progress import step_progress
-from .stats_comparison import comparisons, titles_of
-from .stats_tables import describe, describe_route, describe_sensors, tables_of
+from .stats_comparison import titles_of
+from .stats_output import KEEP_ALL_BUT_TABLES, TABLE, print_sets
 from .text import format_path, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from ..datasets.set_statistics import SetStatistics
-
-_KEEP_ALL_BUT_TABLES = keep_all_but_files(
-    'table of statistics', (','.join(StatisticsRow._fields).encode(),)
-)
 
 
 def run_stats(
@@ -46,7 +41,7 @@ def run_stats(
     Args:
         paths: Folders or bags.
         given: The options points, layout and sequence.
-        out: The picture to draw, None for none.
+        out: The picture to draw, None for none; with --all the folder of outputs.
         table: The CSV file to write, None for none.
         overwrite: Whether existing files may be replaced.
         json: Whether to print JSON instead of tables.
@@ -57,8 +52,16 @@ def run_stats(
     """
     keep_imports()
     keep_freed_memory()
+    batch, given = split_batch_options(given)
     read, options = make_statistics_options(given)
-    write_table = check_output(table, paths, _KEEP_ALL_BUT_TABLES, overwrite=overwrite)
+    if batch.whole:
+        from .stats_collection import run_statistics_collection
+
+        if table is not None:
+            raise UsageError(f'{table}: with --all the table is OUT/{TABLE}; leave --csv out')
+        chosen = {**given, 'overwrite': overwrite}
+        return run_statistics_collection(paths, chosen, out, batch, quiet=quiet, json=json)
+    write_table = check_output(table, paths, KEEP_ALL_BUT_TABLES, overwrite=overwrite)
     draw = check_plot(out, paths, overwrite=overwrite)
     sources = [find_sources(path, read) for path in paths]
     with step_progress('counting', show=not quiet) as progress:
@@ -77,33 +80,10 @@ def run_stats(
     if json:
         print_json({'sets': [plain_values(each) for each in sets]})
     elif not quiet:
-        _print(sets, points=options.points)
+        print_sets(sets, points=options.points)
         for written in (table, out):
             if written is not None:
                 say(format_path(written))
     losses = tuple(loss for each in sets for loss in each.total.losses)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
-
-
-def _print(sets: Sequence[SetStatistics], *, points: bool) -> None:
-    """Print tables for a terminal of 80 columns."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
-    if len(sets) == 1:
-        (found,) = sets
-        console.print(describe(found), style='bold', markup=False)
-        for line in (describe_sensors(found.total), describe_route(found.total)):
-            if line:
-                console.print(line, markup=False, soft_wrap=False)
-        shown = tables_of(found)
-    else:
-        shown = comparisons(sets)
-    for place, each in enumerate(shown):
-        if place or len(sets) == 1:
-            console.print()
-        console.print(each, soft_wrap=False)
-    for found in sets:
-        if points and not found.total.points_a_scan.count:
-            say(f'note: {found.path}: no scans, so no points are counted')

@@ -32,6 +32,7 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
     keep_imports()
     records, run = read_manifest(out)
     pace = measure_pace(records, run)
+    command = '' if run is None else run.command
     if json:
         print_json(
             {
@@ -43,7 +44,7 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
         )
     elif not quiet:
         by_state = {state: [each for each in records if each.state == state] for state in STATES}
-        print_groups({state: units for state, units in by_state.items() if units})
+        print_groups({state: units for state, units in by_state.items() if units}, command)
         print_pace(out, pace)
-    complain_of(records)
+    complain_of(records, command)
     return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK

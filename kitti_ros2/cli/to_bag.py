@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from ..exporter.to_bag import ExportReport
     from ..model.recording import ReadableRecording
+    from ..options.batch import BatchOptions
+    from ..options.table import Settings
 
 
 def run_to_bag(
@@ -63,15 +65,7 @@ def run_to_bag(
         chosen = add_config(config, chosen, TO_BAG)
     settings = make_settings(chosen)
     if batch.whole:
-        from .. import __version__
-        from ..batch.bag_unit import bag_suffix, run_bag_unit
-        from ..batch.collection import Collection
-        from .collection import run_collection
-
-        collection = Collection(
-            'to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit, __version__
-        )
-        return run_collection(collection, src, settings.read, quiet=quiet, json=json)
+        return _run_whole(src, out, chosen, settings, batch, quiet=quiet, json=json)
     bag = settings.bag(guess_storage(out, settings.storage))
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)
@@ -107,6 +101,38 @@ def run_to_bag(
         _summarize(report, elapsed, images=settings.messages.images, recording=recording)
     show_losses(report.losses)
     return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def _run_whole(
+    src: Path,
+    out: Path,
+    chosen: Mapping[str, object],
+    settings: Settings,
+    batch: BatchOptions,
+    *,
+    quiet: bool,
+    json: bool,
+) -> int:
+    """Convert a collection."""
+    from .. import __version__
+    from ..batch.bag_unit import bag_suffix, run_bag_unit
+    from ..batch.collection import Collection
+    from ..batch.folders import find_roots
+    from ..batch.units import find_units
+    from .collection import refuse_sequence, run_collection
+
+    read = settings.read
+    refuse_sequence(read)
+    roots = find_roots(src)
+    collection = Collection(
+        'to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit, __version__
+    )
+    return run_collection(
+        collection,
+        lambda search: find_units(roots, read.layout, batch.slice_frames, search),
+        quiet=quiet,
+        json=json,
+    )
 
 
 def _summarize(

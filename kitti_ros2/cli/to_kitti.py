@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.locate import is_bag
 from ..bags.open_source import open_bag_source
+from ..bags.search import is_bag_name
 from ..files.staging import refuse_inside
 from ..model.errors import UsageError
+from ..options.batch import split_batch_options
 from ..options.table import make_import_options
 from ..own_bags.to_kitti import Conversion, is_restored, own_bags
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -38,7 +40,11 @@ if TYPE_CHECKING:
 
     from ..bags.reader import OpenBag
     from ..importer.report import ImportReport
+    from ..options.batch import BatchOptions
     from ..options.importing import ImportOptions
+
+
+_NO_OUT = 'OUT is missing (the folder to create)'
 
 
 def run_to_kitti(
@@ -69,7 +75,14 @@ def run_to_kitti(
         UsageError: The arguments are invalid.
     """
     keep_imports()
+    batch, given = split_batch_options(given)
     options = make_import_options(given)
+    if batch.whole:
+        if plan_only or preview is not None:
+            raise UsageError(
+                '--plan and --preview look at the bags of one recording; leave out --all'
+            )
+        return _run_whole(paths, given, options, plan_file, batch, quiet=quiet, json=json)
     if plan_only:
         if options.overwrite or not options.selection.is_whole or json or preview is not None:
             raise UsageError(
@@ -93,6 +106,39 @@ def run_to_kitti(
         return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)
 
 
+def _run_whole(
+    paths: Sequence[Path],
+    given: Mapping[str, object],
+    options: ImportOptions,
+    plan_file: Path | None,
+    batch: BatchOptions,
+    *,
+    quiet: bool,
+    json: bool,
+) -> int:
+    """Convert a collection of bags, each to a folder of its own."""
+    from .. import __version__
+    from ..batch.collection import Collection
+    from ..batch.folders import find_all_roots
+    from ..batch.kitti_unit import PLAN_FILE, run_kitti_unit
+    from ..batch.source_units import find_bag_units
+    from .collection import run_collection
+
+    *sources, out = paths
+    if not sources:
+        raise UsageError(f'{_NO_OUT}; usage: kitti-ros2 to-kitti BAG... OUT --all')
+    if options.append:
+        raise UsageError('--append continues one data set, and --all writes one for each bag')
+    plan = {} if plan_file is None else {PLAN_FILE: plan_file}
+    roots = find_all_roots(sources, is_bag_name)
+    collection = Collection(
+        'to-kitti', out, '', {**given, **plan}, batch, run_kitti_unit, __version__
+    )
+    return run_collection(
+        collection, lambda search: find_bag_units(roots, search), quiet=quiet, json=json
+    )
+
+
 def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path | None]:
     """Return the bags, and the output; None without one, if bags may be alone.
 
@@ -105,9 +151,7 @@ def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path 
     if alone and (not bags or (last.exists() and is_bag(last))):
         return paths, None
     if not bags:
-        raise UsageError(
-            'OUT is missing (the folder to create); usage: kitti-ros2 to-kitti BAG... OUT'
-        )
+        raise UsageError(f'{_NO_OUT}; usage: kitti-ros2 to-kitti BAG... OUT')
     return bags, last
 
 

@@ -8,7 +8,11 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from ..bags.search import is_bag_name
+from ..model.errors import UsageError
 from ..model.text import one_line
+from ..options.batch import split_batch_options
+from ..options.dataset_tables import make_validation_options
 from ..validation.validate import validate
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from ..options.batch import BatchOptions
     from ..validation.results import RuleFindings, ValidationReport
 
 _SHOWN_PLACES = 3
@@ -29,24 +34,40 @@ _STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
 
 
 def run_validate(
-    paths: Sequence[Path], given: Mapping[str, Any], *, json: bool, quiet: bool
+    paths: Sequence[Path],
+    given: Mapping[str, Any],
+    *,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool,
+    quiet: bool,
 ) -> int:
     """Check KITTI folders and bags, and print the findings by rule.
 
     Args:
         paths: The folders and bags.
         given: Options by name.
+        out: With --all, the folder of findings; None for none.
+        overwrite: Whether existing files in it may be replaced.
         json: Whether to print JSON instead of text.
         quiet: Print errors only.
 
     Returns:
         The exit code: 1 with errors.
+
+    Raises:
+        UsageError: Options do not go together.
     """
     keep_imports()
     keep_freed_memory()
+    batch, options = split_batch_options(given)
+    if batch.whole:
+        return _run_whole(paths, options, out, batch, overwrite=overwrite, json=json, quiet=quiet)
+    if out is not None or overwrite:
+        raise UsageError('-o and --overwrite are for whole collections; give --all too')
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:
-        report = validate(paths, progress=progress, **given)
+        report = validate(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
     elapsed = time.monotonic() - started
     if json:
         print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
@@ -58,6 +79,45 @@ def run_validate(
         _complain_of_errors(report)
     complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
+
+
+def _run_whole(
+    paths: Sequence[Path],
+    given: Mapping[str, object],
+    out: Path | None,
+    batch: BatchOptions,
+    *,
+    overwrite: bool,
+    json: bool,
+    quiet: bool,
+) -> int:
+    """Check the recordings and bags of a collection."""
+    from .. import __version__
+    from ..batch.collection import Collection
+    from ..batch.folders import find_all_roots
+    from ..batch.source_units import find_source_units
+    from ..batch.validation_unit import run_validation_unit
+    from .collection import need_folder, refuse_sequence, run_collection
+
+    read, _ = make_validation_options(given)
+    refuse_sequence(read)
+    folder = need_folder(out, ['.json'])
+    roots = find_all_roots(paths, is_bag_name)
+    collection = Collection(
+        'validate',
+        folder,
+        '.json',
+        {**given, 'overwrite': overwrite},
+        batch,
+        run_validation_unit,
+        __version__,
+    )
+    return run_collection(
+        collection,
+        lambda search: find_source_units(roots, read.layout, search),
+        quiet=quiet,
+        json=json,
+    )
 
 
 def _print_report(report: ValidationReport, elapsed: float) -> None:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..files.staging import staged
@@ -62,11 +61,6 @@ def draw_worst(
         return draw_worst_frames(
             source, worst, found.boxes, folder, options.overlaps, classes=classes, progress=progress
         )
-
-
-def worst_json(worst: Sequence[WorstFrame]) -> list[dict[str, object]]:
-    """Return the frames as they are printed as JSON."""
-    return [{**asdict(each), 'penalty': round(each.penalty, 4)} for each in worst]
 
 
 def print_worst(worst: Sequence[WorstFrame]) -> None:

@@ -8,6 +8,10 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 @dataclass
@@ -51,6 +55,21 @@ class Distribution:
             return
         self.counts[max(bisect_right(self.edges, value) - 1, 0)] += 1
         self._include(1, value, 0.0, value, value)
+
+    def restore(
+        self,
+        counts: Iterable[int],
+        *,
+        count: int,
+        mean: float,
+        deviation: float,
+        least: float,
+        greatest: float,
+    ) -> None:
+        """Set counts and moments, as they were read from an equal distribution."""
+        self.counts = list(counts)
+        self.count, self.mean, self.least, self.greatest = count, mean, least, greatest
+        self._squares = deviation * deviation * count
 
     def merge(self, other: Distribution) -> None:
         """Add all values of another distribution with the same bins."""

@@ -5,21 +5,29 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..model.losses import Loss
 from .distribution import Distribution
+from .object_statistics import ObjectStatistics
+from .recording_statistics import RecordingStatistics
+from .route_statistics import RouteStatistics
+from .set_statistics import SetStatistics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from pathlib import Path
-
-    from .recording_statistics import RecordingStatistics
-    from .set_statistics import SetStatistics
+    from collections.abc import Iterable, Iterator, Mapping
 
 _NAMED = ('samples', 'classes', 'point_classes')
 """Fields of a recording that are tables by name; the others are single values."""
+
+
+_PLAIN = ('frames', 'labelled', 'objects', 'objects_a_frame', 'points_a_scan')
+_MOMENTS = ('count', 'mean', 'deviation', 'least', 'greatest')
+
+T = TypeVar('T', RecordingStatistics, ObjectStatistics, RouteStatistics)
 
 
 class StatisticsRow(NamedTuple):
@@ -67,9 +75,52 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any part of the statistics
 def _plain_distribution(found: Distribution) -> dict[str, Any] | None:
     if not found.count:
         return None
-    moments = ('count', 'mean', 'deviation', 'least', 'greatest')
     bins = dict(zip(found.names, found.counts, strict=True))
-    return {name: getattr(found, name) for name in moments} | {'bins': bins}
+    return {name: getattr(found, name) for name in _MOMENTS} | {'bins': bins}
+
+
+def read_values(values: Mapping[str, Any]) -> SetStatistics:
+    """Return the statistics of a set from values of JSON; the inverse of plain_values.
+
+    The standard deviation of a distribution may differ in its last digits.
+
+    Raises:
+        KeyError: A value is missing.
+    """
+    return SetStatistics(
+        Path(values['path']),
+        tuple(_read_recording(each) for each in values['recordings']),
+    )
+
+
+def _read_recording(values: Mapping[str, Any]) -> RecordingStatistics:
+    found = RecordingStatistics(values['name'], values['kind'])
+    _fill(found, {key: values[key] for key in _PLAIN})
+    found.samples.update(values['samples'])
+    found.point_classes.update(values['point_classes'])
+    for name, each in values['classes'].items():
+        found.classes[name] = _fill(ObjectStatistics(), each)
+    if values['route'] is not None:
+        found.route = _fill(RouteStatistics(), values['route'])
+    found.losses = tuple(
+        Loss(each['stream'], each['count'], each['message']) for each in values['losses']
+    )
+    found.notes = tuple(values['notes'])
+    return found
+
+
+def _fill(into: T, values: Mapping[str, Any]) -> T:
+    """Set the fields of statistics to values of JSON."""
+    for name, value in values.items():
+        known = getattr(into, name)
+        if isinstance(known, Distribution):
+            if value is not None:
+                known.restore(value['bins'].values(), **{key: value[key] for key in _MOMENTS})
+        elif isinstance(known, Counter):
+            known.update(value)
+        else:
+            setattr(into, name, value)
+    return into
 
 
 def rows_of(found: SetStatistics) -> Iterator[StatisticsRow]:

@@ -17,7 +17,7 @@ from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -35,6 +35,8 @@ _PERCENT = {
     'Identity': ('IDF1', 'IDP', 'IDR'),
 }
 _COUNTS = {'CLEAR': ('IDSW', 'Frag', 'MT', 'PT', 'ML', 'CLR_TP', 'CLR_FN', 'CLR_FP')}
+TrackParts: TypeAlias = 'Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]'
+"""Arrays and numbers by name of TrackEval, by sequence, class and metric."""
 _TRACKER = 'tracker'
 _SPLIT = 'training'
 _UNSCORED = '1'
@@ -62,10 +64,12 @@ class TrackFigures(NamedTuple):
     Attributes:
         combined: Of all sequences together.
         by_sequence: Of each sequence.
+        parts: TrackEval's results by sequence, class and metric, of which combined is made.
     """
 
     combined: Mapping[str, Mapping[str, float]]
     by_sequence: Mapping[str, Mapping[str, Mapping[str, float]]]
+    parts: TrackParts
 
 
 def check_trackeval() -> None:
@@ -119,12 +123,7 @@ def _evaluate(
             'PRINT_CONFIG': False,
         }
     )
-    quiet = {'PRINT_CONFIG': False}
-    metrics = {
-        'HOTA': library.metrics.HOTA(),
-        'CLEAR': library.metrics.CLEAR(quiet),
-        'Identity': library.metrics.Identity(quiet),
-    }
+    metrics = _metrics(library)
     results: dict[str, dict[str, dict[str, Any]]] = {}
     for done, name in enumerate(sorted(names), 1):
         raw = dataset.get_raw_seq_data(_TRACKER, name)
@@ -134,22 +133,61 @@ def _evaluate(
             found = {key: metric.eval_sequence(data) for key, metric in metrics.items()}
             results[name][class_name] = found
         progress(done, len(names))
-    combined = {
+    by_sequence = {
+        name: {class_name: _figures(values) for class_name, values in found.items()}
+        for name, found in results.items()
+    }
+    return TrackFigures(combine_parts(results), by_sequence, results)
+
+
+def combine_parts(parts: TrackParts) -> dict[str, dict[str, float]]:
+    """Return the figures of several sequences together, by class.
+
+    Args:
+        parts: As in TrackFigures; lists in place of arrays, such as of JSON, are accepted.
+    """
+    metrics = _metrics(load_trackeval())
+    return {
         class_name: _figures(
             {
                 key: metric.combine_sequences(
-                    {name: found[class_name][key] for name, found in results.items()}
+                    {name: _arrays(found[class_name][key]) for name, found in parts.items()}
                 )
                 for key, metric in metrics.items()
             }
         )
         for class_name in SCORED
     }
-    by_sequence = {
-        name: {class_name: _figures(values) for class_name, values in found.items()}
-        for name, found in results.items()
+
+
+def _metrics(library: Any) -> dict[str, Any]:  # noqa: ANN401 - TrackEval
+    quiet = {'PRINT_CONFIG': False}
+    return {
+        'HOTA': library.metrics.HOTA(),
+        'CLEAR': library.metrics.CLEAR(quiet),
+        'Identity': library.metrics.Identity(quiet),
     }
-    return TrackFigures(combined, by_sequence)
+
+
+def _arrays(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: np.array(value, np.float64) if isinstance(value, list) else value
+        for name, value in values.items()
+    }
+
+
+def plain_parts(parts: TrackParts) -> dict[str, Any]:
+    """Return TrackEval's results of a sequence or more as values of JSON."""
+    return {
+        name: {
+            class_name: {
+                metric: {key: np.asarray(each).tolist() for key, each in values.items()}
+                for metric, values in metrics.items()
+            }
+            for class_name, metrics in found.items()
+        }
+        for name, found in parts.items()
+    }
 
 
 def _figures(values: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
     from .track_boxes import TrackBoxes
+    from .track_metrics import TrackParts
     from .track_sources import ResultSource, TruthSequence
 
     Progress = Callable[[int, int], None]
@@ -46,6 +47,7 @@ class TrackingScores:
         frames: Number of frames.
         losses: What could not be used, and sequences without results.
         notes: Remarks.
+        parts: TrackEval's own results, of which those of other sequences together can be made.
     """
 
     classes: Mapping[str, Mapping[str, float]]
@@ -53,6 +55,7 @@ class TrackingScores:
     frames: int
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
+    parts: TrackParts = field(default_factory=dict)
 
 
 def evaluate_tracking(
@@ -139,6 +142,7 @@ def score_tracking(
         sum(_count(each.length, played) for each in sequences),
         (*losses, *classes.losses(str(results))),
         tuple(notes),
+        figures.parts,
     )
 
 

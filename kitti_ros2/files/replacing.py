@@ -51,6 +51,10 @@ def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Pa
     return refusal
 
 
+KEEP_ALL_BUT_PAGES = keep_all_but_files('HTML page', [b'<!doctype html'])
+KEEP_ALL_BUT_JSON = keep_all_but_files('JSON file', [b'{'])
+
+
 def _looks_like_bag(path: Path) -> bool:
     if path.is_file():
         with path.open('rb') as file:

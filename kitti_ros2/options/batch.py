@@ -4,16 +4,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from .declare import option, options_of, parse_values, values_for
 from .parsers import parse_flag, parse_integer
-from .table import TO_BAG
+from .table import REPORT, TO_BAG, TO_KITTI
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from .declare import Option
 
 _MOST_JOBS = 256
 _MOST_FRAMES = 1_000_000
@@ -77,8 +79,45 @@ class BatchOptions:
 
 
 BATCH = options_of(BatchOptions)
-TO_BAG_ALL = (*TO_BAG, *BATCH)
-"""Options of the command to-bag; those of a collection are of the command line only."""
+"""Options of a collection; they are of the command line only."""
+_SLICED = 'slice_frames'
+
+
+def collection_options(meaning: str, *, sliced: bool = False) -> tuple[Option, ...]:
+    """Return the options of a collection for a command.
+
+    Args:
+        meaning: Help of --all.
+        sliced: Whether units may be slices of an object set.
+    """
+    return tuple(
+        replace(each, meaning=meaning) if each.name == 'all' else each
+        for each in BATCH
+        if sliced or each.name != _SLICED
+    )
+
+
+TO_BAG_ALL = (
+    *TO_BAG,
+    *collection_options(
+        'SRC is a collection (a root, a quoted glob, or a .txt list of folders), OUT a folder',
+        sliced=True,
+    ),
+)
+TO_KITTI_ALL = (
+    *TO_KITTI,
+    *collection_options(
+        'BAG is a collection (a root, a quoted glob, or a .txt list of bags), OUT a folder of'
+        ' a data set for each'
+    ),
+)
+REPORT_ALL = (
+    *REPORT,
+    *collection_options(
+        'SRC is a collection (a root, a quoted glob, or a .txt list), OUT a folder of pages'
+    ),
+)
+"""Options of commands that take a collection."""
 
 
 def split_batch_options(

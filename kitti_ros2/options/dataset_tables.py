@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from .batch import collection_options
 from .crop import CropOptions
 from .declare import options_of, parse_values, values_for
 from .fetching import DownloadOptions, ExtractOptions
@@ -33,6 +34,20 @@ _SOURCES = tuple(
 )
 VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *_SOURCES)
+VALIDATE_ALL = (
+    *VALIDATE,
+    *collection_options(
+        'PATH is a collection (a root, a quoted glob, or a .txt list): each recording and bag is a'
+        ' unit; with -o OUT'
+    ),
+)
+STATS_ALL = (
+    *STATS,
+    *collection_options(
+        'PATH is a collection (a root, a quoted glob, or a .txt list): each recording and bag is a'
+        ' unit; with -o OUT, a folder'
+    ),
+)
 CROP = (*options_of(CropOptions), *_SOURCES, *MOTION)
 SPLIT = (
     *options_of(SplitOptions),
@@ -74,6 +89,19 @@ def make_statistics_options(
     parsed = parse_values(values, STATS)
     read = ReadOptions(**values_for(ReadOptions, parsed))
     return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
+
+
+def make_validation_options(
+    values: Mapping[str, object],
+) -> tuple[ReadOptions, ValidateOptions]:
+    """Make the options of validate from values by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, VALIDATE)
+    read = ReadOptions(**values_for(ReadOptions, parsed))
+    return read, ValidateOptions(**values_for(ValidateOptions, parsed))
 
 
 def make_crop_options(values: Mapping[str, object]) -> CropOptions:

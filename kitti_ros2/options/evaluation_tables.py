@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .bag_results import BagResultsOptions
+from .batch import collection_options
 from .declare import options_of, parse_values, values_for
 from .eval_detection import DetectionOptions
 from .eval_live import LiveOptions
@@ -45,6 +46,13 @@ TRACKING = (
     ),
 )
 """Ground truth has the epoch and the period that it was played with."""
+_COLLECTION = collection_options(
+    'Ground truth and results are collections (a root, a quoted glob, or a .txt list): each result'
+    ' is a unit; with -o OUT, a folder'
+)
+DETECTION_ALL = (*DETECTION, *_COLLECTION)
+TRACKING_ALL = (*TRACKING, *_COLLECTION)
+ODOMETRY_ALL = (*ODOMETRY, *_COLLECTION)
 
 
 def make_detection_options(

@@ -58,8 +58,8 @@ def make_page(report: Report) -> str:
         ('scores', 'Scores', scores_section(report)),
         ('calibration', 'Calibration', calibration_section(report)),
     )
-    page = _environment().get_template('page.html')
-    return _printable(
+    page = environment().get_template('page.html')
+    return printable(
         page.render(
             version=__version__,
             path=overview.path,
@@ -85,7 +85,7 @@ class _JoinedLines(Extension):
 
 
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
     """Return the templates, which escape every value that they do not mark as safe."""
     environment = Environment(
         loader=PackageLoader('kitti_ros2.report'),
@@ -104,7 +104,7 @@ def _environment() -> Environment:
     return environment
 
 
-def _printable(page: str) -> str:
+def printable(page: str) -> str:
     """Replace characters that are invalid in HTML: control characters and lone surrogates."""
     # Pages are megabytes of pictures; this is 20 times faster than a search for each character.
     if page.replace('\n', '').replace('\t', '').isprintable():

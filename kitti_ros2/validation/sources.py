@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import os
-import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..bags.locate import METADATA
+from ..bags.search import bags_among, is_bag_name
 from ..kitti.find import absolute
 from ..kitti.layouts import data_sets_at, not_of_layout
 from ..kitti.nearby import data_sets_below, explain
@@ -76,22 +76,13 @@ def _is_bag_file(path: Path) -> bool:
     with path.open('rb') as file:
         head = file.read(16)
     known = any(head.startswith(each.magic) for each in CONTAINERS.values())
-    return known or any(path.match(glob) for each in CONTAINERS.values() for glob in each.globs)
+    return known or is_bag_name(path)
 
 
 def _bags_in(folder: Path) -> Iterator[Path]:
-    """Yield the bags in a folder: files of their own, and rosbag2 directories.
-
-    Files named FOLDER_N are one bag, whose metadata.yaml is missing.
-    """
-    part = re.compile(rf'{re.escape(folder.name)}_\d+\.')
+    """Yield the bags in a folder: files of their own, and rosbag2 directories."""
     names = sorted(os.listdir(folder))  # noqa: PTH208 - names only
-    globs = [glob for each in CONTAINERS.values() for glob in each.globs]
-    files = [folder / name for name in names if any((folder / name).match(glob) for glob in globs)]
-    if files and all(part.match(each.name) for each in files):
-        yield folder
-    else:
-        yield from (each for each in files if each.is_file())
+    yield from (each for each in bags_among(folder, names) if each == folder or each.is_file())
     for name in names:
         if (folder / name / METADATA).is_file():
             yield folder / name

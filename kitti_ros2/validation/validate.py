@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
-from ..options.dataset_tables import VALIDATE
-from ..options.declare import parse_values, values_for
-from ..options.read import ReadOptions
-from ..options.validating import ValidateOptions
+from ..options.dataset_tables import make_validation_options
 from .recording_checks import check_recording
 from .results import FindingTally
 from .rule import find_breaches
@@ -28,6 +25,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..kitti.nearby import DataSet
+    from ..options.validating import ValidateOptions
     from .results import CheckedSource, ValidationReport
 
     AnyPath = str | os.PathLike[str]
@@ -70,9 +68,7 @@ def validate(
         >>> validate('object').ok
         True
     """
-    parsed = parse_values(options, VALIDATE)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    chosen = ValidateOptions(**values_for(ValidateOptions, parsed))
+    read, chosen = make_validation_options({**options})
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError('no path; expected at least one')

@@ -201,9 +201,15 @@ def test_options_that_do_not_go_together_are_one_line(root, out, words, complain
     assert not out.exists()
 
 
-def test_an_output_inside_the_collection_is_refused(root, capsys):
-    assert to_bag(root, root / 'bags') == 2
+def test_an_output_may_lie_inside_the_root_but_not_inside_a_unit(root, capsys):
+    assert to_bag(root, drives(root)[0] / 'bags') == 2
     assert 'lies inside' in capsys.readouterr().err
+    words = ('--jobs', '1', '--topics', '/tf')
+    assert to_bag(root, root / 'bags', *words) == 0
+    before = times(root / 'bags')
+    assert to_bag(root, root / 'bags', *words) == 0
+    assert times(root / 'bags') == before
+    assert len(before) == DRIVES
 
 
 @pytest.mark.parametrize('content', [b'', b'no database at all', None])

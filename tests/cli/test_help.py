@@ -44,20 +44,20 @@ COMMANDS = {
 }
 TABLES = {
     'to-bag': batch.TO_BAG_ALL,
-    'to-kitti': table.TO_KITTI,
+    'to-kitti': batch.TO_KITTI_ALL,
     'view': table.VIEW,
     'crop': dataset_tables.CROP,
     'download': dataset_tables.DOWNLOAD,
     'extract': dataset_tables.EXTRACT,
     'play': table.PLAY,
     'info': table.SOURCE,
-    'validate': dataset_tables.VALIDATE,
-    'report': table.SOURCE,
-    'stats': dataset_tables.STATS,
+    'validate': dataset_tables.VALIDATE_ALL,
+    'report': batch.REPORT_ALL,
+    'stats': dataset_tables.STATS_ALL,
     'split': dataset_tables.SPLIT,
-    'eval detection': evaluation_tables.DETECTION,
-    'eval odometry': evaluation_tables.ODOMETRY,
-    'eval tracking': evaluation_tables.TRACKING,
+    'eval detection': evaluation_tables.DETECTION_ALL,
+    'eval odometry': evaluation_tables.ODOMETRY_ALL,
+    'eval tracking': evaluation_tables.TRACKING_ALL,
     'eval live': evaluation_tables.LIVE,
 }
 

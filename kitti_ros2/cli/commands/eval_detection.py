@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, takes
 
 
-@takes('DETECTION', of='evaluation_tables')
+@takes('DETECTION_ALL', of='evaluation_tables')
 def eval_detection(
     ground_truth: Annotated[
         Path, argument('GROUND_TRUTH', 'label_2, an object split, or a recording with labels')
@@ -24,7 +24,8 @@ def eval_detection(
             '--out',
             '-o',
             metavar='OUT',
-            help='Curves to draw (.png, .pdf, .svg), or with --worst a folder for pictures',
+            help='Curves to draw (.png, .pdf, .svg), or with --worst a folder for pictures; with'
+            ' --all a folder of scores',
         ),
     ] = None,
     overwrite: OverwriteOption = False,
@@ -36,7 +37,8 @@ def eval_detection(
 
     2D, orientation (AOS), bird's-eye view and 3D for easy, moderate and hard objects, exactly as
     the devkit computes them, at 40 (R40) and at 11 values of recall (R11). Frames without a result
-    file are listed and not scored.
+    file are listed and not scored. With --all: each folder, file and bag of RESULTS to
+    OUT/NAME.json, and a table.
 
     Examples:
       kitti-ros2 eval detection object results --frames val.txt --loose -o pr.png

@@ -10,13 +10,18 @@ import typer
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('ODOMETRY', of='evaluation_tables')
+@takes('ODOMETRY_ALL', of='evaluation_tables')
 def eval_odometry(
     ground_truth: Annotated[Path, argument('GT', 'A poses file, a sequence or drive, or a bag')],
     result: Annotated[Path, argument('RESULT', 'A poses file, a TUM file, or a bag')],
     out: Annotated[
         Optional[Path],
-        typer.Option('--out', '-o', metavar='OUT', help='Plot to draw (.png, .pdf, .svg)'),
+        typer.Option(
+            '--out',
+            '-o',
+            metavar='OUT',
+            help='Plot to draw (.png, .pdf, .svg); with --all a folder',
+        ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='Replace an existing file at OUT')
@@ -30,7 +35,7 @@ def eval_odometry(
     Segments of 100 to 800 m as the odometry devkit computes them, in % and deg/m. Poses are
     converted to the rectified camera 0, and matched by frame number or by stamp. A poses file has
     12 numbers a line, or 13 with the frame number first. Frames without a pose are listed (exit
-    code 1).
+    code 1). With --all: each file and bag of RESULT to OUT/NAME.json, then all together.
 
     Examples:
       kitti-ros2 eval odometry poses/09.txt results/09.txt -o 09.png

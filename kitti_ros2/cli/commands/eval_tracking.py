@@ -3,15 +3,24 @@
 """The command eval tracking."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
+
+import typer
 
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('TRACKING', of='evaluation_tables')
+@takes('TRACKING_ALL', of='evaluation_tables')
 def eval_tracking(
     ground_truth: Annotated[Path, argument('GT', 'A tracking set with label_02, or label_02')],
     results: Annotated[Path, argument('RESULTS', 'A folder of files such as 0000.txt, or a bag')],
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', metavar='OUT', help='With --all: folder of scores as JSON'),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
+    ] = False,
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
@@ -20,7 +29,8 @@ def eval_tracking(
 
     TrackEval computes the figures by the rules of KITTI's tracking benchmark, on 2D boxes. A bag
     has the results of one sequence, matched to its frames by stamp; detection ids, or namespaces
-    and ids of markers, are the tracks. Sequences without results are listed (exit code 1).
+    and ids of markers, are the tracks. Sequences without results are listed (exit code 1). With
+    --all: each file and bag of RESULTS to OUT/NAME.json, then all together.
 
     Examples:
       kitti-ros2 eval tracking tracking/training results/data
@@ -28,4 +38,12 @@ def eval_tracking(
     """
     from ..eval_tracking import run_eval_tracking
 
-    return run_eval_tracking(ground_truth, results, chosen(given), json=json, quiet=quiet)
+    return run_eval_tracking(
+        ground_truth,
+        results,
+        chosen(given),
+        out=out,
+        overwrite=overwrite,
+        json=json,
+        quiet=quiet,
+    )

@@ -10,12 +10,14 @@ import typer
 from .declared import OverwriteOption, QuietOption, argument, chosen, takes
 
 
-@takes('REPORT')
+@takes('REPORT_ALL', of='batch')
 def report(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[
         Path,
-        typer.Option('--out', '-o', metavar='OUT', help='The page to write'),
+        typer.Option(
+            '--out', '-o', metavar='OUT', help='The page to write; with --all a folder of pages'
+        ),
     ] = Path('report.html'),
     results: Annotated[
         Optional[Path],
@@ -29,7 +31,7 @@ def report(
     """Write an HTML report on a KITTI folder or a bag.
 
     One self-contained file: findings, frames in pictures, streams with gaps and jitter, route,
-    objects, calibration.
+    objects, calibration. With --all: a page for each recording and bag below SRC, and an index.
 
     Examples:
       kitti-ros2 report 2011_09_26/2011_09_26_drive_0005_sync --open

@@ -10,12 +10,17 @@ import typer
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('STATS', of='dataset_tables')
+@takes('STATS_ALL', of='dataset_tables')
 def stats(
     paths: Annotated[list[Path], argument('PATH...', 'Folders or bags; several are compared')],
     out: Annotated[
         Optional[Path],
-        typer.Option('--out', '-o', metavar='OUT', help='Picture to draw (.png, .pdf, .svg)'),
+        typer.Option(
+            '--out',
+            '-o',
+            metavar='OUT',
+            help='Picture to draw (.png, .pdf, .svg); a folder with --all',
+        ),
     ] = None,
     csv: Annotated[
         Optional[Path], typer.Option('--csv', metavar='FILE', help='Table to write, all figures')
@@ -31,7 +36,8 @@ def stats(
 
     Classes with difficulty, occlusion, truncation, distance, size, points and tracks; length, speed
     and turn rate of routes; points by SemanticKITTI's class. A folder may hold any number of drives
-    and sequences; several folders or bags are compared.
+    and sequences; several folders or bags are compared. With --all: each recording and bag to
+    OUT/NAME.json on several processes, then all together, and as a table OUT/statistics.csv.
 
     Examples:
       kitti-ros2 stats object/training --points -o stats.png

@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, chosen, takes
 
 
-@takes('TO_KITTI')
+@takes('TO_KITTI_ALL', of='batch')
 def to_kitti(
     paths: Annotated[
         list[Path],
@@ -42,7 +42,8 @@ def to_kitti(
     """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
 
     A bag written by to-bag becomes the original recording; others are converted by a plan. In a
-    terminal, a bag without OUT shows the plan: which topic becomes what.
+    terminal, a bag without OUT shows the plan: which topic becomes what. With --all: every bag
+    below BAG, to OUT/NAME.
 
     Examples:
       kitti-ros2 to-kitti drive_0005.mcap raw_data

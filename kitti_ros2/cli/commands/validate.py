@@ -3,19 +3,26 @@
 """The command validate."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
 from .declared import JsonOption, QuietOption, chosen, takes
 
 
-@takes('VALIDATE', of='dataset_tables')
+@takes('VALIDATE_ALL', of='dataset_tables')
 def validate(
     paths: Annotated[
         list[Path],
         typer.Argument(metavar='PATH...', help='KITTI folders, folders of several, or bags'),
     ],
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', metavar='OUT', help='With --all: folder of findings as JSON'),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
+    ] = False,
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
@@ -23,7 +30,8 @@ def validate(
     """Check every file of KITTI folders and bags.
 
     All drives, sequences and splits at PATH are checked. Errors (exit code 1) are wrong or
-    unreadable data, warnings suspicious or missing data. Findings have file, line and remedy.
+    unreadable data, warnings suspicious or missing data. Findings have file, line and remedy. With
+    --all: each recording and bag is checked on its own, to OUT/NAME.json, on several processes.
 
     Examples:
       kitti-ros2 validate object
@@ -31,4 +39,4 @@ def validate(
     """
     from ..validate import run_validate
 
-    return run_validate(paths, chosen(given), json=json, quiet=quiet)
+    return run_validate(paths, chosen(given), out=out, overwrite=overwrite, json=json, quiet=quiet)
