@@ -15,6 +15,7 @@ import time
 import uuid
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -97,6 +98,7 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
         tempfile.TemporaryDirectory(prefix='kitti_ros2_') as folder,
         distributed().dask.config.set(settings),
     ):
+        resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
         with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
             cluster = distributed().LocalCluster(
                 n_workers=jobs,
