@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..files.staging import taking_over
 from ..model.errors import ClusterError
 from .pool import use_one_thread
 from .results import UnitResult
@@ -95,7 +96,8 @@ def run_task(task: UnitTask) -> UnitResult | None:
     reporter = _Reporter(worker, task)
     reporter.report('begin')
     try:
-        return task.run(task.job, reporter)
+        with taking_over():  # of an attempt on a worker that Dask has given up
+            return task.run(task.job, reporter)
     except _StoppedError:
         return None
     finally:
