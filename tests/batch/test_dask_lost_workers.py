@@ -9,9 +9,6 @@ import shutil
 import signal
 
 import pytest
-
-pytest.importorskip('distributed', reason='clusters need the extra cluster')
-
 from dask_processes import SPINNING, Processes, end
 
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
@@ -19,7 +16,9 @@ from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
 from builders import files_of  # isort: skip
-from waiting import wait_until  # isort: skip
+from waiting import PATIENCE_S, wait_until  # isort: skip
+
+distributed = pytest.importorskip('distributed', reason='clusters need the extra cluster')
 
 
 @pytest.fixture
@@ -139,4 +138,29 @@ def test_a_worker_that_joins_late_is_waited_for(processes, root, out, undisturbe
     assert 'has no workers; waiting for one' in line
     processes.worker()
     assert end(run) == (0, '', '')
+    assert bags(out) == undisturbed
+
+
+def test_a_worker_thought_lost_that_still_writes_publishes_nothing(
+    processes, root, out, undisturbed
+):
+    processes.scheduler()
+    processes.arm()
+    first = processes.worker()
+    run = processes.run(root, out, unit=SPINNING)
+    processes.blocked(run)
+    os.kill(first.pid, signal.SIGSTOP)  # it keeps its lock
+    with distributed.Client(processes.address, set_as_default=False) as client:
+        (address,) = client.scheduler_info()['workers']
+
+        async def give_up(dask_scheduler):
+            await dask_scheduler.remove_worker(address, stimulus_id='test', close=False)
+
+        client.run_on_scheduler(give_up)
+    processes.worker()
+    assert end(run)[0] == 0
+    assert bags(out) == undisturbed
+    (processes.block / 'released').touch()
+    os.kill(first.pid, signal.SIGCONT)
+    first.wait(PATIENCE_S)
     assert bags(out) == undisturbed
