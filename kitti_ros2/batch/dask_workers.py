@@ -26,7 +26,7 @@ from .pool import no_interrupt
 from .results import UnitResult
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
     from .pool import JobQueue, Outcome, RunUnit, ShowUnit
@@ -146,13 +146,14 @@ class DaskCluster:
         self._number = uuid.uuid4().hex
         self._events: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._looked = -_POLL_S
+        self._checked: set[str] = set()
         self._pending: dict[str, tuple[Any, UnitJob]] = {}
         self._running: set[str] = set()
         self.workers = 1
         while not self._count_workers():
             with suppress(Empty):
                 self._events.get(timeout=_POLL_S)
-        self._check_versions()
+        self._check_scheduler()
 
     def run(
         self, queue: JobQueue, run: RunUnit, show: ShowUnit, witness: Path
@@ -245,26 +246,39 @@ class DaskCluster:
         if self._client.status != 'running':
             raise self._ended()
         try:
-            count: int = sum(self._client.nthreads().values())
+            threads: dict[str, int] = self._client.nthreads()
+            self._check_workers(threads.keys() - self._checked)
         except OSError as error:
             raise self._ended() from error
-        if self.workers and not count:
+        if self.workers and not threads:
             self._remark(f'{self._name} has no workers; waiting for one (Ctrl-C ends)')
-        self.workers = count
-        return count
+        self.workers = sum(threads.values())
+        return self.workers
 
-    def _check_versions(self) -> None:
-        """Refuse a scheduler or workers that cannot run units of this version."""
+    def _check_workers(self, joined: Collection[str]) -> None:
+        """Refuse workers of another version; one that has gone meanwhile is ignored."""
+        if not joined:
+            return
+        found = self._client.run(pydoc.locate, _VERSION, workers=list(joined), on_error='return')
+        for address, version in found.items():
+            if not isinstance(version, OSError):
+                self._compare(f'the worker {address}', version)
+                self._checked.add(address)
+
+    def _check_scheduler(self) -> None:
+        """Refuse a scheduler of another version: it reads the tasks, too."""
         try:
-            found = self._client.run(pydoc.locate, _VERSION, on_error='return')
-            at_scheduler = self._client.run_on_scheduler(pydoc.locate, _VERSION)
+            found = self._client.run_on_scheduler(pydoc.locate, _VERSION)
         except OSError as error:
             raise self._ended() from error
-        versions = {f'the worker {address}': each for address, each in found.items()}
-        for name, version in {f'the scheduler of {self._name}': at_scheduler, **versions}.items():
-            if version != self._version:
-                known = version if isinstance(version, str) else None
-                raise ClusterError(wrong_version(name, known, self._version))
+        except Exception:  # noqa: BLE001 - the package fails to import there
+            found = None
+        self._compare(f'the scheduler of {self._name}', found)
+
+    def _compare(self, name: str, found: object) -> None:
+        if found != self._version:
+            known = found if isinstance(found, str) else None
+            raise ClusterError(wrong_version(name, known, self._version))
 
     def _ended(self) -> ClusterError:
         return ClusterError(

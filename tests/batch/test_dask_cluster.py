@@ -28,6 +28,13 @@ DRIVES = 3
 VERSION = __import__('kitti_ros2').__version__
 
 
+OTHER_VERSION = """
+import importlib.metadata as metadata
+own = metadata.version
+metadata.version = lambda name: '0.0.1' if name == 'kitti_ros2' else own(name)
+"""
+
+
 @pytest.fixture(scope='session')
 def cluster():
     """Two worker processes of one thread."""
@@ -229,8 +236,8 @@ def test_workers_of_another_version_are_refused(
 
 
 def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, processes):
-    (tmp_path / 'other' / 'kitti_ros2').mkdir(parents=True)
-    (tmp_path / 'other' / 'kitti_ros2' / '__init__.py').write_text("__version__ = '0.0.1'")
+    (tmp_path / 'other').mkdir()
+    (tmp_path / 'other' / 'sitecustomize.py').write_text(OTHER_VERSION)
     processes.scheduler()
     worker = processes.worker()
     processes.arm()
@@ -240,7 +247,7 @@ def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, proc
     worker.kill()
     code, _, err = end(run)
     assert code == 2
-    assert 'a worker cannot run units' in one_line(err)
+    assert 'has kitti_ros2 0.0.1, expected' in one_line(err)
     assert {each.state for each in read_manifest(out)[0]} <= {'todo', 'done'}
 
 
