@@ -8,6 +8,7 @@ a few tasks for each thread are at the scheduler at a time, so that a collection
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import pydoc
 import tempfile
@@ -73,8 +74,10 @@ def open_cluster(
 @contextmanager
 def _connected(target: object, name: str) -> Iterator[Any]:
     try:
+        if isinstance(target, str):
+            asyncio.run(asyncio.wait_for(_greet(target), 2 * _CONNECT_S))
         client = distributed().Client(target, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:  # TimeoutError is an OSError
+    except (OSError, asyncio.TimeoutError, ValueError) as error:
         raise ClusterError(
             f'{name}: no Dask scheduler answers ({_first_line(error)}); is it running, and is this'
             ' its address?'
@@ -84,6 +87,12 @@ def _connected(target: object, name: str) -> Iterator[Any]:
     finally:
         with suppress(Exception):  # of a scheduler that has ended
             client.close(timeout=_PATIENCE_S)
+
+
+async def _greet(address: str) -> None:
+    """Connect once: the client waits without end for a server that accepts and says nothing."""
+    connection = await distributed().comm.connect(address, timeout=_CONNECT_S)
+    await connection.close()
 
 
 @contextmanager
