@@ -49,7 +49,7 @@ class UnitTask:
     witness: Path | None
 
 
-class _StoppedError(BaseException):
+class _UnwantedError(BaseException):
     """The unit is not wanted any more. No Exception: units turn those into results."""
 
 
@@ -98,7 +98,7 @@ def run_task(task: UnitTask) -> UnitResult | None:
     try:
         with taking_over():  # of an attempt on a worker that Dask has given up
             return task.run(task.job, reporter)
-    except _StoppedError:
+    except _UnwantedError:
         return None
     finally:
         reporter.report('end')
@@ -147,7 +147,7 @@ class _Reporter:
 
     def __call__(self, done: int, total: int) -> None:
         if not self._is_wanted():
-            raise _StoppedError
+            raise _UnwantedError
         now = time.monotonic()
         if now - self._last >= _ADVANCE_S:
             self._last = now
