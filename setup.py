@@ -55,6 +55,8 @@ REQUIREMENTS = [
 ]
 
 EXTRAS = {
+    # The workers of `--scheduler`: a Dask cluster, or processes of one that is started here.
+    'cluster': ['distributed>=2024.8,<2028'],
     # The documentation site: mkdocs build --strict, and its notebook.
     'docs': [
         'ipykernel>=6.29,<8',
@@ -81,6 +83,7 @@ EXTRAS = {
 }
 EXTRAS['test'] = [
     *EXTRAS['video'],
+    *EXTRAS['cluster'],
     'evo>=1.31,<2',  # trackeval brings a second OpenCV
     'foxglove-schemas-protobuf>=0.3,<0.5',
     *EXTRAS['foxglove'][:1],

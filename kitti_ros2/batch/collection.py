@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 from ..files.staging import Staging, lock_exclusively, reported
 from ..files.workers import worker_count
 from ..model.errors import OutputError, UsageError, describe_error
+from .dask_workers import open_cluster
 from .fingerprint import fingerprint, fingerprint_paths
-from .manifest import DONE, FAILED, Identity, Manifest, UnitRecord
+from .manifest import DONE, FAILED, MANIFEST, Identity, Manifest, UnitRecord
 from .pool import run_on_processes, run_serially
 from .results import LostWorker, UnitJob, UnitResult
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from ..options.batch import BatchOptions
+    from .dask_workers import DaskCluster
     from .pool import Outcome, RunUnit
     from .units import WorkUnit
 
@@ -47,6 +49,9 @@ class Progress:
 
     def end(self, unit: str) -> None:
         """A unit has ended."""
+
+    def remark(self, text: str) -> None:
+        """Something about the workers, such as that there are none yet."""
 
 
 @dataclass(frozen=True)
@@ -76,18 +81,32 @@ class Collection:
 
         Raises:
             OutputError: Another run is writing there, or the disk refuses.
-            UsageError: The folder has the outputs of another command.
+            ClusterError: The cluster cannot be used, or has ended.
+            UsageError: The folder has the outputs of another command, or a cluster is requested and
+                Dask is not installed.
         """
+        jobs = min(self.batch.jobs or worker_count(), max(len(units), 1))
+        if self.batch.scheduler is None:
+            return self._convert(units, progress, jobs)
+        with open_cluster(self.batch.scheduler, jobs, self.version, progress.remark) as cluster:
+            return self._convert(units, progress, cluster.workers, cluster)
+
+    def _convert(
+        self,
+        units: Sequence[WorkUnit],
+        progress: Progress,
+        jobs: int,
+        cluster: DaskCluster | None = None,
+    ) -> CollectionReport:
         with reported(self.out):
             self.out.mkdir(parents=True, exist_ok=True)
-        jobs = min(self.batch.jobs or worker_count(), max(len(units), 1))
         with _locked(self.out) as lock, Manifest(self.out) as manifest:
             self._check(manifest.command)
             manifest.begin(self.command, jobs)
             manifest.add({unit.name: unit.origin for unit in units})
             queue = _Queue(self, units, manifest, progress)
             try:
-                self._work(queue, jobs, lock, progress)
+                self._work(queue, jobs, lock, progress, cluster)
             finally:
                 manifest.release()
             names = {unit.name for unit in units}
@@ -102,8 +121,12 @@ class Collection:
                 f' of its own'
             )
 
-    def _work(self, queue: _Queue, jobs: int, lock: int, progress: Progress) -> None:
-        if jobs == 1:
+    def _work(
+        self, queue: _Queue, jobs: int, lock: int, progress: Progress, cluster: DaskCluster | None
+    ) -> None:
+        if cluster is not None:
+            outcomes = cluster.run(queue, self.run, progress.advance, self.out / MANIFEST)
+        elif jobs == 1:
             outcomes = run_serially(queue, self.run, progress.advance)
         else:
             outcomes = run_on_processes(queue, self.run, progress.advance, jobs, lock)

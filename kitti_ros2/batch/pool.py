@@ -42,8 +42,16 @@ def prepare_workers() -> None:
     """Start the server of workers: it imports what they need while this process goes on."""
     context = multiprocessing.get_context('forkserver')
     context.set_forkserver_preload([f'{__package__}.bag_unit', __name__])
-    with _no_interrupt():
+    with no_interrupt():
         forkserver.ensure_running()
+
+
+def use_one_thread() -> None:
+    """Hold this process to one thread: of this package, and of OpenCV."""
+    hold_to_one_thread()
+    os.environ['OPENCV_FOR_THREADS_NUM'] = '1'  # read when it is imported
+    if 'cv2' in sys.modules:
+        sys.modules['cv2'].setNumThreads(1)
 
 
 class JobQueue(Protocol):
@@ -125,7 +133,7 @@ class _Worker:
         context = multiprocessing.get_context('forkserver')
         self.connection, theirs = context.Pipe()
         self.job: UnitJob | None = None
-        with theirs, Connection(os.dup(held)) as lock, _no_interrupt():
+        with theirs, Connection(os.dup(held)) as lock, no_interrupt():
             self._process: ForkServerProcess = context.Process(
                 target=_serve, args=(run, theirs, lock), daemon=True
             )
@@ -177,7 +185,7 @@ class _Worker:
 
 
 @contextmanager
-def _no_interrupt() -> Iterator[None]:
+def no_interrupt() -> Iterator[None]:
     """Block Ctrl-C here, and for good in a process that is started inside."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -191,8 +199,7 @@ def _serve(run: RunUnit, connection: Any, lock: Any) -> None:  # noqa: ANN401, A
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_EXIT_TERMINATED))
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ['OPENCV_FOR_THREADS_NUM'] = '1'
-    hold_to_one_thread()
+    use_one_thread()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             job: UnitJob = connection.recv()

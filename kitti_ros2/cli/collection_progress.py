@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..batch.collection import Progress
+from .text import complain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
     """Yield what shows the progress of so many units, if standard error is a terminal."""
     if not show or not sys.stderr.isatty():
-        yield Progress()
+        yield _Remarks()
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -34,7 +35,14 @@ def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
         yield _Bars(bars, units)
 
 
-class _Bars(Progress):
+class _Remarks(Progress):
+    """Remarks as lines on standard error."""
+
+    def remark(self, text: str) -> None:
+        complain(f'kitti-ros2: {text}')
+
+
+class _Bars(_Remarks):
     """One bar for all units, and one for each that is running."""
 
     def __init__(self, bars: Any, units: int) -> None:  # noqa: ANN401 - rich's progress

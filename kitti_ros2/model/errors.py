@@ -209,6 +209,10 @@ class MissingDataError(KittiRos2Error):
         super().__init__(reason)
 
 
+class ClusterError(KittiRos2Error):
+    """A cluster cannot be reached, has ended, or its workers cannot run the units."""
+
+
 class NotABagError(BadBagError):
     """A path that holds nothing of a bag."""
 

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from .declare import option, options_of, parse_values, values_for
-from .parsers import parse_flag, parse_integer
+from .parsers import parse_flag, parse_integer, parse_text
 from .table import REPORT, TO_BAG, TO_KITTI
 
 if TYPE_CHECKING:
@@ -17,8 +18,23 @@ if TYPE_CHECKING:
 
     from .declare import Option
 
+LOCAL = 'local'
+"""The value of `scheduler` that starts a cluster on this machine."""
 _MOST_JOBS = 256
 _MOST_FRAMES = 1_000_000
+_ADDRESS = re.compile(r'[a-z]+://[^/\s]+:\d{1,5}/?', re.ASCII)
+
+
+def parse_scheduler(name: str, value: object) -> str:
+    """Parse the address of a Dask scheduler, or `local`.
+
+    Raises:
+        UsageError: It is neither.
+    """
+    text = parse_text(name, value)
+    if text == LOCAL or _ADDRESS.fullmatch(text):
+        return text
+    raise UsageError(f'--{name} {text} is no address; expected tcp://HOST:PORT, or {LOCAL}')
 
 
 @dataclass(frozen=True)
@@ -31,6 +47,8 @@ class BatchOptions:
             process but this one; else they convert units, and None is one for each CPU, at most 8.
         slice_frames: Frames of a unit of an object set; None takes a split whole.
         retry: Whether failed units are run again.
+        scheduler: Dask scheduler that runs the units: its address, or `local` to start one; None
+            runs them on processes of this program.
 
     Raises:
         UsageError: A number is out of range, or an option is given without `all`.
@@ -60,6 +78,12 @@ class BatchOptions:
     retry: bool = option(
         False, 'With --all: run failed units again', parse_flag, flags=('--retry',)
     )
+    scheduler: str | None = option(
+        None,
+        'With --all: run on a Dask cluster, tcp://HOST:PORT, or start one here: local',
+        parse_scheduler,
+        unset='processes',
+    )
 
     def __post_init__(self) -> None:
         self._check('jobs', self.jobs, _MOST_JOBS)
@@ -67,10 +91,16 @@ class BatchOptions:
         given = {
             'slice-frames': self.slice_frames is not None,
             'retry': self.retry,
+            'scheduler': self.scheduler is not None,
         }
         alone = [name for name, is_given in given.items() if is_given and not self.whole]
         if alone:
             raise UsageError(f'--{alone[0]} is for whole collections; give --all too')
+        if self.jobs is not None and self.scheduler not in {None, LOCAL}:
+            raise UsageError(
+                f'--jobs is for workers on this machine, and the cluster at {self.scheduler} has'
+                ' workers of its own; leave --jobs out'
+            )
 
     @staticmethod
     def _check(name: str, value: int | None, most: int) -> None:
