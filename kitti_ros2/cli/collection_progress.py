@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
     """Yield what shows the progress of so many units, if standard error is a terminal."""
     if not show or not sys.stderr.isatty():
-        yield _Remarks()
+        yield _RemarkLines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -35,14 +35,14 @@ def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
         yield _Bars(bars, units)
 
 
-class _Remarks(Progress):
+class _RemarkLines(Progress):
     """Remarks as lines on standard error."""
 
     def remark(self, text: str) -> None:
         complain(f'kitti-ros2: {text}')
 
 
-class _Bars(_Remarks):
+class _Bars(_RemarkLines):
     """One bar for all units, and one for each that is running."""
 
     def __init__(self, bars: Any, units: int) -> None:  # noqa: ANN401 - rich's progress
