@@ -11,16 +11,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..kitti.layouts import open_recording
 from ..kitti.listings import listings_kept
-from ..kitti.recording_tree import calibration_beside, tree_of
+from ..kitti.source_parts import parts_of
 from ..model.errors import KittiRos2Error
-from ..model.layouts import Layout
-from ..options.read import ReadOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from ..model.layouts import Layout
     from .units import WorkUnit
 
 _SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
@@ -82,17 +80,10 @@ def _digest(files: Iterable[InputFile]) -> str:
 @listings_kept()
 def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
     try:
-        parts = _parts_of(source, layout, sequence)
+        parts = parts_of(source, layout, sequence)
     except KittiRos2Error:
         parts = [source]  # its unit will fail with this error, until something there changes
     return tuple(sorted({each for part in parts for each in _walk(part, source)}))
-
-
-def _parts_of(source: Path, layout: Layout, sequence: str | None) -> list[Path]:
-    if layout is Layout.RAW and sequence is None:  # to open it reads stamps and tracklets: 4 ms
-        return [source, *calibration_beside(source)]
-    recording = open_recording(source, ReadOptions(layout=layout, sequence=sequence))
-    return [path for path, _ in tree_of(recording).parts]
 
 
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:
