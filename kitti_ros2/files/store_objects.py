@@ -20,9 +20,9 @@ from ..model.errors import KittiRos2Error, OutputError
 from .remote import filesystem_of, key_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from .remote import RemotePath
+    from .remote import FileSystem, RemotePath
 
 T = TypeVar('T')
 
@@ -103,6 +103,8 @@ def objects_at(path: RemotePath) -> dict[str, StoredObject]:
 
     def ask() -> Mapping[str, Any]:
         system.invalidate_cache()
+        if hasattr(system, 'call_s3'):
+            return dict(_listed_s3(system, key))
         # Of an object and a folder of one name, find shows the folder only.
         own = {key: system.info(key)} if system.isfile(key) else {}
         return {**system.find(key, detail=True), **own}
@@ -116,7 +118,7 @@ def objects_at(path: RemotePath) -> dict[str, StoredObject]:
     except Exception as error:
         raise StoreError(path, error) from error
     return {
-        name[len(key) :].lstrip('/'): StoredObject(int(entry['size'] or 0), _digest(entry))
+        name[len(key) :].lstrip('/'): _stored(entry)
         for name, entry in found.items()
         if name == key or name.startswith(f'{key}/')
     }
@@ -132,6 +134,10 @@ def object_at(path: RemotePath) -> StoredObject | None:
 
     def ask() -> Mapping[str, Any]:
         system.invalidate_cache()
+        if hasattr(system, 'call_s3'):  # info asks twice
+            bucket, name, _ = system.split_path(key)
+            answer = system.call_s3('head_object', Bucket=bucket, Key=name)
+            return {**answer, 'size': answer['ContentLength'], 'type': 'file'}
         entry: Mapping[str, Any] = system.info(key)
         return entry
 
@@ -141,9 +147,7 @@ def object_at(path: RemotePath) -> StoredObject | None:
         return None
     except Exception as error:
         raise StoreError(path, error) from error
-    if entry['type'] != 'file':
-        return None
-    return StoredObject(int(entry['size'] or 0), _digest(entry))
+    return _stored(entry) if entry['type'] == 'file' else None
 
 
 def read_object(path: RemotePath) -> bytes | None:
@@ -213,6 +217,25 @@ def remove_objects(paths: Iterable[RemotePath]) -> None:
 def md5_of(data: bytes) -> bytes:
     """Return the MD5 of bytes, which stores use as a checksum."""
     return hashlib.md5(data, usedforsecurity=False).digest()
+
+
+def _listed_s3(system: FileSystem, key: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the objects at and below a key; more whose names begin like it."""
+    bucket, prefix, _ = system.split_path(key)
+    more: dict[str, str] = {}
+    while True:
+        page = system.call_s3('list_objects_v2', Bucket=bucket, Prefix=prefix, **more)
+        for entry in page.get('Contents', ()):
+            yield f'{bucket}/{entry["Key"]}', {**entry, 'size': entry['Size']}
+            if entry['Key'] > f'{prefix}0':  # all of `prefix/...` come before
+                return
+        if not page.get('IsTruncated'):
+            return
+        more = {'ContinuationToken': page['NextContinuationToken']}
+
+
+def _stored(entry: Mapping[str, Any]) -> StoredObject:
+    return StoredObject(int(entry['size'] or 0), _digest(entry))
 
 
 def _digest(entry: Mapping[str, Any]) -> str:
