@@ -26,6 +26,7 @@ from .mcap_records import (
 )
 from .mcap_scan import RECORD_ERRORS, Descriptions, McapScan
 from .mcap_summary import MAGIC
+from .open_bytes import open_bytes
 from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class McapFile(ChunkedFile[int]):
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        file = FileBytes(path, name)
+        file = open_bytes(path, name)
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as an MCAP file does')
         contents = _read_summary(file, findings) or McapScan(file, findings).run()

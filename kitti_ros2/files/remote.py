@@ -21,14 +21,14 @@ from ..model.errors import UsageError
 from .url_path import URL, LocalPathError, UrlPath
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from typing_extensions import Self, TypeIs
 
 FileSystem: TypeAlias = Any
 """fsspec's AbstractFileSystem, which has no types."""
 
-_CHAIN = re.compile(r'[A-Za-z][A-Za-z0-9+.-]*(?:://[^:]*)?::')
+_CHAIN = re.compile(r'[A-Za-z][\w+.-]*(?:://[^:]*)?::[A-Za-z][\w+.-]*(?:://|::)', re.ASCII)
 _LOCAL = ('file', 'local')
 _PACKAGES = {'gs': 'gcsfs', 'gcs': 'gcsfs', 'abfs': 'adlfs', 'az': 'adlfs', 'sftp': 'paramiko'}
 """Of schemes that the extra does not install."""
@@ -140,10 +140,10 @@ def as_path(text: str | os.PathLike[str]) -> Path:
     if isinstance(text, Path):
         return text
     given = os.fspath(text)
+    if _CHAIN.match(given):
+        raise UsageError(f'{given.partition("::")[0]}::...: chained URLs are not supported')
     match = URL.fullmatch(given)
     if match is None:
-        if '://' in given and _CHAIN.match(given):
-            raise UsageError(f'{given.partition("::")[0]}::...: chained URLs are not supported')
         return Path(given)
     if match[1].lower() not in _LOCAL:
         return RemotePath(given)
@@ -151,6 +151,26 @@ def as_path(text: str | os.PathLike[str]) -> Path:
     if not local.startswith('/'):
         raise UsageError(f'{given}: names no file of this machine; expected file:///FOLDER/NAME')
     return Path(unquote(local))
+
+
+def real_place(path: Path) -> str:
+    """Return a text that is the same for all paths of one file or folder: links are followed."""
+    return path.resolve().whole if is_remote(path) else os.path.realpath(path)
+
+
+def common_folder(paths: Sequence[Path]) -> Path:
+    """Return the folder that contains all of some absolute paths, or is the only one of them.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if not any(map(is_remote, paths)):
+        return Path(os.path.commonpath(paths))
+    first = paths[0]
+    for folder in (first, *first.parents):
+        if all(path == folder or folder in path.parents for path in paths):
+            return folder
+    raise ValueError(f'{first} and {paths[-1]} are in no common folder')
 
 
 def filesystem_of(path: RemotePath) -> FileSystem:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path, PosixPath, PurePath
+from pathlib import Path, PosixPath, PurePath, PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
@@ -76,6 +76,21 @@ class UrlPath(PosixPath):
     def __init__(self, url: str | PurePath, *segments: str | PurePath) -> None:  # noqa: ARG002
         if sys.version_info >= (3, 12):
             super().__init__('/')
+
+    @property
+    def _raw_paths(self) -> list[str]:
+        """What pathlib would read of the path: Path(url) shall fail, not become a local path."""
+        raise LocalPathError(self)
+
+    @_raw_paths.setter
+    def _raw_paths(self, _: object) -> None:
+        pass
+
+    _parts = _raw_paths  # before Python 3.12
+
+    drive = ''
+    root = '/'
+    anchor = '/'
 
     @classmethod
     def _made(cls, scheme: str, names: Sequence[str], parameters: str = '') -> Self:
@@ -191,9 +206,9 @@ class UrlPath(PosixPath):
         """Return the path with another suffix."""
         return self.with_name(self.stem + suffix)
 
-    def relative_to(
+    def relative_to(  # type: ignore[override]
         self, other: str | os.PathLike[str], *more: str | os.PathLike[str], walk_up: bool = False
-    ) -> Path:  # type: ignore[override]
+    ) -> Path:
         """Return the relative path from a folder of the same store; it is a plain Path.
 
         Raises:
@@ -216,6 +231,11 @@ class UrlPath(PosixPath):
         except ValueError:
             return False
         return True
+
+    def match(self, path_pattern: str, *, case_sensitive: bool | None = None) -> bool:
+        """Whether the names match a relative pattern."""
+        del case_sensitive  # they are
+        return PurePosixPath(*self.names).match(path_pattern)
 
     def is_absolute(self) -> bool:
         """Return true."""

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +11,7 @@ from ..bags.locate import METADATA
 from ..kitti.find import absolute
 from ..kitti.layouts import data_sets_at, not_of_layout
 from ..kitti.nearby import data_sets_below, explain
+from ..kitti.store import STORE
 from ..model.containers import CONTAINERS
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def _bags_in(folder: Path) -> Iterator[Path]:
     Files named FOLDER_N are one bag, whose metadata.yaml is missing.
     """
     part = re.compile(rf'{re.escape(folder.name)}_\d+\.')
-    names = sorted(os.listdir(folder))  # noqa: PTH208 - names only
+    names = STORE.names(folder)
     globs = [glob for each in CONTAINERS.values() for glob in each.globs]
     files = [folder / name for name in names if any((folder / name).match(glob) for glob in globs)]
     if files and all(part.match(each.name) for each in files):
