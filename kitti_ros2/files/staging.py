@@ -5,7 +5,7 @@
 Everything is written inside the hidden directory ``.{name}.partial`` beside the output, which is
 locked while its writer runs, and renamed to the output when complete. The lock ends with the
 process: a partial directory without a lock is left over from a killed run, and the next run
-removes it.
+removes it. Outputs in a store are those of upload_staging.
 """
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ import errno
 import fcntl
 import os
 import shutil
+import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError, UsageError
+from .output_paths import make_parents, named_output
+from .remote import is_remote
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from .upload_staging import UploadStaging
 
 _REPLACED = 'replaced'
 _NAMED = 'named'
@@ -34,6 +39,9 @@ _NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
 def output_error(path: Path, error: OSError) -> OutputError:
     """Convert an error of the operating system about an output to a one-line error."""
     reason = error.strerror or str(error)
+    if is_remote(path):
+        remedy = f'it is made in {tempfile.gettempdir()}: make room, or set TMPDIR to another disk'
+        return OutputError(path, f'cannot be made ({reason})', remedy)
     if error.errno in _FULL:
         return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
     if error.errno in _FORBIDDEN:
@@ -70,7 +78,7 @@ class Staging:
     """
 
     def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
-        self.path = _named(path)
+        self.path = named_output(path)
         self._refusal = refusal
         self._partial = self.path.with_name(f'.{self.path.name}.partial')
         self.content = self._partial / 'content'
@@ -79,7 +87,7 @@ class Staging:
         self._check_free()
         try:
             with reported(self.path):
-                self._created = _make_parents(self.path.parent)
+                self._created = make_parents(self.path.parent)
                 self._acquire()
                 self._clear()
         except BaseException as error:
@@ -183,6 +191,18 @@ class Staging:
             replaced.rename(self.path)
 
 
+def open_staging(path: Path, refusal: Callable[[Path], str | None]) -> Staging | UploadStaging:
+    """Open the temporary place of an output, local or in a store.
+
+    Args and errors are those of Staging and UploadStaging.
+    """
+    if is_remote(path):
+        from .upload_staging import UploadStaging  # noqa: PLC0415 - for URLs only
+
+        return UploadStaging(path, refusal)
+    return Staging(path, refusal)
+
+
 @contextmanager
 def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> Iterator[Path]:
     """Yield a folder to build a data set in; its content is moved to out on success.
@@ -196,7 +216,7 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
         OutputError: It cannot be written.
     """
     keep = refusal or _keep_content
-    staging = Staging(out, lambda path: None if _is_empty(path) else keep(path))
+    staging = open_staging(out, lambda path: None if _is_empty(path) else keep(path))
     try:
         with reported(out):
             staging.content.mkdir()
@@ -207,7 +227,8 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
 
 
 def _is_empty(path: Path) -> bool:
-    return path.is_dir() and not any(path.iterdir())
+    # A store has no empty folders.
+    return not is_remote(path) and path.is_dir() and not any(path.iterdir())
 
 
 def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
@@ -232,16 +253,10 @@ def lock_exclusively(fd: int, path: Path) -> None:
             raise
 
 
-def _named(path: Path) -> Path:
-    if path.name in {'', '..'}:
-        path = Path(os.path.realpath(path))
-    if not path.name:
-        raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
-    return path
-
-
 def lies_inside(out: Path, source: Path) -> bool:
     """Whether an output is its source or lies inside it."""
+    if is_remote(out) or is_remote(source):
+        return is_remote(out) and is_remote(source) and out.is_relative_to(source)
     # Unlike Path.resolve, this accepts circular links.
     target, origin = (Path(os.path.realpath(path)) for path in (out, source))
     return target == origin or origin in target.parents
@@ -265,7 +280,7 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         OutputExistsError: out exists and may not be replaced.
         OutputError: The disk refuses.
     """
-    staging = Staging(out, refusal)
+    staging = open_staging(out, refusal)
     try:
         with reported(out):
             # Programs that write pictures and films use the suffix of the name.
@@ -277,21 +292,3 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         staging.publish()
     finally:
         staging.discard()
-
-
-def _make_parents(folder: Path) -> list[Path]:
-    missing = []
-    while not folder.exists():
-        missing.append(folder)
-        folder = folder.parent
-    created: list[Path] = []
-    try:
-        for path in reversed(missing):
-            path.mkdir(exist_ok=True)
-            created.append(path)
-    except BaseException:
-        for path in reversed(created):
-            with suppress(OSError):
-                path.rmdir()
-        raise
-    return created
