@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import count
-from pathlib import Path
 from threading import Event, Lock
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from kitti_ros2.files.remote import RemotePath
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 PROTOCOL = 'counted'
 WAIT_S = 60

@@ -69,10 +69,10 @@ def test_damage_costs_the_same(bag: Path, tmp_path: Path):
     assert content(tmp_path / 'remote') == content(tmp_path / 'local')
 
 
-@pytest.mark.parametrize('name', ['folder', 'drive.bag'])
-def test_other_bags(name: str, recordings: Mapping[Layout, Path], tmp_path: Path):
+@pytest.mark.parametrize(('name', 'storage'), [('folder', 'mcap'), ('drive.bag', 'ros1')])
+def test_other_bags(name: str, storage: str, recordings: Mapping[Layout, Path], tmp_path: Path):
     out = tmp_path / name
-    convert_recording(recordings[Layout.OBJECT], out)
+    convert_recording(recordings[Layout.OBJECT], out, storage=storage)
     url = put(out)
     assert main(['to-kitti', '-q', str(out), str(tmp_path / 'local')]) == 0
     assert main(['to-kitti', '-q', str(url), str(tmp_path / 'remote')]) == 0
@@ -80,13 +80,14 @@ def test_other_bags(name: str, recordings: Mapping[Layout, Path], tmp_path: Path
 
 
 def test_sqlite3_is_refused_in_one_line(recordings: Mapping[Layout, Path], tmp_path: Path, capsys):
-    out = tmp_path / 'drive.db3'
-    convert_recording(recordings[Layout.OBJECT], out)
+    out = tmp_path / 'drive'
+    convert_recording(recordings[Layout.OBJECT], out, storage='sqlite3')
     url = put(out)
     assert main(['info', str(url)]) == 2
     error = capsys.readouterr().err
     assert error.count('\n') == 1
-    assert f'{url}: is a sqlite3 bag' in error
+    assert 'is a sqlite3 bag' in error
+    assert str(url) in error
 
 
 def test_a_summary_takes_few_requests(bag: Path):
@@ -95,7 +96,7 @@ def test_a_summary_takes_few_requests(bag: Path):
         assert found.index.total
     assert CountedStore.requests['info'] <= 1
     assert CountedStore.requests['ls'] <= 1
-    assert CountedStore.requests['cat'] <= 4
+    assert CountedStore.requests['cat'] <= 8
     assert sum(length for _, length in CountedStore.read) <= bag.stat().st_size
 
 

@@ -14,9 +14,6 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 from builders import convert_recording
 from counted_store import CountedStore, put
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.store import STORE
-
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -29,7 +26,9 @@ def test_bags_of_every_layout_have_the_same_bytes(recording_path: Path, tmp_path
     url = put(tmp_path / 'sets') / recording_path.name
     local = convert_recording(own, tmp_path / 'local' / 'a.mcap')
     remote = convert_recording(url, tmp_path / 'remote' / 'a.mcap')
-    assert (tmp_path / 'remote' / 'a.mcap').read_bytes() == (tmp_path / 'local' / 'a.mcap').read_bytes()
+    assert (tmp_path / 'remote' / 'a.mcap').read_bytes() == (
+        tmp_path / 'local' / 'a.mcap'
+    ).read_bytes()
     assert remote.counts == local.counts
     assert [str(loss).replace(str(url), str(own)) for loss in remote.losses] == [
         str(loss) for loss in local.losses
