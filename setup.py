@@ -69,6 +69,8 @@ EXTRAS = {
     'foxglove': ['foxglove-sdk>=0.30,<0.31', 'mcap-protobuf-support>=0.5.3,<0.7'],
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
+    # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
+    'remote': ['aiohttp>=3.9,<4', 'fsspec>=2024.6', 's3fs>=2024.6'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
@@ -89,6 +91,7 @@ EXTRAS['test'] = [
     *EXTRAS['foxglove'][1:],
     'mcap-ros2-support>=0.5.5,<0.7',
     'mypy>=1.15,<3',
+    *EXTRAS['remote'],
     'packaging>=23,<27',
     'pexpect>=4.9,<5',
     'pytest-xdist>=3.5,<4',

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 T = TypeVar('T')
 
 TRIES = 5
+_OUTER_TRIES = 2
+"""Where the file system of fsspec makes several tries itself, as those of S3 and GCS do."""
 _FIRST_WAIT_S = 0.2
 _PASSING = frozenset(
     getattr(errno, name)
@@ -73,6 +75,7 @@ def attempt(path: RemotePath, request: Callable[[], T]) -> T:
         FileNotFoundError, PermissionError, OSError: With the URL as file name.
         RemoteError: It failed each time, or for a reason that is not of this file.
     """
+    tries = _OUTER_TRIES if hasattr(filesystem_of(path), 'retries') else TRIES
     number = 0
     while True:
         number += 1
@@ -82,8 +85,8 @@ def attempt(path: RemotePath, request: Callable[[], T]) -> T:
             failure = _failure(path, error)
         if not isinstance(failure, _PassingError):
             raise failure
-        if number == TRIES:
-            raise RemoteError(path, f'{failure.reason}, {TRIES} times', 'try again later')
+        if number == tries:
+            raise RemoteError(path, f'{failure.reason}, {tries} times', 'try again later')
         wait(_FIRST_WAIT_S * 2 ** (number - 1) * (0.5 + random.random()))  # noqa: S311 - spread
 
 
@@ -165,7 +168,7 @@ def _failure(path: RemotePath, error: Exception) -> Exception:
         if status in _KINDS:
             return _os_error(_KINDS[status], path, reason)
         if _may_pass(each, status):
-            return _PassingError(reason)
+            return _PassingError(_reason(each))
     for kind in (PermissionError, FileNotFoundError, IsADirectoryError, NotADirectoryError):
         if isinstance(error, kind):
             return _os_error(kind, path, reason)
@@ -218,7 +221,7 @@ def _status(error: BaseException) -> int | None:
         return None
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     """Return the text of an error in one line, without what may be secret."""
     text = ' '.join(str(getattr(error, 'strerror', None) or error).split())
     if isinstance(error, TimeoutError) or type(error).__name__ == 'FSTimeoutError':
