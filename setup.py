@@ -70,7 +70,7 @@ EXTRAS = {
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
-    'remote': ['aiohttp>=3.9,<4', 'fsspec>=2024.6', 's3fs>=2024.6'],
+    'remote': ['aiohttp>=3.9,<4', 'fsspec>=2024.6,<2027', 's3fs>=2024.6,<2027'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.

@@ -12,7 +12,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from .background_reads import BACKGROUND
-from .remote_listing import Entry, known_listing
+from .remote_listing import RemoteEntry, known_listing
 from .remote_requests import fetch
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _OUT_OF_ORDER = 8
 """Threads that take turns read about so many files before or after the last one."""
 
 
-class _Folder:
+class _ReadFolder:
     """What is read of a folder.
 
     Attributes:
@@ -52,7 +52,7 @@ class _Folder:
         used: Count of all reads at the last one here.
     """
 
-    def __init__(self, listing: Mapping[str, Entry]) -> None:
+    def __init__(self, listing: Mapping[str, RemoteEntry]) -> None:
         self.listing = listing
         self.names = [name for name, entry in listing.items() if not entry.is_folder]
         self.places = {name: place for place, name in enumerate(self.names)}
@@ -91,15 +91,15 @@ class _Texts:
     """The text files that were read last: times and calibration are parsed, and carried whole."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[RemotePath, tuple[Entry, bytes]] = OrderedDict()
+        self._kept: OrderedDict[RemotePath, tuple[RemoteEntry, bytes]] = OrderedDict()
         self._size = 0
 
-    def get(self, path: RemotePath, entry: Entry) -> bytes | None:
+    def get(self, path: RemotePath, entry: RemoteEntry) -> bytes | None:
         """Return the content of a file, unless it is listed with another size or time."""
         known = self._kept.get(path)
         return known[1] if known is not None and known[0] == entry else None
 
-    def keep(self, path: RemotePath, entry: Entry, data: bytes) -> None:
+    def keep(self, path: RemotePath, entry: RemoteEntry, data: bytes) -> None:
         """Keep a file if it is a text of moderate size."""
         if path.suffix not in _TEXTS or len(data) > _MOST_TEXT_BYTES // 8:
             return
@@ -110,13 +110,13 @@ class _Texts:
             self._size -= len(self._kept.popitem(last=False)[1][1])
 
 
-class ReadAhead:
+class FilesAhead:
     """Reads whole files; keeps those that follow for their turn."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._process = 0
-        self._folders: OrderedDict[RemotePath, _Folder] = OrderedDict()
+        self._folders: OrderedDict[RemotePath, _ReadFolder] = OrderedDict()
         self._held = 0
         self._reads = 0
         self._texts = _Texts()
@@ -149,7 +149,7 @@ class ReadAhead:
                 self._texts.keep(path, entry, data)
         return data
 
-    def _take(self, path: RemotePath, folder: _Folder) -> Future[bytes] | None:
+    def _take(self, path: RemotePath, folder: _ReadFolder) -> Future[bytes] | None:
         """Return a file that was read ahead, and begin to read those after it."""
         place = folder.places.get(path.name)
         if place is None:
@@ -164,7 +164,7 @@ class ReadAhead:
         self._begin(path.parent, folder)
         return future
 
-    def _folder(self, path: RemotePath) -> _Folder | None:
+    def _folder(self, path: RemotePath) -> _ReadFolder | None:
         listing, known = known_listing(path), self._folders.get(path)
         if known is not None and known.listing is not listing:  # listed again
             self._held -= known.drop()
@@ -172,13 +172,13 @@ class ReadAhead:
         if listing is None:
             return None
         if path not in self._folders:
-            self._folders[path] = _Folder(listing)
+            self._folders[path] = _ReadFolder(listing)
             while len(self._folders) > _MOST_FOLDERS:
                 self._held -= self._folders.popitem(last=False)[1].drop()
         self._folders.move_to_end(path)
         return self._folders[path]
 
-    def _begin(self, path: RemotePath, folder: _Folder) -> None:
+    def _begin(self, path: RemotePath, folder: _ReadFolder) -> None:
         """Read ahead as far as the window and the memory allow."""
         end = min((folder.last or 0) + folder.window * folder.step + 1, len(folder.names))
         while folder.window and folder.ahead + folder.step < end:
@@ -202,4 +202,4 @@ class ReadAhead:
         return False
 
 
-AHEAD = ReadAhead()
+AHEAD = FilesAhead()

@@ -29,7 +29,7 @@ _HTTP = ('http', 'https')
 _SUFFIX = re.compile(r'\.[A-Za-z][A-Za-z0-9]{1,7}', re.ASCII)
 
 
-class Entry(NamedTuple):
+class RemoteEntry(NamedTuple):
     """What a store says of a name.
 
     Attributes:
@@ -46,7 +46,7 @@ class Entry(NamedTuple):
 _CHANGED = (
     'LastModified', 'mtime', 'Last-Modified', 'updated', 'modified', 'last_modified', 'created'
 )  # fmt: skip
-_FOLDER = Entry(is_folder=True)
+_FOLDER = RemoteEntry(is_folder=True)
 _MOST_ENTRIES = 200_000
 """Of all listings that are kept; fsspec keeps about 1 KB for each."""
 
@@ -62,11 +62,11 @@ class _Listings:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.folders: dict[RemotePath, Mapping[str, Entry]] = {}
-        self.alone: dict[RemotePath, Entry | None] = {}
+        self.folders: dict[RemotePath, Mapping[str, RemoteEntry]] = {}
+        self.alone: dict[RemotePath, RemoteEntry | None] = {}
         self.closed: set[RemotePath] = set()
 
-    def keep(self, folder: RemotePath, entries: Mapping[str, Entry]) -> None:
+    def keep(self, folder: RemotePath, entries: Mapping[str, RemoteEntry]) -> None:
         """Keep a listing; the oldest ones are dropped where there are too many entries."""
         self.folders[folder] = entries
         while len(self.folders) > 1 and sum(map(len, self.folders.values())) > _MOST_ENTRIES:
@@ -92,7 +92,7 @@ def forget(path: RemotePath) -> None:
         _KNOWN.closed -= gone
 
 
-def listing_of(folder: RemotePath) -> Mapping[str, Entry]:
+def listing_of(folder: RemotePath) -> Mapping[str, RemoteEntry]:
     """Return the entries of a folder by name, sorted.
 
     Raises:
@@ -120,7 +120,7 @@ def listing_of(folder: RemotePath) -> Mapping[str, Entry]:
         return _KNOWN.folders[folder]
 
 
-def entry_of(path: RemotePath) -> Entry:
+def entry_of(path: RemotePath) -> RemoteEntry:
     """Return what the store says of a path.
 
     Raises:
@@ -134,7 +134,7 @@ def entry_of(path: RemotePath) -> Entry:
     return found
 
 
-def _entry_of(path: RemotePath) -> Entry | None:
+def _entry_of(path: RemotePath) -> RemoteEntry | None:
     if not path.names or path in _KNOWN.folders:
         return _FOLDER
     above = None if path.parameters else _known_above(path)
@@ -166,7 +166,7 @@ def _missing(path: RemotePath) -> FileNotFoundError:
     return FileNotFoundError(errno.ENOENT, 'no such file or folder', str(path))
 
 
-def sized_entry_of(path: RemotePath) -> Entry:
+def sized_entry_of(path: RemotePath) -> RemoteEntry:
     """Return what the store says of a path, with a file's size also where listings have none.
 
     Raises:
@@ -183,13 +183,13 @@ def sized_entry_of(path: RemotePath) -> Entry:
     return known
 
 
-def known_listing(folder: RemotePath) -> Mapping[str, Entry] | None:
+def known_listing(folder: RemotePath) -> Mapping[str, RemoteEntry] | None:
     """Return the entries of a folder if it was listed; nothing is asked."""
     with _KNOWN.lock:
         return _KNOWN.folders.get(folder)
 
 
-def _asked(path: RemotePath) -> Entry | None:
+def _asked(path: RemotePath) -> RemoteEntry | None:
     """Ask for a path on its own: first what its name looks like, a file or a folder."""
     looks_like_file = bool(_SUFFIX.fullmatch(path.suffix)) or path.scheme in _HTTP
     try:
@@ -206,7 +206,7 @@ def _asked(path: RemotePath) -> Entry | None:
     return entry
 
 
-def _described(path: RemotePath) -> Entry:
+def _described(path: RemotePath) -> RemoteEntry:
     """Ask a store for the description of a path; of a web server, a page with links is a folder."""
     files, key = filesystem_of(path), key_of(path)
     info = attempt(path, lambda: files.info(key))
@@ -217,7 +217,7 @@ def _described(path: RemotePath) -> Entry:
     return _entry(info)
 
 
-def _listed(folder: RemotePath) -> Mapping[str, Entry] | None:
+def _listed(folder: RemotePath) -> Mapping[str, RemoteEntry] | None:
     """List a folder; None if it is a file.
 
     Raises:
@@ -228,7 +228,7 @@ def _listed(folder: RemotePath) -> Mapping[str, Entry] | None:
     is_http = folder.scheme in _HTTP
     infos = attempt(folder, lambda: files.ls(f'{key}/' if is_http else key, detail=True))
     own = key.strip('/')
-    entries: dict[str, Entry] = {}
+    entries: dict[str, RemoteEntry] = {}
     for info in infos:
         whole = str(info['name']).strip('/')
         if whole == own:
@@ -249,14 +249,14 @@ def _listed(folder: RemotePath) -> Mapping[str, Entry] | None:
     return dict(sorted(entries.items()))
 
 
-def _entry(info: Mapping[str, Any]) -> Entry:
+def _entry(info: Mapping[str, Any]) -> RemoteEntry:
     """Return the entry of fsspec's description."""
     if info.get('type') == 'directory':
         return _FOLDER
     size = info.get('size')
     changed = next((info[name] for name in _CHANGED if info.get(name)), None)
     size = None if size is None else int(size)
-    return Entry(is_folder=False, size=size, changed_ns=_nanoseconds(changed))
+    return RemoteEntry(is_folder=False, size=size, changed_ns=_nanoseconds(changed))
 
 
 def _nanoseconds(changed: object) -> int:

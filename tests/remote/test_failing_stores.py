@@ -17,7 +17,7 @@ from counted_store import PROTOCOL, CountedStore, Fails, Stalls, put
 from kitti_ros2.cli import main
 from kitti_ros2.files import remote_requests
 from kitti_ros2.files.remote import RemotePath, as_path
-from kitti_ros2.files.remote_ahead import MOST_BYTES, ReadAhead
+from kitti_ros2.files.remote_ahead import MOST_BYTES, FilesAhead
 from kitti_ros2.files.remote_listing import listing_of
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import RemoteError
@@ -151,7 +151,7 @@ def test_local_folders_named_like_schemes(tmp_path: Path, monkeypatch, recording
 def test_files_are_read_ahead_within_bounds(tmp_path: Path):
     url = files_of(tmp_path, 40, MOST_BYTES // 16)
     listing_of(url)
-    ahead = ReadAhead()
+    ahead = FilesAhead()
     stall = CountedStore.faults['0000000030'] = Stalls()
     paths = [url / name for name in listing_of(url)]
     for number, path in enumerate(paths[:30]):
@@ -167,7 +167,7 @@ def test_files_are_read_ahead_within_bounds(tmp_path: Path):
 def test_leaps_are_not_read_ahead(tmp_path: Path):
     url = files_of(tmp_path, 100, 10)
     paths = [url / name for name in listing_of(url)]
-    ahead = ReadAhead()
+    ahead = FilesAhead()
     for place in (0, 50, 7, 90, 20):
         ahead.read(paths[place])
     assert CountedStore.requests['cat'] == 5
