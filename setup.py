@@ -71,6 +71,8 @@ EXTRAS = {
     'foxglove': ['foxglove-sdk>=0.30,<0.31', 'mcap-protobuf-support>=0.5.3,<0.7'],
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
+    # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
+    'remote': ['aiohttp>=3.9,<4', 'fsspec>=2024.6,<2027', 's3fs>=2024.6,<2027'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
@@ -82,11 +84,13 @@ EXTRAS = {
     'video': ['av>=14,<19'],
 }
 EXTRAS['test'] = [
+    *EXTRAS['remote'][:1],
     *EXTRAS['video'],
     *EXTRAS['cluster'],
     'evo>=1.31,<2',  # trackeval brings a second OpenCV
     'foxglove-schemas-protobuf>=0.3,<0.5',
     *EXTRAS['foxglove'][:1],
+    *EXTRAS['remote'][1:2],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],
     *EXTRAS['foxglove'][1:],
@@ -97,6 +101,7 @@ EXTRAS['test'] = [
     'pytest-xdist>=3.5,<4',
     'pytest>=8,<10',
     'ruff>=0.17,<0.18',
+    *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
     'types-defusedxml>=0.7.0,<0.8',
     'websockets>=15,<18',

@@ -21,7 +21,7 @@ _IMPORTS = {
     'model': '',
     'files': 'model',
     'stacks': 'model',
-    'options': 'model stacks',
+    'options': 'model files stacks',
     'drawing': 'model options',
     'kitti': 'model files options',
     'messages': 'model files options drawing stacks',

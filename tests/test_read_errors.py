@@ -12,7 +12,7 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.store import LocalStore
+from kitti_ros2.kitti.store import FileStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
@@ -41,7 +41,7 @@ class Disk:
         self.fails_at = -1
         self.calls: list[str] = []
         for name in ('read', 'names', 'read_ends'):
-            monkeypatch.setattr(LocalStore, name, self._wrapped(getattr(LocalStore, name)))
+            monkeypatch.setattr(FileStore, name, self._wrapped(getattr(FileStore, name)))
 
     def _wrapped(self, call):
         def wrapped(store, path, *rest):

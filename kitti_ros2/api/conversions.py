@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
 from ..bags.open_source import open_bag_source
 from ..bags.writer import guess_storage
 from ..exporter.to_bag import convert
+from ..files.remote import as_path
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -68,7 +68,7 @@ def to_bag(
         >>> kitti_ros2.to_bag('2011_09_26/2011_09_26_drive_0005_sync', 'drive.mcap', images='raw')
         ExportReport(...)
     """
-    source, target = Path(src), Path(out)
+    source, target = as_path(src), as_path(out)
     settings = make_settings(by_name(options, TO_BAG))
     bag = settings.bag(guess_storage(target, settings.storage))
     recording = open_folder(source, settings.read)
@@ -119,8 +119,8 @@ def to_kitti(
         >>> kitti_ros2.to_kitti('drive.mcap', 'dataset')
         [ImportReport(...)]
     """
-    paths = [Path(bag)] if isinstance(bag, (str, PathLike)) else [Path(each) for each in bag]
-    target = Path(out)
+    paths = [as_path(bag)] if isinstance(bag, (str, PathLike)) else [as_path(each) for each in bag]
+    target = as_path(out)
     with ExitStack() as stack:
         opened = []
         for path in paths:
@@ -129,7 +129,7 @@ def to_kitti(
         if not opened:
             raise UsageError('no bag; expected at least one')
         chosen = make_import_options(by_name(options, TO_KITTI))
-        plan_file = None if plan is None else Path(plan)
+        plan_file = None if plan is None else as_path(plan)
         reports = Conversion(
             opened, target, chosen, plan_file, lambda _: None, _shown(progress)
         ).run()

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from ..files.remote import as_path, is_remote
+from ..files.remote_listing import forget
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.losses import format_numbers
 from .frame import Frame
@@ -19,6 +20,7 @@ from .source import OpenSource, warn
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
+    from pathlib import Path
 
     from typing_extensions import Self, Unpack
 
@@ -65,7 +67,10 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
         >>> recording[0].number, recording[0].points.shape
         (0, (..., 4))
     """
-    source = OpenSource(Path(path), options)
+    place = as_path(path)
+    if is_remote(place):
+        forget(place)  # it may have changed since an earlier call
+    source = OpenSource(place, options)
     recording = Recording(source, source.frames.numbers)
     if recording.losses:
         count = len(recording.losses)

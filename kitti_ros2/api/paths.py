@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import os
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..files.remote import as_path
 from ..model.errors import MissingPathError, UnreadableFileError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
@@ -25,7 +26,7 @@ AnyPath: TypeAlias = str | os.PathLike[str]
 def file_at(path: AnyPath) -> Iterator[Path]:
     """Yield the path; errors of the operating system are raised as KittiRos2Error."""
     try:
-        yield Path(path)
+        yield as_path(path)
     except MissingPathError:
         raise
     except FileNotFoundError as error:

@@ -11,13 +11,16 @@ from fnmatch import fnmatchcase
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from ..files.remote import is_remote
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, NotABagError
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+    from ..files.remote import RemotePath
 
 METADATA = 'metadata.yaml'
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
@@ -99,7 +102,8 @@ def locate_bag(path: Path) -> BagFiles:
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:
     """List the files of each container in a folder, in the order of their numbers."""
-    names = sorted(os.listdir(path), key=lambda name: (len(name), name))  # noqa: PTH208 - speed
+    found = _listed(path) if is_remote(path) else os.listdir(path)  # noqa: PTH208 - speed
+    names = sorted(found, key=lambda name: (len(name), name))
     return {
         storage: tuple(
             path / name
@@ -108,6 +112,12 @@ def _files(path: Path) -> dict[str, tuple[Path, ...]]:
         )
         for storage, container in CONTAINERS.items()
     }
+
+
+def _listed(path: RemotePath) -> Iterable[str]:
+    from ..files.remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+
+    return listing_of(path)
 
 
 def _without_metadata(path: Path, found: str) -> BagFiles:

@@ -26,11 +26,12 @@ from .mcap_records import (
 )
 from .mcap_scan import RECORD_ERRORS, Descriptions, McapScan
 from .mcap_summary import MAGIC
+from .open_bytes import open_bytes
 from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
     from array import array
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
@@ -56,7 +57,7 @@ class McapFile(ChunkedFile[int]):
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        file = FileBytes(path, name)
+        file = open_bytes(path, name)
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as an MCAP file does')
         contents = _read_summary(file, findings) or McapScan(file, findings).run()
@@ -67,6 +68,11 @@ class McapFile(ChunkedFile[int]):
         self, records: Buffer, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
         return messages_in(records, wanted, since_ns)
+
+    def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
+        for piece in pieces:
+            start = piece.position + piece.length
+            self._file.expect(start, self._index_lengths[piece.position])
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         start = piece.position + piece.length

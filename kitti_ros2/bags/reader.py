@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..files.remote import real_place
 from ..model.errors import UsageError
 from .bag_files import BagSource, OpenBag, opened, path_of
 from .message_source import BagMessages
@@ -101,7 +101,7 @@ def _each_once(bags: Bags) -> Sequence[BagSource]:
         return [bags]
     known: set[str] = set()
     for path in map(path_of, bags):
-        place = os.path.realpath(path)
+        place = real_place(path)
         if place in known:
             raise UsageError(f'{path}: is given twice; give each bag once')
         known.add(place)

@@ -14,6 +14,7 @@ import numpy as np
 from ..model.errors import BadBagError
 from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
+from .open_bytes import open_bytes
 from .pieces import FileBytes, Piece
 from .ros1_records import (
     BAG_HEADER,
@@ -60,7 +61,7 @@ class Ros1File(ChunkedFile[Fields]):
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        file = FileBytes(path, name)
+        file = open_bytes(path, name)
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as a ROS 1 bag of format 2.0 does')
         contents = _read_index(file, findings) or Ros1Scan(file, findings).run()

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from ..files.replacing import keep_all, keep_all_but_bags
-from ..files.staging import Staging, output_error
+from ..files.staging import open_staging, output_error
 from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
@@ -61,7 +61,7 @@ class BagWriter:
         self._done = False
         self._failure: OutputError | None = None
         refusal = keep_all_but_bags if context.options.overwrite else keep_all
-        self._staging = Staging(path, refusal)
+        self._staging = open_staging(path, refusal)
         self.path = self._staging.path
         try:
             with self._reported():

@@ -17,6 +17,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ..files.remote import is_remote
 from ..model.errors import BadBagError
 from ..model.text import one_line
 from .pieces import BagFile, FileBytes, Piece
@@ -68,6 +69,12 @@ class SqliteFile(BagFile):
     """
 
     def __init__(self, path: Path, name: Path, findings: Findings) -> None:
+        if is_remote(path):
+            raise BadBagError(
+                name,
+                'is a sqlite3 bag, which is read from a local disk only',
+                'an MCAP file or a ROS 1 bag at a URL; copy it to this machine first',
+            )
         self._name = name
         self._findings = findings
         self._file = FileBytes(path, name)

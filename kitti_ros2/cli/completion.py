@@ -12,11 +12,11 @@ import os
 import signal
 import sys
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from pathlib import Path
 
     from ..options.read import ReadOptions
 
@@ -105,7 +105,9 @@ def _topics(given: Mapping[str, Any]) -> Iterable[str]:
 
 def _source(given: Mapping[str, Any]) -> Path:
     """Return SRC, or the first PATH of a command that takes several."""
-    return Path(given['src'] if 'src' in given else given['paths'][0]).expanduser()
+    from ..files.remote import as_path
+
+    return as_path(given['src'] if 'src' in given else given['paths'][0]).expanduser()
 
 
 def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..files.remote import as_path
 from ..model.containers import CONTAINERS
 from .app import find_command
 
@@ -62,7 +63,10 @@ def _same_command(remedy: Remedy, words: list[str], given: dict[str, Any]) -> st
         added += ['--sequence', f'"${_NAME}"']
     out = given.get('out') or given.get('save')
     if remedy.each and out is not None:
-        name, at = _output_of_each(Path(out), by_name=remedy.by_name), _place(words, Path(out))
+        name, at = (
+            _output_of_each(as_path(out), by_name=remedy.by_name),
+            _place(words, as_path(out)),
+        )
         if at is None:
             added += ['-o', name]
         else:
@@ -82,7 +86,7 @@ def _other_command(remedy: Remedy, given: dict[str, Any]) -> str:
     """Return another command for the source, with an output that is like the one given."""
     words = [remedy.command, str(remedy.source), *remedy.options]
     if remedy.command != 'play':
-        out = Path(given.get('out') or given['paths'][-1])
+        out = as_path(given.get('out') or given['paths'][-1])
         if out == remedy.given:  # OUT was not needed
             out = Path(remedy.source.absolute().name)
         words.insert(2, _output_for(remedy, out))
@@ -99,7 +103,7 @@ def _output_for(remedy: Remedy, out: Path) -> str:
 def _place(words: Sequence[str], path: Path) -> int | None:
     """Return the index of the word that is a path."""
     for index, word in enumerate(words[1:], 1):
-        if word and Path(word).expanduser() == path.expanduser():
+        if word and as_path(word).expanduser() == path.expanduser():
             return index
     return None
 

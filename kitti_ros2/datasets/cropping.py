@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folders
 from ..files.hard_links import FilePlacer
+from ..files.remote import as_path, is_remote
 from ..files.staging import lies_inside, refuse_inside, staged
 from ..kitti.find import absolute
 from ..kitti.replacing import keep_all_but_data_sets
@@ -23,7 +23,7 @@ from .recording_crop import RecordingCrop
 if TYPE_CHECKING:
     from collections.abc import Callable
     from os import PathLike
-    from pathlib import PurePosixPath
+    from pathlib import Path, PurePosixPath
 
     from typing_extensions import Unpack
 
@@ -90,7 +90,7 @@ def crop(
     from ..options.dataset_tables import CROP, make_crop_options  # noqa: PLC0415 - as above
 
     settings = make_crop_options(by_name(options, CROP))
-    report = crop_sets(Path(src), Path(out), settings, progress)
+    report = crop_sets(as_path(src), as_path(out), settings, progress)
     for loss in report.losses:
         warn(loss.text())
     return report
@@ -104,6 +104,11 @@ def crop_sets(
     Raises:
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
     """
+    if is_remote(src) or is_remote(out):
+        raise UsageError(
+            f'{src if is_remote(src) else out}: crop links files: it takes folders of'
+            f' this machine only'
+        )
     recordings = open_folders(src, options.read)
     _check_places(src, out)
     _refuse_tracklets(recordings, options)

@@ -7,13 +7,13 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..api.keywords import by_name
 from ..api.source import warn
 from ..bags.locate import looks_like_bag
 from ..bags.open_folder import explained
+from ..files.remote import as_path
 from ..kitti import names
 from ..kitti.layouts import find_data_sets, open_candidate
 from ..model.errors import KittiRos2Error, NotKittiError, describe_error
@@ -27,6 +27,7 @@ from .recording_statistics import RecordingStatistics, count_recording, merged
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from typing_extensions import Unpack
 
@@ -89,7 +90,7 @@ def statistics(
     """
     read, chosen = make_statistics_options(by_name(options, STATS))
     show = progress or (lambda _done, _total: None)
-    found = count_set(Path(path), find_sources(Path(path), read), chosen, show)
+    found = count_set(as_path(path), find_sources(as_path(path), read), chosen, show)
     for loss in found.total.losses:
         warn(loss.text())
     return found

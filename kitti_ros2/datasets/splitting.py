@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import as_path
 from ..files.staging import Staging, reported
 from ..kitti import names as kitti_names
 from ..kitti.image_set import format_image_set
@@ -23,6 +23,7 @@ from .units import Unit, find_units
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from os import PathLike
+    from pathlib import Path
 
     from typing_extensions import Unpack
 
@@ -110,7 +111,7 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
     from ..api.source import warn  # noqa: PLC0415 - pictures
     from ..options.dataset_tables import SPLIT, make_split_options  # noqa: PLC0415 - as above
 
-    report = split_set(Path(src), *make_split_options(by_name(options, SPLIT)))
+    report = split_set(as_path(src), *make_split_options(by_name(options, SPLIT)))
     for loss in report.losses:
         warn(loss.text())
     return report

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..api.keywords import by_name
 from ..api.source import warn
+from ..files.remote import as_path
 from ..model.boxes import DONT_CARE
 from ..model.difficulty import Difficulty
 from ..options.evaluation_tables import DETECTION, make_detection_options
@@ -24,6 +24,7 @@ from .worst import worst_frames
 if TYPE_CHECKING:
     import os
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from typing_extensions import Unpack
 
@@ -107,7 +108,7 @@ def evaluate_detection(
     """
     read, chosen, recorded = make_detection_options(by_name(options, DETECTION))
     show = progress or no_progress
-    found = score_paths(Path(ground_truth), Path(results), read, chosen, recorded, show)
+    found = score_paths(as_path(ground_truth), as_path(results), read, chosen, recorded, show)
     for loss in found.losses:
         warn(loss.text())
     return found

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..api.keywords import by_name
 from ..api.source import warn
+from ..files.remote import as_path
 from ..files.staging import refuse_inside
 from ..node.installed import check_installed
 from ..options.evaluation_tables import LIVE, make_live_options
@@ -92,7 +93,7 @@ def evaluate_live(source: str | os.PathLike[str], **options: Unpack[LiveKeywords
         KittiRos2Error: The source cannot be played, the stack does not start or answers no frame,
             or its results cannot be scored.
     """
-    found = run_live(Path(source), *make_live_options(by_name(options, LIVE)))
+    found = run_live(as_path(source), *make_live_options(by_name(options, LIVE)))
     for loss in found.losses:
         warn(loss.text())
     return found

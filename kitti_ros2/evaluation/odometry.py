@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.remote import as_path
 from ..options.evaluation_tables import ODOMETRY, make_odometry_options
 from .frame_matching import match_result, poses_at_frames
 from .open_trajectories import open_result, open_truth
@@ -19,6 +19,7 @@ from .segment_errors import LENGTHS_M, path_distances, segment_errors
 if TYPE_CHECKING:
     import os
     from collections.abc import Container
+    from pathlib import Path
 
     import numpy.typing as npt
     from typing_extensions import Unpack
@@ -122,7 +123,7 @@ def evaluate_odometry(
     from ..api.source import warn  # noqa: PLC0415 - as above
 
     read, chosen = make_odometry_options(by_name(options, ODOMETRY))
-    scores = score_trajectory(Path(ground_truth), Path(result), read, chosen, frames)
+    scores = score_trajectory(as_path(ground_truth), as_path(result), read, chosen, frames)
     for loss in scores.losses:
         warn(loss.text())
     return scores

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import as_path
 from ..model.losses import format_numbers
 from ..options.evaluation_tables import TRACKING, make_tracking_options
 from .class_map import ClassMap
@@ -18,6 +19,7 @@ from .track_sources import find_results, find_sequences
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Container, Mapping, Sequence
+    from pathlib import Path
 
     from typing_extensions import Unpack
 
@@ -91,7 +93,7 @@ def evaluate_tracking(
 
     given = make_tracking_options(by_name(options, TRACKING))
     show = progress or (lambda _done, _total: None)
-    found = score_tracking(Path(ground_truth), Path(results), *given, show)
+    found = score_tracking(as_path(ground_truth), as_path(results), *given, show)
     for loss in found.losses:
         warn(loss.text())
     return found

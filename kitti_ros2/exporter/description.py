@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from ..messages.source import GREY, promise
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, RemoteError
 from ..model.msgtypes import IMAGE
 from ..model.streams import Stream
 from ..options.messages import ColorEncoding
@@ -57,6 +57,8 @@ def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream)
     for number in schedule.numbers_of(stream):
         try:
             image = cast('Image', recording.read(stream, number))
+        except RemoteError:
+            raise
         except (KittiRos2Error, OSError):
             continue
         return image.channels > 1

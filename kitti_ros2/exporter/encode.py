@@ -19,7 +19,7 @@ from ..messages.selected_topics import select_topics, unmatched
 from ..messages.source import POINTS
 from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
-from ..model.errors import KittiRos2Error, UsageError, describe_error
+from ..model.errors import KittiRos2Error, RemoteError, UsageError, describe_error
 from ..model.labels import has_complete_labels
 from ..model.losses import Loss
 from ..model.msgtypes import IMAGE
@@ -111,6 +111,8 @@ class Encoder:
         path = self._recording.path(entry.stream, entry.number)
         try:
             sample = self._read(entry)
+        except RemoteError:
+            raise
         except (KittiRos2Error, OSError) as error:
             return [], [Loss(row.topic, 1, describe_error(error)) for _, row in rows]
         if isinstance(sample, Calibration):
@@ -230,6 +232,8 @@ class Encoder:
         for index, row in rows:
             try:
                 serialized = row.serialize(sample, moment)
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
                 losses.append(Loss(row.topic, 1, describe_error(error)))
                 continue

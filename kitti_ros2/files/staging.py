@@ -5,7 +5,7 @@
 Everything is written inside the hidden directory ``.{name}.partial`` beside the output, which is
 locked while its writer runs, and renamed to the output when complete. The lock ends with the
 process: a partial directory without a lock is left over from a killed run, and the next run
-removes it.
+removes it. Outputs in a store are those of upload_staging.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-import secrets
 import shutil
+import tempfile
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError, UsageError
+from .output_paths import make_parents, named_output
+from .remote import is_remote
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_CONTENT = 'content'
+    from .upload_staging import UploadStaging
+
 _REPLACED = 'replaced'
 _NAMED = 'named'
-_OWN = {_CONTENT, _REPLACED, _NAMED}
-_TAKING_OVER: ContextVar[tuple[type[OutputError], ...]] = ContextVar('taking_over', default=())
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 # Errors of file systems without locks; there a concurrent second run is not detected.
@@ -39,6 +39,9 @@ _NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
 def output_error(path: Path, error: OSError) -> OutputError:
     """Convert an error of the operating system about an output to a one-line error."""
     reason = error.strerror or str(error)
+    if is_remote(path):
+        remedy = f'it is made in {tempfile.gettempdir()}: make room, or set TMPDIR to another disk'
+        return OutputError(path, f'cannot be made ({reason})', remedy)
     if error.errno in _FULL:
         return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
     if error.errno in _FORBIDDEN:
@@ -75,17 +78,16 @@ class Staging:
     """
 
     def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
-        self.path = _named(path)
+        self.path = named_output(path)
         self._refusal = refusal
         self._partial = self.path.with_name(f'.{self.path.name}.partial')
-        # Unique: a writer that is taken over, or not locked out, never publishes another's content.
-        self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
+        self.content = self._partial / 'content'
         self._created: list[Path] = []
         self._lock = -1
         self._check_free()
         try:
             with reported(self.path):
-                self._created = _make_parents(self.path.parent)
+                self._created = make_parents(self.path.parent)
                 self._acquire()
                 self._clear()
         except BaseException as error:
@@ -105,7 +107,6 @@ class Staging:
         """
         self._check_free()
         with reported(self.path):
-            self.content.lstat()  # raises if another writer has taken over
             if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
                 self.path.rename(self._partial / _REPLACED)
             self.content.rename(self.path)
@@ -119,10 +120,7 @@ class Staging:
             with suppress(OSError):
                 self._restore()
             # Delete before unlocking: another run must not find a partly deleted directory.
-            for entry in (self.content, self._partial / _REPLACED, self._partial / _NAMED):
-                _remove(entry)
-            with suppress(OSError):  # it holds the content of a writer that has taken over
-                self._partial.rmdir()
+            shutil.rmtree(self._partial, ignore_errors=True)
             os.close(lock)
         for folder in reversed(self._created):
             with suppress(OSError):
@@ -154,8 +152,7 @@ class Staging:
                 )
             fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
-                with suppress(*_TAKING_OVER.get()):
-                    lock_exclusively(fd, self.path)
+                lock_exclusively(fd, self.path)
                 # Its owner may have removed the directory between our open and our lock.
                 if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
                     self._lock = fd
@@ -171,24 +168,39 @@ class Staging:
     def _clear(self) -> None:
         self._restore()
         found = {entry.name for entry in self._partial.iterdir()}
-        foreign = {name for name in found if name.partition('-')[0] not in _OWN}
-        if foreign:
-            # Neither this method nor discard may delete them.
+        if found - {self.content.name, _REPLACED, _NAMED}:
+            # Foreign files: neither this method nor discard may delete them.
             os.close(self._lock)
             self._lock = -1
             raise OutputError(
                 self.path,
-                f'{self._partial} is in the way and holds {min(foreign)}',
+                f'{self._partial} is in the way and holds {min(found)}',
                 'move it away, or choose another name',
             )
         for name in found:
-            _remove(self._partial / name)
+            entry = self._partial / name
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
 
     def _restore(self) -> None:
         # A run that was killed between its two renames has moved the old bag here.
         replaced = self._partial / _REPLACED
         if os.path.lexists(replaced) and not os.path.lexists(self.path):
             replaced.rename(self.path)
+
+
+def open_staging(path: Path, refusal: Callable[[Path], str | None]) -> Staging | UploadStaging:
+    """Open the temporary place of an output, local or in a store.
+
+    Args and errors are those of Staging and UploadStaging.
+    """
+    if is_remote(path):
+        from .upload_staging import UploadStaging  # noqa: PLC0415 - for URLs only
+
+        return UploadStaging(path, refusal)
+    return Staging(path, refusal)
 
 
 @contextmanager
@@ -204,7 +216,7 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
         OutputError: It cannot be written.
     """
     keep = refusal or _keep_content
-    staging = Staging(out, lambda path: None if _is_empty(path) else keep(path))
+    staging = open_staging(out, lambda path: None if _is_empty(path) else keep(path))
     try:
         with reported(out):
             staging.content.mkdir()
@@ -215,32 +227,12 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
 
 
 def _is_empty(path: Path) -> bool:
-    return path.is_dir() and not any(path.iterdir())
+    # A store has no empty folders.
+    return not is_remote(path) and path.is_dir() and not any(path.iterdir())
 
 
 def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
     return 'choose another name, an empty folder, or pass --overwrite'
-
-
-@contextmanager
-def taking_over() -> Iterator[None]:
-    """Let outputs be begun although another process seems to be writing them.
-
-    For the second attempt of work whose process is given up, but may still run, such as one behind
-    a broken network. The first attempt cannot publish anything afterwards.
-    """
-    before = _TAKING_OVER.set((OutputError,))
-    try:
-        yield
-    finally:
-        _TAKING_OVER.reset(before)
-
-
-def _remove(entry: Path) -> None:
-    """Remove a file or a folder if it is there."""
-    with suppress(OSError):
-        entry.unlink()
-    shutil.rmtree(entry, ignore_errors=True)
 
 
 def lock_exclusively(fd: int, path: Path) -> None:
@@ -261,16 +253,10 @@ def lock_exclusively(fd: int, path: Path) -> None:
             raise
 
 
-def _named(path: Path) -> Path:
-    if path.name in {'', '..'}:
-        path = Path(os.path.realpath(path))
-    if not path.name:
-        raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
-    return path
-
-
 def lies_inside(out: Path, source: Path) -> bool:
     """Whether an output is its source or lies inside it."""
+    if is_remote(out) or is_remote(source):
+        return is_remote(out) and is_remote(source) and out.is_relative_to(source)
     # Unlike Path.resolve, this accepts circular links.
     target, origin = (Path(os.path.realpath(path)) for path in (out, source))
     return target == origin or origin in target.parents
@@ -294,7 +280,7 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         OutputExistsError: out exists and may not be replaced.
         OutputError: The disk refuses.
     """
-    staging = Staging(out, refusal)
+    staging = open_staging(out, refusal)
     try:
         with reported(out):
             # Programs that write pictures and films use the suffix of the name.
@@ -306,21 +292,3 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         staging.publish()
     finally:
         staging.discard()
-
-
-def _make_parents(folder: Path) -> list[Path]:
-    missing = []
-    while not folder.exists():
-        missing.append(folder)
-        folder = folder.parent
-    created: list[Path] = []
-    try:
-        for path in reversed(missing):
-            path.mkdir(exist_ok=True)
-            created.append(path)
-    except BaseException:
-        for path in reversed(created):
-            with suppress(OSError):
-                path.rmdir()
-        raise
-    return created

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..files.remote import as_path
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
@@ -135,7 +136,7 @@ def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]
 
 
 def _from_path(text: str, plan: Plan) -> Calibration:
-    path = Path(text)
+    path = as_path(text)
     if not text or not path.exists():
         raise UsageError(
             f'calibration: {text!r}: no such file or folder; expected {TF}, {SOURCE}, {NONE}, or'

@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import as_path
 from ..kitti.store import STORE
 from ..messages.scan_sources import SCAN_SOURCES, ScanNeeds, source_named, source_of_type
 from ..messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
@@ -103,7 +103,7 @@ def _lasers_of(plan: ScanPlan | None, topic: TopicSurvey) -> tuple[VelodyneModel
         _planned_model(plan.model, topic) if plan is not None and plan.model else _model_of(topic)
     )
     if plan is not None and plan.calibration:
-        path = Path(plan.calibration)
+        path = as_path(plan.calibration)
         if not path.is_file():
             raise UsageError(
                 f'scan.calibration: {path}: no such file; expected the YAML file of a scanner'

@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
 from ..model.layouts import Layout
 from . import archives, names
 
@@ -23,6 +24,8 @@ def describe_source(layout: Layout, path: Path) -> str:
         path: The file, or the folder of several.
     """
     archive, member = _ARCHIVES[layout](path)
+    if is_remote(path):
+        return f'{archive} has it'
     parts = PurePosixPath(member).parts
     for own in (parts, parts[1:]) if parts[0] == names.DATASET else (parts,):
         if path.parts[-len(own) :] == own:

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import os
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import common_folder, is_remote
 from ..model.errors import (
     AmbiguousLayoutError,
     AmbiguousSequenceError,
@@ -28,6 +28,8 @@ from .motion import prepare_motion
 from .stereo_pairs import prepare_stereo
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..model.layouts import Layout
     from .find import Candidate
     from .nearby import DataSet
@@ -255,9 +257,9 @@ def _all_of(path: Path, candidates: list[Candidate]) -> Remedy:
     if not folders:
         each = ' '.join(_braces([candidate.name for candidate in candidates]))
         return Remedy(path, path, each=each, by_name=True)
-    common = os.path.commonpath([folder.parent for folder in folders])
-    levels = max(len(folder.parts) for folder in folders) - len(Path(common).parts)
-    shown = path / os.path.relpath(common, absolute(path))
+    common = common_folder([folder.parent for folder in folders])
+    levels = max(len(folder.parts) for folder in folders) - len(common.parts)
+    shown = common if is_remote(common) else path / os.path.relpath(common, absolute(path))
     return Remedy(path, path, each=f'{shlex.quote(str(shown))}/{"*/" * levels}')
 
 

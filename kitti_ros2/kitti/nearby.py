@@ -15,6 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..files.remote import is_remote, real_place
 from ..model.errors import MissingSourceError, NotKittiError, Remedy
 from ..model.layouts import Layout
 from ..model.spelling import close_names
@@ -23,6 +24,7 @@ from . import names
 from .archives import Archive, extract_command, is_archive
 from .find import absolute
 from .layout_files import LAYOUTS
+from .store import STORE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -178,7 +180,7 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
     queue = deque([(path, 0)])
     while queue and len(seen) < _MOST_FOLDERS:
         folder, level = queue.popleft()
-        place = os.path.realpath(folder)  # links may lead back
+        place = real_place(folder)  # links may lead back
         if place in seen:
             continue
         seen.add(place)
@@ -216,6 +218,8 @@ def _is_kitti_name(name: str) -> bool:
 def _explain_archive(path: Path) -> NotKittiError | None:
     if not is_archive(path.name) or not path.is_file():  # reading a pipe would wait
         return None
+    if is_remote(path):
+        return _not_kitti(path, 'is an archive', 'extract it, then give the folder')
     archive = Archive.open(path)
     if archive is None:
         return _not_kitti(path, 'is an archive that is damaged or incomplete', 'download it again')
@@ -236,6 +240,8 @@ def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
         f'holds {format_count(len(packed), "archive")}, {some_of([each.name for each in packed])}',
         'extract them' if len(packed) > 1 else 'extract it',
     )
+    if is_remote(path):
+        return error
     opened = [(each, Archive.open(each)) for each in packed[:_MOST_ARCHIVES]]
     usable = [(each, archive) for each, archive in opened if archive and archive.folder]
     folders = {archive.folder for _, archive in usable if archive.folder}
@@ -251,10 +257,15 @@ def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
 
 def _entries(folder: Path) -> list[str]:
     """List some names in a folder, sorted; none if it cannot be read."""
+    if is_remote(folder):
+        return STORE.names(folder)[:_MOST_ENTRIES]
     return sorted(entry.name for entry in _scan(folder))
 
 
 def _subfolders(folder: Path) -> list[Path]:
+    if is_remote(folder):
+        inside = (folder / name for name in _entries(folder) if not name.startswith('.'))
+        return [each for each in inside if each.is_dir()]
     return sorted(folder / entry.name for entry in _scan(folder) if _is_folder(entry))
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Access to KITTI's files on disk: listing, reading and writing."""
+"""Access to KITTI's files, on disk or in a store: listing, reading and writing."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files.page_cache import write_uncached
+from ..files.remote import RemotePath
 from ..model.errors import BadFileError
 from .listings import kept
 
@@ -79,12 +80,38 @@ def decode_text(data: bytes, path: Path) -> str:
         raise BadFileError(path, f'byte {error.start} is no text', 'a text file in UTF-8') from None
 
 
-class LocalStore:
-    """Files on a local disk."""
+def _remote_names(folder: RemotePath) -> list[str]:
+    from ..files.remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+
+    try:
+        return [*listing_of(folder)]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _read_remote(path: RemotePath) -> bytes:
+    from ..files.remote_ahead import AHEAD  # noqa: PLC0415 - for URLs only
+
+    return AHEAD.read(path)
+
+
+def _read_remote_ends(path: RemotePath, length: int) -> tuple[bytes, int]:
+    from ..files.remote_bytes import RemoteBytes  # noqa: PLC0415 - for URLs only
+
+    source = RemoteBytes(path)
+    head = source.read(0, length)
+    start = max(source.size - length, len(head))
+    return head + source.read(start, source.size - start), source.size
+
+
+class FileStore:
+    """Files on a local disk, or at URLs."""
 
     @kept
     def names(self, folder: Path) -> list[str]:
         """List the names in a folder, sorted; none if the folder is absent."""
+        if isinstance(folder, RemotePath):
+            return _remote_names(folder)
         try:
             return sorted(os.listdir(folder))  # noqa: PTH208 - Path.iterdir is twice as slow
         except (FileNotFoundError, NotADirectoryError):
@@ -114,6 +141,8 @@ class LocalStore:
             BadFileError: It is a pipe or a device, which may have no end.
             OSError: The file cannot be read.
         """
+        if isinstance(path, RemotePath):
+            return _read_remote(path)
         with _opened(path) as (file, size):
             pieces = [os.read(file, size + 1)]
             while pieces[-1]:
@@ -126,6 +155,8 @@ class LocalStore:
         Raises:
             BadFileError, OSError: As read.
         """
+        if isinstance(path, RemotePath):
+            return np.frombuffer(bytearray(_read_remote(path)), np.uint8)
         with _opened(path) as (file, size):
             data = np.empty(size, np.uint8)
             filled = 0
@@ -139,6 +170,8 @@ class LocalStore:
         Raises:
             OSError: The file cannot be read.
         """
+        if isinstance(path, RemotePath):
+            return _read_remote_ends(path, length)
         with path.open('rb', buffering=0) as file:
             size = os.fstat(file.fileno()).st_size
             head = file.read(length)
@@ -178,4 +211,4 @@ class LocalStore:
         self.write(path, text.encode())
 
 
-STORE = LocalStore()
+STORE = FileStore()

@@ -96,6 +96,14 @@ class UnreadableFileError(KittiRos2Error, OSError):
         super().__init__(f'{path}: {error.strerror or error}')
 
 
+class RemoteError(KittiRos2Error):
+    """A store cannot be reached, or answers wrongly, after several tries."""
+
+    def __init__(self, path: Path | str, reason: str, remedy: str = '') -> None:
+        self.path = str(path)
+        super().__init__(f'{path}: {reason}' + (f'; {remedy}' if remedy else ''))
+
+
 class NotKittiError(UsageError):
     """No recording of a known layout at a path.
 

@@ -14,6 +14,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from ..files.remote import as_path
 from ..model.errors import UsageError
 from ..model.least_overlaps import LeastOverlaps
 from ..model.spelling import not_one_of
@@ -156,8 +157,8 @@ def parse_rounds(name: str, value: object) -> int:
 
 
 def parse_path(name: str, value: object) -> Path:
-    """Parse a path."""
-    return value if isinstance(value, Path) else Path(parse_text(name, value))
+    """Parse a path or a URL."""
+    return value if isinstance(value, Path) else as_path(parse_text(name, value))
 
 
 def parse_paths(name: str, value: object) -> tuple[Path, ...]:

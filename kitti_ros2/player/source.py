@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
+from ..files.remote import as_path
 from ..files.workers import worker_count
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -23,6 +23,7 @@ from .program import RecordingProgram
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from ..options.table import Settings
     from .program import Program
@@ -49,7 +50,7 @@ def open_program(
         KittiRos2Error: The source is missing or unreadable, or the selection matches nothing.
         OSError: The same.
     """
-    path = Path(source).expanduser()
+    path = as_path(source).expanduser()
     opened = open_source(path, settings.read)
     if isinstance(opened, OpenBag):
         with opened as bag:  # the program keeps its files open until it is closed

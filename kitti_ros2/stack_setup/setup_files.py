@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
+from ..files.remote import as_path
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import Staging, staged_file
 from ..kitti.extract_oxts import add_extract
@@ -21,6 +21,7 @@ from .launch_text import WRITTEN, launch_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from ..model.recording import ReadableRecording
     from ..options.table import Settings
@@ -95,7 +96,7 @@ def _imu_notes(stack: Stack, recording: ReadableRecording, rate_hz: float) -> li
 
 def _absolute(source: Mapping[str, object]) -> dict[str, object]:
     return {
-        name: str(Path(str(value)).resolve()) if name == 'imu_from' else value
+        name: str(as_path(str(value)).resolve()) if name == 'imu_from' else value
         for name, value in source.items()
     }
 

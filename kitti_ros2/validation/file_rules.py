@@ -9,6 +9,7 @@ import stat
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
 from ..kitti import names
 from ..kitti.scan_file import POINT_BYTES
 from ..model.errors import BadFileError
@@ -47,7 +48,7 @@ class DataFile:
     def look(cls, stream: Stream, path: Path) -> DataFile:
         """Return what the file system tells of a file."""
         try:
-            status = os.stat(path)  # noqa: PTH116 - a tenth of the time of Path.stat
+            status = path.stat() if is_remote(path) else os.stat(path)  # noqa: PTH116 - a tenth of the time of Path.stat
         except OSError as error:
             return cls(stream, path, 0, error)
         return cls(stream, path, status.st_size, regular=stat.S_ISREG(status.st_mode))

@@ -7,13 +7,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
+from ..files.remote import as_path
 from ..model.errors import BadFileError, KittiRos2Error, describe_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
 S = TypeVar('S')
 
@@ -95,7 +96,7 @@ def breach_of(error: Exception, path: Path) -> Breach:
     """
     line = error.line if isinstance(error, KittiRos2Error) else None
     found = error.path if isinstance(error, KittiRos2Error) else None
-    place = Path(found) if found else path
+    place = as_path(found) if found else path
     text = _without_place(describe_error(error), str(place), line)
     if isinstance(error, BadFileError):
         text = text.removesuffix(f' ({error.remedy})')  # rules have their own
@@ -112,12 +113,15 @@ def breach_in(text: str, path: Path) -> Breach:
     match = _PLACE.fullmatch(text)
     if match is None or not (match['path'] == str(path) or _is_below(match['path'], path)):
         return Breach(text, path)
-    return Breach(match['text'], Path(match['path']), int(match['line']) if match['line'] else None)
+    return Breach(
+        match['text'], as_path(match['path']), int(match['line']) if match['line'] else None
+    )
 
 
 def _is_below(name: str, path: Path) -> bool:
-    return Path(name).is_absolute() == path.is_absolute() and (
-        path in Path(name).parents or path.parent in Path(name).parents
+    place = as_path(name)
+    return place.is_absolute() == path.is_absolute() and (
+        path in place.parents or path.parent in place.parents
     )
 
 

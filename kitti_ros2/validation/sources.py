@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..bags.locate import METADATA
@@ -12,6 +11,7 @@ from ..bags.search import bags_among, is_bag_name
 from ..kitti.find import absolute
 from ..kitti.layouts import data_sets_at, not_of_layout
 from ..kitti.nearby import data_sets_below, explain
+from ..kitti.store import STORE
 from ..model.containers import CONTAINERS
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _is_bag_file(path: Path) -> bool:
 
 def _bags_in(folder: Path) -> Iterator[Path]:
     """Yield the bags in a folder: files of their own, and rosbag2 directories."""
-    names = sorted(os.listdir(folder))  # noqa: PTH208 - names only
+    names = STORE.names(folder)
     yield from (each for each in bags_among(folder, names) if each == folder or each.is_file())
     for name in names:
         if (folder / name / METADATA).is_file():

@@ -13,6 +13,7 @@ import typer
 
 from ..completion import complete_option
 from .command import complete_open_list
+from .path_words import accept_urls
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -74,6 +75,7 @@ def add_options(command: Callable[..., int]) -> None:
     Only the command that runs needs them: `kitti-ros2 --help` does not import options/.
     """
     if command.__name__ not in _TABLES:
+        _with_parameters(command, [*signature(command).parameters.values()])
         return
     name, module, excluded, own = _TABLES[command.__name__]
     table = getattr(import_module(f'...options.{module}', __package__), name)
@@ -82,7 +84,8 @@ def add_options(command: Callable[..., int]) -> None:
 
 
 def _with_parameters(command: Command, parameters: list[Parameter]) -> Command:
-    command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    with_urls = [accept_urls(each) for each in parameters]
+    command.__signature__ = Signature(with_urls)  # type: ignore[attr-defined]
     return command
 
 

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag's file opened by position, on a disk or in a store."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..files.remote import is_remote
+from .pieces import FileBytes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from ..files.remote import RemotePath
+
+
+class RemoteFileBytes(FileBytes):
+    """The bytes of a file in a store.
+
+    Raises:
+        OSError, RemoteError: The store cannot be asked.
+    """
+
+    waits = True
+
+    def __init__(self, path: RemotePath, name: Path) -> None:
+        from ..files.remote_bytes import RemoteBytes  # noqa: PLC0415 - for URLs only
+
+        self.name = name
+        self._bytes = RemoteBytes(path)
+        self.size = self._bytes.size
+
+    def read(self, position: int, length: int) -> bytes:
+        """Read as FileBytes does."""
+        return self._bytes.read(position, length)
+
+    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
+        """Read as FileBytes does."""
+        view = target.data.cast('B')
+        data = self._bytes.read(position, len(view))
+        view[: len(data)] = data
+        return len(data)
+
+    def expect(self, position: int, length: int) -> None:
+        """Request bytes that will be read."""
+        self._bytes.expect(position, length)
+
+    def is_cut(self) -> bool:
+        """Return false: objects are replaced, never truncated."""
+        return False
+
+    def close(self) -> None:
+        """Do nothing: no connection is held."""
+
+
+def open_bytes(path: Path, name: Path) -> FileBytes:
+    """Open a file, on a disk or in a store.
+
+    Args:
+        path: The file.
+        name: The path in messages.
+
+    Raises:
+        OSError, RemoteError: It cannot be opened.
+    """
+    return RemoteFileBytes(path, name) if is_remote(path) else FileBytes(path, name)

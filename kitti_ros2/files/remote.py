@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Paths of files in object stores and on servers: s3://, gs://, http(s)://, memory:// and others.
+
+fsspec reads and lists them. Credentials and endpoints are those that fsspec and its file systems
+take from the environment and their own configuration files.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import stat
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from urllib.parse import unquote
+
+from ..model.errors import UsageError
+from .url_path import URL, LocalPathError, UrlPath
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from typing_extensions import Self, TypeIs
+
+FileSystem: TypeAlias = Any
+"""fsspec's AbstractFileSystem, which has no types."""
+
+_CHAIN = re.compile(r'[A-Za-z][\w+.-]*(?:://[^:]*)?::[A-Za-z][\w+.-]*(?:://|::)', re.ASCII)
+_LOCAL = ('file', 'local')
+_PACKAGES = {'gs': 'gcsfs', 'gcs': 'gcsfs', 'abfs': 'adlfs', 'az': 'adlfs', 'sftp': 'paramiko'}
+"""Of schemes that the extra does not install."""
+
+
+class RemotePath(UrlPath):
+    """A file or folder of a store; its text is its URL, such as s3://bucket/folder/name.
+
+    What asks the disk in Path asks the store here, by one listing of each folder.
+    """
+
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:  # noqa: ARG002 - as in Path
+        """Return type, size in bytes and time of change, 0 if the store has none.
+
+        Raises:
+            FileNotFoundError: There is nothing.
+            OSError, RemoteError: The store cannot be asked.
+        """
+        from .remote_listing import sized_entry_of  # noqa: PLC0415 - it imports this module
+
+        entry = sized_entry_of(self)
+        mode = (stat.S_IFDIR | 0o555) if entry.is_folder else (stat.S_IFREG | 0o444)
+        times: Any = dict.fromkeys(('st_atime_ns', 'st_mtime_ns', 'st_ctime_ns'), entry.changed_ns)
+        seconds = entry.changed_ns // 10**9
+        return os.stat_result((mode, 0, 0, 1, 0, 0, entry.size or 0, *(seconds,) * 3), times)
+
+    def lstat(self) -> os.stat_result:
+        """Return the same as stat."""
+        return self.stat()
+
+    def _is_folder(self) -> bool | None:
+        """Whether it is a folder; None if there is nothing."""
+        from .remote_listing import entry_of  # noqa: PLC0415 - it imports this module
+
+        try:
+            return entry_of(self).is_folder
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+
+    def exists(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
+        """Whether there is a file or a folder."""
+        return self._is_folder() is not None
+
+    def is_file(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
+        """Whether there is a file."""
+        return self._is_folder() is False
+
+    def is_dir(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
+        """Whether there is a folder."""
+        return self._is_folder() is True
+
+    def is_symlink(self) -> bool:
+        """Return false."""
+        return False
+
+    def iterdir(self) -> Iterator[Self]:  # type: ignore[override]
+        """Yield what is in the folder."""
+        from .remote_listing import listing_of  # noqa: PLC0415 - it imports this module
+
+        yield from (self / name for name in listing_of(self))
+
+    def open(  # type: ignore[override]
+        self,
+        mode: str = 'r',
+        buffering: int = -1,
+        encoding: str | None = None,
+        errors: str | None = None,
+        newline: str | None = None,
+    ) -> IO[Any]:
+        """Open for reading.
+
+        Raises:
+            LocalPathError: It is to be written.
+            OSError, RemoteError: It cannot be read.
+        """
+        from .remote_bytes import RemoteFile  # noqa: PLC0415 - it imports this module
+
+        if mode.replace('t', '') not in {'r', 'rb', 'br'}:
+            raise LocalPathError(self)
+        file: Any = RemoteFile(self)
+        if 'b' in mode:
+            return file if buffering == 0 else io.BufferedReader(file)
+        return io.TextIOWrapper(io.BufferedReader(file), encoding or 'utf-8', errors, newline)
+
+    def read_bytes(self) -> bytes:
+        """Read the whole file.
+
+        Raises:
+            OSError, RemoteError: It cannot be read.
+        """
+        from .remote_requests import fetch  # noqa: PLC0415 - it imports this module
+
+        return fetch(self)
+
+
+def is_remote(path: object) -> TypeIs[RemotePath]:
+    """Whether a path is a URL."""
+    return isinstance(path, RemotePath)
+
+
+def as_path(text: str | os.PathLike[str]) -> Path:
+    """Return the path of a text: a RemotePath for URLs other than file://, else a Path.
+
+    A local folder named `s3:` is `./s3:/...`.
+
+    Raises:
+        UsageError: The URL contains a password, is a chain of URLs, or file:// with a host.
+    """
+    if isinstance(text, Path):
+        return text
+    given = os.fspath(text)
+    if _CHAIN.match(given):
+        raise UsageError(f'{given.partition("::")[0]}::...: chained URLs are not supported')
+    match = URL.fullmatch(given)
+    if match is None:
+        return Path(given)
+    if match[1].lower() not in _LOCAL:
+        return RemotePath(given)
+    local = match[2].removeprefix('localhost')
+    if not local.startswith('/'):
+        raise UsageError(f'{given}: names no file of this machine; expected file:///FOLDER/NAME')
+    return Path(unquote(local))
+
+
+def real_place(path: Path) -> str:
+    """Return a text that is the same for all paths of one file or folder: links are followed."""
+    return path.resolve().whole if is_remote(path) else os.path.realpath(path)
+
+
+def common_folder(paths: Sequence[Path]) -> Path:
+    """Return the folder that contains all of some absolute paths, or is the only one of them.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if not any(map(is_remote, paths)):
+        return Path(os.path.commonpath(paths))
+    first = paths[0]
+    for folder in (first, *first.parents):
+        if all(path == folder or folder in path.parents for path in paths):
+            return folder
+    raise ValueError(f'{first} and {paths[-1]} are in no common folder')
+
+
+def filesystem_of(path: RemotePath) -> FileSystem:
+    """Return fsspec's file system of a path, the same for all paths of one store.
+
+    Raises:
+        UsageError: A package is missing, or the scheme is unknown.
+    """
+    return _filesystem(path.scheme, path.names[0] if path.names else '', os.getpid())
+
+
+@lru_cache(maxsize=64)
+def _filesystem(scheme: str, host: str, process: int) -> FileSystem:  # noqa: ARG001 - not shared
+    place = f'{scheme}://{host}'
+    try:
+        from fsspec.core import url_to_fs  # noqa: PLC0415 - for URLs only
+        from fsspec.registry import known_implementations, registry  # noqa: PLC0415 - as above
+    except ImportError:
+        raise UsageError(
+            f'{place}: URLs need fsspec, which is not installed; run pip install'
+            f" 'kitti_ros2[remote]'"
+        ) from None
+    if scheme not in known_implementations and scheme not in registry:
+        raise UsageError(f'{place}: unknown scheme {scheme}://; known are s3, gs, http and https')
+    try:
+        return url_to_fs(place)[0]
+    except ImportError as error:
+        package = _PACKAGES.get(scheme)
+        install = f'pip install {package}' if package else "pip install 'kitti_ros2[remote]'"
+        reason = ' '.join(str(error).split())
+        raise UsageError(f'{place}: needs a package, run {install} ({reason})') from None
+
+
+def key_of(path: RemotePath) -> str:
+    """Return the name that the methods of fsspec's file system take."""
+    return str(filesystem_of(path)._strip_protocol(path.whole))  # noqa: SLF001 - fsspec's own way
