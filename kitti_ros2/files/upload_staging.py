@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError, OutputError, OutputExistsError
 from .remote import is_remote
+from .remote_listing import forget
 from .staging import Staging
 from .store_objects import (
     StoreError,
@@ -114,6 +115,7 @@ class UploadStaging:
             self._verify(sent)
             remove_objects(self.path / name for name in sorted(replaced) if name)
             remove_objects([self._marker] if marked else [])
+        forget(self.path)
         self._local.discard()
 
     def discard(self) -> None:
@@ -122,6 +124,7 @@ class UploadStaging:
 
     def _find_replaced(self) -> tuple[Mapping[str, StoredObject], bool]:
         """Return the objects to replace, and whether they are of an upload that did not end."""
+        forget(self.path)
         found = objects_at(self.path)
         marked = object_at(self._marker) is not None
         if found and not marked:

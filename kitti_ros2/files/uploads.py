@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import KittiRos2Error
+from ..model.errors import RemoteError
 from .remote import filesystem_of, key_of
-from .store_objects import StoredObject, StoreError, md5_of, object_at, persistently
+from .remote_requests import attempt
+from .store_objects import StoredObject, StoreError, md5_of, object_at, remove_objects
 from .workers import ordered_map
 
 if TYPE_CHECKING:
@@ -115,8 +116,7 @@ def _send_whole(upload: Upload, system: FileSystem) -> Sent:
     else:
         part = key_of(target.with_name(f'.{target.name}.part'))
         _ask(target, lambda: system.put_file(str(upload.source), part))
-        with suppress(FileNotFoundError):
-            _ask(target, lambda: system.rm_file(key_of(target)))
+        remove_objects([target])
         _ask(target, lambda: system.mv(part, key_of(target)))
     digest = hashlib.md5(usedforsecurity=False)
     size = 0
@@ -176,25 +176,26 @@ class _Multipart:
         expected = StoredObject(self.size, f'{digest}-{self.parts}')
         parts = [{'PartNumber': index + 1, 'ETag': self.tags[index]} for index in range(self.parts)]
         try:
-            persistently(
+            _ask(
+                self.target,
                 lambda: self.system.call_s3(
                     'complete_multipart_upload', **self.name, MultipartUpload={'Parts': parts}
-                )
+                ),
             )
-        except Exception as error:
+        except StoreError:
             # The answer to an earlier attempt may have been lost: then there is no such upload.
             if not self._is_there(expected):
-                raise StoreError(self.target, error) from error
+                raise
         self.system.invalidate_cache()
         return expected
 
     def abort(self) -> None:
         """Remove the parts; never raises an error of the store."""
-        with suppress(Exception):
-            persistently(lambda: self.system.call_s3('abort_multipart_upload', **self.name))
+        with suppress(StoreError):
+            _ask(self.target, lambda: self.system.call_s3('abort_multipart_upload', **self.name))
 
     def _is_there(self, expected: StoredObject) -> bool:
-        with suppress(KittiRos2Error):
+        with suppress(StoreError):
             found = object_at(self.target)
             return found is not None and found.digest == expected.digest
         return False
@@ -202,8 +203,6 @@ class _Multipart:
 
 def _ask(target: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401 - the store's answer
     try:
-        return persistently(request)
-    except KittiRos2Error:
-        raise
-    except Exception as error:
+        return attempt(target, request)
+    except (OSError, RemoteError) as error:
         raise StoreError(target, error) from error

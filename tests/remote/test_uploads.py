@@ -15,7 +15,7 @@ pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 import s3fs
 from s3_server import AT_ONCE, Fault
 
-from kitti_ros2.files import remote, store_objects, uploads
+from kitti_ros2.files import remote, remote_requests, uploads
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged, staged_file
 from kitti_ros2.files.upload_staging import marker_of, refuse_incomplete
@@ -44,7 +44,7 @@ def replace(_path):
 def store(s3, monkeypatch):
     """The bucket, by clients that do not wait between attempts."""
     monkeypatch.setattr(uploads, 'PART', PART)
-    monkeypatch.setattr(store_objects, 'FIRST_WAIT_S', 0)
+    monkeypatch.setattr(remote_requests, 'wait', lambda _: None)
     monkeypatch.setattr(s3fs.S3FileSystem, 'retries', 1)
     monkeypatch.setenv('AWS_MAX_ATTEMPTS', '1')
     forget_clients()
