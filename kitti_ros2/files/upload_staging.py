@@ -17,8 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.errors import BadFileError, OutputError, OutputExistsError
-from .remote import is_remote
+from ..model.errors import OutputError, OutputExistsError
 from .remote_listing import forget
 from .staging import Staging
 from .store_objects import (
@@ -30,6 +29,7 @@ from .store_objects import (
     remove_objects,
     write_object,
 )
+from .upload_marker import marker_of
 from .uploads import Upload, is_same, send
 
 if TYPE_CHECKING:
@@ -41,37 +41,6 @@ if TYPE_CHECKING:
 _LAST = 'metadata.yaml'
 """Makes files a bag: the last to be sent."""
 _VERIFICATIONS = 3
-
-
-def marker_of(path: RemotePath) -> RemotePath:
-    """Return the marker of an output of several files."""
-    return path.with_name(f'.{path.name}.partial')
-
-
-def refuse_incomplete(path: Path) -> None:
-    """Refuse to read an output whose upload was not completed, or what is in one.
-
-    Args:
-        path: A file or folder; local ones are not asked for.
-
-    Raises:
-        BadFileError: There is a marker.
-        StoreError: The store cannot be asked.
-    """
-    if not is_remote(path) or path.scheme in {'http', 'https'}:
-        return
-    for folder in (path, *path.parents):
-        if not folder.parent.name:
-            return
-        marker = marker_of(folder)
-        if object_at(marker) is not None:
-            raise BadFileError(
-                folder,
-                'its upload was not completed',
-                f'a complete output, without {marker}',
-                remedy='run the command that writes it again, or remove the marker to read what'
-                ' is there',
-            )
 
 
 class UploadStaging:

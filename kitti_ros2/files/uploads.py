@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -104,8 +104,13 @@ def _tasks(
 
 def _put(upload: Upload, system: FileSystem) -> Sent:
     data = upload.source.read_bytes()
-    _ask(upload.target, lambda: system.pipe_file(key_of(upload.target), data))
-    return upload.target, StoredObject(len(data), md5_of(data).hex())
+    expected = StoredObject(len(data), md5_of(data).hex())
+    try:
+        _ask(upload.target, lambda: system.pipe_file(key_of(upload.target), data))
+    except StoreError:
+        if not _is_there(upload.target, expected):
+            raise
+    return upload.target, expected
 
 
 def _send_whole(upload: Upload, system: FileSystem) -> Sent:
@@ -183,10 +188,10 @@ class _Multipart:
                 ),
             )
         except StoreError:
-            # The answer to an earlier attempt may have been lost: then there is no such upload.
-            if not self._is_there(expected):
+            # After an answer that was lost there is no such upload any more.
+            if not _is_there(self.target, expected):
                 raise
-        self.system.invalidate_cache()
+        self._abort_others()
         return expected
 
     def abort(self) -> None:
@@ -194,11 +199,25 @@ class _Multipart:
         with suppress(StoreError):
             _ask(self.target, lambda: self.system.call_s3('abort_multipart_upload', **self.name))
 
-    def _is_there(self, expected: StoredObject) -> bool:
-        with suppress(StoreError):
-            found = object_at(self.target)
-            return found is not None and found.digest == expected.digest
-        return False
+    def _abort_others(self) -> None:
+        """Abort other uploads of the same object: of a killed run, or begun by a lost answer."""
+        bucket, key = self.name['Bucket'], self.name['Key']
+        with suppress(StoreError):  # it needs a permission of its own
+            answer = _ask(
+                self.target,
+                lambda: self.system.call_s3('list_multipart_uploads', Bucket=bucket, Prefix=key),
+            )
+            for each in answer.get('Uploads', ()):
+                if each['Key'] == key and each['UploadId'] != self.name['UploadId']:
+                    replace(self, name={**self.name, 'UploadId': each['UploadId']}).abort()
+
+
+def _is_there(target: RemotePath, expected: StoredObject) -> bool:
+    """Whether an object has arrived though its request failed: an answer may have been lost."""
+    with suppress(StoreError):
+        found = object_at(target)
+        return found is not None and found.digest == expected.digest
+    return False
 
 
 def _ask(target: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401 - the store's answer

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
 from ..files.staging import lock_exclusively, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
@@ -68,8 +69,10 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
     Raises:
         OutputExistsError: out is not a folder, or a file of a new frame appeared meanwhile.
         OutputError: Another run is writing to it, or it cannot be written.
-        UsageError: out contains no object set, or has symbolic links where frames go.
+        UsageError: out is a URL, contains no object set, or has symbolic links where frames go.
     """
+    if is_remote(out):
+        raise UsageError(f'{out}: --append continues local folders only; give one')
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
         with staged(out) as stage:
             yield Appending(stage, 0)

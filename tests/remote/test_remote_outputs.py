@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 
@@ -99,8 +100,8 @@ def test_append_to_a_url_is_refused_in_one_line(recordings, s3, tmp_path, capsys
 def test_a_store_that_fails_is_one_line(name, recordings, s3, capsys, monkeypatch):
     monkeypatch.setattr('kitti_ros2.files.remote_requests.TRIES', 1)
     s3.put('bucket-is-known', b'')
-    s3.server.fail(Fault.LOST, 2, 10**9, kinds={'put', 'create', 'part'})
-    s3.server.fail(Fault.ERROR, 1, 10**9, kinds={'put', 'create', 'part'}, path='out.mcap')
+    first = 2 if name == 'out' else 1
+    s3.server.fail(Fault.ERROR, first, 10**9, kinds={'put', 'create', 'part'})
     code = main(['to-bag', str(recordings[Layout.RAW]), f'{s3.url}/{name}', '-q'])
     assert code not in {0, 1}
     (line,) = capsys.readouterr().err.splitlines()
@@ -119,12 +120,8 @@ def test_a_store_that_fails_is_one_line(name, recordings, s3, capsys, monkeypatc
 
 
 def test_a_local_path_loads_nothing_of_stores(tmp_path):
-    import subprocess
-    import sys
-
-    program = 'import sys; import kitti_ros2.files.staging as s; print("fsspec" in sys.modules)'
+    program = 'import sys; import kitti_ros2.bags.writer; print("fsspec" in sys.modules)'
     result = subprocess.run(
         [sys.executable, '-c', program], check=True, capture_output=True, text=True, cwd=tmp_path
     )
     assert result.stdout.strip() == 'False'
-    assert Path(tmp_path).is_dir()

@@ -18,7 +18,7 @@ from s3_server import AT_ONCE, Fault
 from kitti_ros2.files import remote, remote_requests, uploads
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged, staged_file
-from kitti_ros2.files.upload_staging import marker_of, refuse_incomplete
+from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, OutputError, OutputExistsError
 
 PART = 5 << 20
