@@ -107,7 +107,7 @@ def put(source: Path, url: str) -> None:
 def run(root: Path, name: str, work: Path, rate: float, seed: int) -> None:
     """Print a row for each command, and whether its bytes are those of a local run."""
     work.mkdir()
-    bag, kitti = work.parent / 'local.mcap', work.parent / 'local_kitti'
+    bag, kitti = work.parent / 'out.mcap', work.parent / 'kitti'
     with server(rate, seed) as bucket:
         put(root, f'{bucket}/root')
         jobs = (
@@ -150,9 +150,9 @@ def main() -> None:
         )
         recording = open_recording(drive)
         root, below = recording.root, drive.resolve().relative_to(recording.root.resolve())
-        local = seconds(*COMMAND, 'to-bag', drive, folder / 'local.mcap', '-q')
-        seconds(*COMMAND, 'to-kitti', folder / 'local.mcap', folder / 'local_kitti', '-q')
-        size = (size_of(root) + size_of(folder / 'local.mcap')) / 1e6
+        local = seconds(*COMMAND, 'to-bag', drive, folder / 'out.mcap', '-q')
+        seconds(*COMMAND, 'to-kitti', folder / 'out.mcap', folder / 'kitti', '-q')
+        size = (size_of(root) + size_of(folder / 'out.mcap')) / 1e6
         print(f'{drive.name}: {size:.0f} MB read and written by to-bag; local {local:.2f} s')
         print('without faults')
         run(root, below.as_posix(), folder / 'sound', 0.0, 0)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 _LOCK = f'.{MANIFEST}.lock'
 _PUT_BACK = 'put_back'
 """File of the state folder: SHA-256 of the manifest as this machine put it into the store last."""
+_COPY = f'{MANIFEST}.copy'
 _SAVE_S = 10.0
 _LOCK_WAIT_S = 5.0
 _LOCK_POLL_S = 0.05
@@ -222,13 +223,16 @@ def _snapshot(path: Path) -> bytes | None:
     """Return a database as of its last transaction; None if it is being written, or absent."""
     if not path.is_file():
         return None
+    target = path.with_name(_COPY)
+    target.unlink(missing_ok=True)
     with (
         suppress(sqlite3.OperationalError),
         closing(sqlite3.connect(path, timeout=0)) as source,
-        closing(sqlite3.connect(':memory:')) as copy,
+        closing(sqlite3.connect(target)) as copy,
     ):
         source.backup(copy)
-        return copy.serialize()
+        copy.close()
+        return target.read_bytes()
     return None
 
 
