@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
-from ..files.remote import as_path
+from ..files.remote import as_path, is_remote
+from ..files.remote_listing import forget
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.losses import format_numbers
 from .frame import Frame
@@ -66,7 +67,10 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
         >>> recording[0].number, recording[0].points.shape
         (0, (..., 4))
     """
-    source = OpenSource(as_path(path), options)
+    place = as_path(path)
+    if is_remote(place):
+        forget(place)  # it may have changed since an earlier call
+    source = OpenSource(place, options)
     recording = Recording(source, source.frames.numbers)
     if recording.losses:
         count = len(recording.losses)

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from .record_walk import RecordFormat
 
 
+_INDEXES_AHEAD = 16
+
+
 class ChunkedFile(BagFile, Generic[Head]):
     """A BagFile that consists of chunks.
 
@@ -96,7 +99,9 @@ class ChunkedFile(BagFile, Generic[Head]):
         found: list[tuple[int, npt.ArrayLike]] = []
         if self._stamps is not None:
             return list(self._stamps.items())
-        for piece in self.pieces:
+        for number, piece in enumerate(self.pieces):
+            if self._file.waits:
+                self._expect_indexes(self.pieces[number : number + _INDEXES_AHEAD])
             try:
                 stamps = self._indexed(piece)
             except ValueError:
@@ -131,6 +136,9 @@ class ChunkedFile(BagFile, Generic[Head]):
         self, records: Buffer, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
         """Return the messages among records, and the end of the last record that can be split."""
+
+    def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
+        """Request the indexes of pieces from a store."""
 
     @abstractmethod
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:

@@ -31,7 +31,7 @@ from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
     from array import array
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
@@ -68,6 +68,11 @@ class McapFile(ChunkedFile[int]):
         self, records: Buffer, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
         return messages_in(records, wanted, since_ns)
+
+    def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
+        for piece in pieces:
+            start = piece.position + piece.length
+            self._file.expect(start, self._index_lengths[piece.position])
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         start = piece.position + piece.length

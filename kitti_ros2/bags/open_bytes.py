@@ -25,6 +25,8 @@ class RemoteFileBytes(FileBytes):
         OSError, RemoteError: The store cannot be asked.
     """
 
+    waits = True
+
     def __init__(self, path: RemotePath, name: Path) -> None:
         from ..files.remote_bytes import RemoteBytes  # noqa: PLC0415 - for URLs only
 

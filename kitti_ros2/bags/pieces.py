@@ -132,10 +132,13 @@ class FileBytes:
     Attributes:
         name: The path in messages.
         size: In bytes, when it was opened.
+        waits: Whether each read waits for a store, so that what is needed is best requested early.
 
     Raises:
         OSError: The file cannot be opened.
     """
+
+    waits = False
 
     def __init__(self, path: Path, name: Path) -> None:
         self.name = name

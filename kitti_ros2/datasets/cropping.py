@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folders
 from ..files.hard_links import FilePlacer
-from ..files.remote import as_path
+from ..files.remote import as_path, is_remote
 from ..files.staging import lies_inside, refuse_inside, staged
 from ..kitti.find import absolute
 from ..kitti.replacing import keep_all_but_data_sets
@@ -104,6 +104,11 @@ def crop_sets(
     Raises:
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
     """
+    if is_remote(src) or is_remote(out):
+        raise UsageError(
+            f'{src if is_remote(src) else out}: crop links files: it takes folders of'
+            f' this machine only'
+        )
     recordings = open_folders(src, options.read)
     _check_places(src, out)
     _refuse_tracklets(recordings, options)

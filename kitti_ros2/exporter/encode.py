@@ -19,7 +19,7 @@ from ..messages.selected_topics import select_topics, unmatched
 from ..messages.source import GREY, POINTS, promise
 from ..messages.topics import make_table
 from ..model.cloud_formats import FORMATS
-from ..model.errors import KittiRos2Error, UsageError, describe_error
+from ..model.errors import KittiRos2Error, RemoteError, UsageError, describe_error
 from ..model.labels import has_complete_labels
 from ..model.losses import Loss, format_numbers
 from ..model.msgtypes import IMAGE
@@ -109,6 +109,8 @@ class Encoder:
         path = self._recording.path(entry.stream, entry.number)
         try:
             sample = self._read(entry)
+        except RemoteError:
+            raise
         except (KittiRos2Error, OSError) as error:
             return [], [Loss(row.topic, 1, describe_error(error)) for _, row in rows]
         if isinstance(sample, Calibration):
@@ -234,6 +236,8 @@ class Encoder:
         for index, row in rows:
             try:
                 serialized = row.serialize(sample, moment)
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
                 losses.append(Loss(row.topic, 1, describe_error(error)))
                 continue
@@ -276,6 +280,8 @@ class Encoder:
         for number in self._schedule.numbers_of(stream):
             try:
                 image = cast('Image', self._recording.read(stream, number))
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError):
                 continue
             return image.channels > 1

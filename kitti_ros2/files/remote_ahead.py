@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections import OrderedDict
 from functools import partial
@@ -11,10 +12,11 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from .background_reads import BACKGROUND
-from .remote_listing import known_listing, listed_size
+from .remote_listing import Entry, known_listing
 from .remote_requests import fetch
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from concurrent.futures import Future
 
     from .remote import RemotePath
@@ -27,6 +29,8 @@ _MOST_FOLDERS = 64
 _FIRST_FILES = 4
 _UNKNOWN_BYTES = 1 << 20
 """Taken for the size of a file where listings have none."""
+_TEXTS = ('.txt', '.xml')
+_MOST_TEXT_BYTES = 16 << 20
 _IDLE_READS = 64
 """After so many reads elsewhere, what was read ahead in a folder is dropped if memory is short."""
 _OUT_OF_ORDER = 8
@@ -37,6 +41,7 @@ class _Folder:
     """What is read of a folder.
 
     Attributes:
+        listing: Its entries by name.
         names: Of its files, in the order of the listing.
         places: Their places in it, by name.
         pending: Files that are read ahead, by place.
@@ -47,9 +52,10 @@ class _Folder:
         used: Count of all reads at the last one here.
     """
 
-    def __init__(self, names: list[str]) -> None:
-        self.names = names
-        self.places = {name: place for place, name in enumerate(names)}
+    def __init__(self, listing: Mapping[str, Entry]) -> None:
+        self.listing = listing
+        self.names = [name for name, entry in listing.items() if not entry.is_folder]
+        self.places = {name: place for place, name in enumerate(self.names)}
         self.pending: dict[int, tuple[Future[bytes], int]] = {}
         self.last: int | None = None
         self.step = 1
@@ -81,6 +87,29 @@ class _Folder:
         return size
 
 
+class _Texts:
+    """The text files that were read last: times and calibration are parsed, and carried whole."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[RemotePath, tuple[Entry, bytes]] = OrderedDict()
+        self._size = 0
+
+    def get(self, path: RemotePath, entry: Entry) -> bytes | None:
+        """Return the content of a file, unless it is listed with another size or time."""
+        known = self._kept.get(path)
+        return known[1] if known is not None and known[0] == entry else None
+
+    def keep(self, path: RemotePath, entry: Entry, data: bytes) -> None:
+        """Keep a file if it is a text of moderate size."""
+        if path.suffix not in _TEXTS or len(data) > _MOST_TEXT_BYTES // 8:
+            return
+        before = self._kept.pop(path, None)
+        self._size += len(data) - (len(before[1]) if before else 0)
+        self._kept[path] = entry, data
+        while self._size > _MOST_TEXT_BYTES:
+            self._size -= len(self._kept.popitem(last=False)[1][1])
+
+
 class ReadAhead:
     """Reads whole files; keeps those that follow for their turn."""
 
@@ -90,6 +119,7 @@ class ReadAhead:
         self._folders: OrderedDict[RemotePath, _Folder] = OrderedDict()
         self._held = 0
         self._reads = 0
+        self._texts = _Texts()
 
     def read(self, path: RemotePath) -> bytes:
         """Read a file.
@@ -98,17 +128,31 @@ class ReadAhead:
             OSError, RemoteError: It cannot be read.
         """
         with self._lock:
-            future = self._take(path)
-        return fetch(path, listed_size(path)) if future is None else future.result()
+            if self._process != os.getpid():
+                self._process, self._held = os.getpid(), 0
+                self._folders.clear()
+                self._texts = _Texts()
+            folder = self._folder(path.parent)
+            entry = None if folder is None else folder.listing.get(path.name)
+            if folder is None:
+                future = None
+            elif entry is None:
+                raise FileNotFoundError(errno.ENOENT, 'no such file or folder', str(path))
+            elif (known := self._texts.get(path, entry)) is not None:
+                return known
+            else:
+                future = self._take(path, folder)
+        size = entry.size if entry is not None else None
+        data = fetch(path, size) if future is None else future.result()
+        if entry is not None:
+            with self._lock:
+                self._texts.keep(path, entry, data)
+        return data
 
-    def _take(self, path: RemotePath) -> Future[bytes] | None:
+    def _take(self, path: RemotePath, folder: _Folder) -> Future[bytes] | None:
         """Return a file that was read ahead, and begin to read those after it."""
-        if self._process != os.getpid():
-            self._process, self._held = os.getpid(), 0
-            self._folders.clear()
-        folder = self._folder(path.parent)
-        place = None if folder is None else folder.places.get(path.name)
-        if folder is None or place is None:
+        place = folder.places.get(path.name)
+        if place is None:
             return None
         future, size = folder.pending.pop(place, (None, 0))
         self._held -= size
@@ -121,12 +165,14 @@ class ReadAhead:
         return future
 
     def _folder(self, path: RemotePath) -> _Folder | None:
+        listing, known = known_listing(path), self._folders.get(path)
+        if known is not None and known.listing is not listing:  # listed again
+            self._held -= known.drop()
+            del self._folders[path]
+        if listing is None:
+            return None
         if path not in self._folders:
-            listing = known_listing(path)
-            if listing is None:
-                return None
-            names = [name for name, entry in listing.items() if not entry.is_folder]
-            self._folders[path] = _Folder(names)
+            self._folders[path] = _Folder(listing)
             while len(self._folders) > _MOST_FOLDERS:
                 self._held -= self._folders.popitem(last=False)[1].drop()
         self._folders.move_to_end(path)
@@ -138,7 +184,7 @@ class ReadAhead:
         while folder.window and folder.ahead + folder.step < end:
             place = folder.ahead + folder.step
             file = path / folder.names[place]
-            size = listed_size(file)
+            size = folder.listing[file.name].size
             held = _UNKNOWN_BYTES if size is None else size
             if self._held + held > MOST_BYTES and not self._make_room():
                 break

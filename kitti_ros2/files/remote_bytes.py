@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 from collections import OrderedDict
 from functools import partial
 from threading import Lock
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ..model.errors import RemoteError
 from .background_reads import BACKGROUND
@@ -48,17 +49,21 @@ class _Range(NamedTuple):
     length: int
 
 
+_Version: TypeAlias = 'tuple[RemotePath, int, int]'
+"""A file with its size in bytes and the time of its change."""
+
+
 class _Blocks:
     """The blocks of all files that are being read, the last used ones."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._process = 0
-        self._of: dict[tuple[RemotePath, int], _Range] = {}
-        self._ranges: OrderedDict[tuple[RemotePath, int], _Range] = OrderedDict()
+        self._of: dict[tuple[_Version, int], _Range] = {}
+        self._ranges: OrderedDict[tuple[_Version, int], _Range] = OrderedDict()
         self._held = 0
 
-    def want(self, path: RemotePath, size: int, start: int, end: int) -> list[_Range]:
+    def want(self, file: _Version, start: int, end: int) -> list[_Range]:
         """Return the ranges with the bytes from start to end; what is missing is requested."""
         with self._lock:
             if self._process != os.getpid():
@@ -69,30 +74,29 @@ class _Blocks:
             first = block = start // _BLOCK
             last = -(-end // _BLOCK)
             while block < last:
-                known = self._of.get((path, block))
+                known = self._of.get((file, block))
                 if known is not None and _failed(known):
-                    self._drop((path, known.start // _BLOCK))
+                    self._drop((file, known.start // _BLOCK))
                     known = None
                 if known is None:
                     first, most = block, block + _MOST_REQUEST // _BLOCK
-                    while block < min(last, most) and (path, block) not in self._of:
+                    while block < min(last, most) and (file, block) not in self._of:
                         block += 1
-                    known = self._request(path, size, first, block)
-                self._ranges.move_to_end((path, known.start // _BLOCK))
+                    known = self._request(file, first, block)
+                self._ranges.move_to_end((file, known.start // _BLOCK))
                 found.append(known)
                 block = (known.start + known.length - 1) // _BLOCK + 1
             self._shrink(len(found))
             return found
 
-    def _request(self, path: RemotePath, size: int, first: int, end: int) -> _Range:
-        start, stop = first * _BLOCK, min(end * _BLOCK, size)
-        made = _Range(
-            start, BACKGROUND.submit(partial(_fetch, path, size, start, stop)), stop - start
-        )
-        self._ranges[path, first] = made
+    def _request(self, file: _Version, first: int, end: int) -> _Range:
+        start, stop = first * _BLOCK, min(end * _BLOCK, file[1])
+        data = BACKGROUND.submit(partial(_fetch, *file[:2], start, stop))
+        made = _Range(start, data, stop - start)
+        self._ranges[file, first] = made
         self._held += made.length
         for block in range(first, end):
-            self._of[path, block] = made
+            self._of[file, block] = made
         return made
 
     def _shrink(self, needed: int) -> None:
@@ -100,19 +104,13 @@ class _Blocks:
         while self._held > _MOST_BYTES and len(self._ranges) > needed:
             self._drop(next(iter(self._ranges)))
 
-    def _drop(self, key: tuple[RemotePath, int]) -> None:
-        path, first = key
+    def _drop(self, key: tuple[_Version, int]) -> None:
+        file, first = key
         gone = self._ranges.pop(key)
         gone.data.cancel()
         self._held -= gone.length
         for block in range(first, (gone.start + gone.length - 1) // _BLOCK + 1):
-            del self._of[path, block]
-
-    def forget(self, path: RemotePath) -> None:
-        """Drop what is kept of a file: it may have changed."""
-        with self._lock:
-            for key in [key for key in self._ranges if key[0] == path]:
-                self._drop(key)
+            del self._of[file, block]
 
 
 _BLOCKS = _Blocks()
@@ -146,13 +144,13 @@ class RemoteBytes:
     """
 
     def __init__(self, path: RemotePath) -> None:
-        self._path = path
         entry = sized_entry_of(path)
         if entry.is_folder:
-            raise IsADirectoryError(21, 'Is a directory', str(path))
+            raise IsADirectoryError(errno.EISDIR, 'Is a directory', str(path))
         if entry.size is None:
             raise RemoteError(path, 'the server does not say how long the file is', 'download it')
         self.size = entry.size
+        self._file = path, entry.size, entry.changed_ns
         self._last_end = -1
         self._ahead = 0
 
@@ -167,7 +165,7 @@ class RemoteBytes:
             return b''
         if self._last_end < 0 and position == 0:
             self.expect(max(self.size - _TAIL, 0), _TAIL)
-        ranges = _BLOCKS.want(self._path, self.size, position, end)
+        ranges = _BLOCKS.want(self._file, position, end)
         self._read_ahead(position, end)
         pieces = []
         for each in ranges:
@@ -188,12 +186,7 @@ class RemoteBytes:
         """Request bytes that will be read."""
         end = min(position + length, self.size)
         if 0 <= position < end:
-            _BLOCKS.want(self._path, self.size, position, end)
-
-
-def forget_bytes(path: RemotePath) -> None:
-    """Forget what is kept of a file: it may have changed."""
-    _BLOCKS.forget(path)
+            _BLOCKS.want(self._file, position, end)
 
 
 class RemoteFile(io.RawIOBase):

@@ -189,14 +189,6 @@ def known_listing(folder: RemotePath) -> Mapping[str, Entry] | None:
         return _KNOWN.folders.get(folder)
 
 
-def listed_size(path: RemotePath) -> int | None:
-    """Return the size of a file in bytes if its folder was listed with sizes; nothing is asked."""
-    with _KNOWN.lock:
-        listing = _KNOWN.folders.get(path.parent)
-        found = listing.get(path.name) if listing else _KNOWN.alone.get(path)
-    return found.size if found else None
-
-
 def _asked(path: RemotePath) -> Entry | None:
     """Ask for a path on its own: first what its name looks like, a file or a folder."""
     looks_like_file = bool(_SUFFIX.fullmatch(path.suffix)) or path.scheme in _HTTP

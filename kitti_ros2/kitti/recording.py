@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from ..files.png.header import parse_image
-from ..model.errors import BadFileError, KittiRos2Error, MissingFileError, describe_error
+from ..model.errors import (
+    BadFileError,
+    KittiRos2Error,
+    MissingFileError,
+    RemoteError,
+    describe_error,
+)
 from ..model.labels import Trails, cuboids_of
 from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
@@ -138,6 +144,8 @@ class KittiRecording(RecordingIndex):
         for number in () if index is None else index.numbers.tolist():
             try:
                 sample = read(number)
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError) as error:
                 failure = failure or describe_error(error)
                 continue
@@ -165,6 +173,8 @@ class KittiRecording(RecordingIndex):
         for number in numbers:
             try:
                 yield number, self._pose(number)
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError) as error:
                 self._lose_late(needed_for, describe_error(error))
 
@@ -198,6 +208,8 @@ class KittiRecording(RecordingIndex):
             calibration = self.calibration(number)
             try:
                 frames[number] = cuboids_of(self._labels(number), calibration)
+            except RemoteError:
+                raise
             except (KittiRos2Error, OSError) as error:
                 self._lose_late(Stream.LABELS, describe_error(error))
             except ValueError as error:
@@ -211,6 +223,8 @@ class KittiRecording(RecordingIndex):
             return None
         try:
             pose = self._pose(number)
+        except RemoteError:
+            raise
         except (KittiRos2Error, OSError) as error:
             self._lose_late(Stream.LABELS, describe_error(error))
             return None

@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import as_path
 from ..model.errors import UsageError
 from ..options.dataset_tables import VALIDATE
 from ..options.declare import parse_values, values_for
@@ -23,6 +23,7 @@ from .sources import find_sources
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
     from typing import TypedDict
 
     from typing_extensions import Unpack
@@ -76,11 +77,11 @@ def validate(
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError('no path; expected at least one')
-    found = [find_sources(each, read) for each in dict.fromkeys(map(Path, paths))]
+    found = [find_sources(each, read) for each in dict.fromkeys(map(as_path, paths))]
     tally = FindingTally(rules_by_id(bags=any(each.bags for each in found)))
     show = progress or (lambda _done, _total: None)
     sources: list[CheckedSource] = []
-    for place, each in zip(map(Path, paths), found, strict=False):
+    for place, each in zip(map(as_path, paths), found, strict=False):
         for data_set in each.data_sets:
             sources += _check_data_set(data_set, chosen, tally, show)
         sources += _check_bags(each.bags, chosen, tally, show)

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import count
-from pathlib import Path
 from threading import Event, Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import fsspec
 from fsspec.implementations.memory import MemoryFileSystem
@@ -17,6 +16,7 @@ from kitti_ros2.files.remote import RemotePath
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 PROTOCOL = 'counted'
 WAIT_S = 60
@@ -33,12 +33,12 @@ class CountedStore(MemoryFileSystem):
     """
 
     protocol = PROTOCOL
-    store: dict[str, Any] = {}
-    pseudo_dirs = ['']
-    requests: Counter[str] = Counter()
-    read: list[tuple[str, int]] = []
-    faults: dict[str, Callable[[str], None]] = {}
-    short: Counter[str] = Counter()
+    store: ClassVar[dict[str, Any]] = {}
+    pseudo_dirs: ClassVar[list[str]] = ['']
+    requests: ClassVar[Counter[str]] = Counter()
+    read: ClassVar[list[tuple[str, int]]] = []
+    faults: ClassVar[dict[str, Callable[[str], None]]] = {}
+    short: ClassVar[Counter[str]] = Counter()
     lock = Lock()
 
     @classmethod
@@ -68,7 +68,7 @@ class CountedStore(MemoryFileSystem):
         return super().info(path, **kwargs)
 
     def cat_file(
-        self, path: str, start: int | None = None, end: int | None = None, **kwargs: Any
+        self, path: str, start: int | None = None, end: int | None = None, **_: Any
     ) -> bytes:
         self._ask('cat', path)
         key = self._strip_protocol(path)

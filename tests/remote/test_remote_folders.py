@@ -14,28 +14,32 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 from builders import convert_recording
 from counted_store import CountedStore, put
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.store import STORE
-
 if TYPE_CHECKING:
     from pathlib import Path
 
 
 def test_bags_of_every_layout_have_the_same_bytes(recording_path: Path, tmp_path: Path):
+    shutil.copytree(recording_path.parent, tmp_path / 'sets')
     own = tmp_path / 'sets' / recording_path.name
-    shutil.copytree(recording_path, own)
-    scans = sorted(path for path in own.rglob('*.bin'))
-    scans[2].unlink()  # a hole in the numbers
-    images = sorted(path for path in own.rglob('*.png'))
-    images[1].unlink()
-    shutil.copytree(recording_path.parent, tmp_path / 'sets', dirs_exist_ok=True)
-    scans[2].unlink()
-    images[1].unlink()
+    sorted(own.rglob('*.bin'))[2].unlink()  # holes in the numbers
+    sorted(own.rglob('*.png'))[1].unlink()
     url = put(tmp_path / 'sets') / recording_path.name
-    local = convert_recording(own, tmp_path / 'local.mcap')
-    remote = convert_recording(url, tmp_path / 'remote.mcap')
-    assert (tmp_path / 'remote.mcap').read_bytes() == (tmp_path / 'local.mcap').read_bytes()
+    local = convert_recording(own, tmp_path / 'local' / 'a.mcap')
+    remote = convert_recording(url, tmp_path / 'remote' / 'a.mcap')
+    assert (tmp_path / 'remote' / 'a.mcap').read_bytes() == (
+        tmp_path / 'local' / 'a.mcap'
+    ).read_bytes()
     assert remote.counts == local.counts
     assert [str(loss).replace(str(url), str(own)) for loss in remote.losses] == [
         str(loss) for loss in local.losses
     ]
+
+
+def test_folders_are_listed_once_and_files_read_once(recording_path: Path, tmp_path: Path):
+    url = put(recording_path.parent) / recording_path.name
+    convert_recording(url, tmp_path / 'a.mcap')
+    folders = {path.parent for path in recording_path.parent.rglob('*')}
+    assert CountedStore.requests['ls'] <= len(folders) + 3  # names beside it that are not there
+    assert not CountedStore.requests['info']
+    read = [key for key, _ in CountedStore.read]
+    assert len(read) == len(set(read))
