@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError
+from .local_staging import Staging
 from .remote_listing import forget
-from .staging import Staging
 from .store_objects import (
     StoreError,
     object_at,
