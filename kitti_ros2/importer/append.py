@@ -71,8 +71,7 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
         OutputError: Another run is writing to it, or it cannot be written.
         UsageError: out is a URL, contains no object set, or has symbolic links where frames go.
     """
-    if is_remote(out):
-        raise UsageError(f'{out}: --append continues local folders only; give one')
+    _refuse_url(out)
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
         with staged(out) as stage:
             yield Appending(stage, 0)
@@ -109,11 +108,18 @@ def mend(out: Path) -> tuple[str, ...]:
     Raises:
         OutputError: Another run is writing to the set, or it cannot be written.
         BadFileError: The journal is damaged.
+        UsageError: out is a URL.
     """
+    _refuse_url(out)
     if out.is_symlink() or not os.path.lexists(out / FOLDER):
         return ()
     with reported(out), _locked(out):
         return _recover(out)
+
+
+def _refuse_url(out: Path) -> None:
+    if is_remote(out):
+        raise UsageError(f'{out}: --append continues local folders only; give one')
 
 
 def next_number(out: Path, split: str) -> int:

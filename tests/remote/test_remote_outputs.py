@@ -90,7 +90,9 @@ def test_an_output_is_replaced_only_when_asked(recordings, s3, tmp_path, capsys)
 def test_append_to_a_url_is_refused_in_one_line(recordings, s3, tmp_path, capsys):
     bag = tmp_path / 'a.mcap'
     assert main(['to-bag', str(recordings[Layout.OBJECT]), str(bag), '-q']) == 0
-    assert main(['to-kitti', str(bag), f'{s3.url}/out', '-q', '--append']) != 0
+    assert (
+        main(['to-kitti', str(bag), f'{s3.url}/out', '-q', '--append', '--layout', 'object']) != 0
+    )
     (line,) = capsys.readouterr().err.splitlines()
     assert '--append' in line
     assert s3.objects() == {}

@@ -21,9 +21,8 @@ from kitti_ros2.files.staging import staged, staged_file
 from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, OutputError, OutputExistsError
 
-PART = 5 << 20
-"""The smallest part that S3 takes."""
-LARGE = b''.join(hashlib.sha256(b'%d' % at).digest() for at in range(PART // 32 + 1000))
+PART = 32 << 10
+LARGE = b''.join(hashlib.sha256(b'%d' % at).digest() for at in range(PART // 32 + 100))
 FILES = {
     'metadata.yaml': b'bag',
     'b/large.mcap': LARGE,
@@ -43,6 +42,7 @@ def replace(_path):
 @pytest.fixture
 def store(s3, monkeypatch):
     """The bucket, by clients that do not wait between attempts."""
+    monkeypatch.setattr('moto.s3.models.S3_UPLOAD_PART_MIN_SIZE', PART)
     monkeypatch.setattr(uploads, 'PART', PART)
     monkeypatch.setattr(remote_requests, 'wait', lambda _: None)
     monkeypatch.setattr(s3fs.S3FileSystem, 'retries', 1)
@@ -274,7 +274,7 @@ from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged
 from kitti_ros2.files import uploads
 
-uploads.PART = 5 << 20
+uploads.PART = 32 << 10
 with staged(as_path(sys.argv[1])) as folder:
     for each in sorted(Path(sys.argv[2]).iterdir()):
         (folder / each.name).write_bytes(each.read_bytes())
