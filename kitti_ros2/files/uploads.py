@@ -34,7 +34,7 @@ PART = 8 << 20
 _MOST_PARTS = 10_000  # of one object, on S3
 _WHOLE_OBJECTS = {'gs', 'gcs', 'abfs', 'abfss', 'az', 'adl', 'oci', 'oss', 'obs', 'memory'}
 """Schemes of stores in which an object appears when its last byte has arrived."""
-_AT_ONCE = 6  # requests; each holds a part in memory
+_AT_ONCE = 10  # requests, as botocore has connections; each holds a part in memory
 
 
 @dataclass(frozen=True)

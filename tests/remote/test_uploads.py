@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
+import fsspec.config
 import s3fs
 from s3_server import AT_ONCE, Fault
 
@@ -221,6 +222,16 @@ def test_an_upload_that_was_not_completed_is_replaced_without_being_asked(store)
     files = {'other': b'1'}
     write_folder(f'{store.url}/out', files)
     assert store.objects() == below('out', files)
+
+
+@pytest.mark.parametrize('kind', ['put', 'part', 'complete'])
+def test_a_request_without_an_answer_is_made_again(kind, store, monkeypatch):
+    monkeypatch.setitem(fsspec.config.conf, 's3', {'config_kwargs': {'read_timeout': 5}})
+    forget_clients()
+    store.server.fail(Fault.STALL, kinds={kind})
+    write_folder(f'{store.url}/out')
+    assert store.server.failures() == 1
+    assert store.objects() == below('out')
 
 
 def test_an_upload_that_fails_is_aborted(store):
