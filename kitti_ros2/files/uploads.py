@@ -180,6 +180,7 @@ class _Multipart:
         digest = md5_of(b''.join(self.digests[index] for index in range(self.parts))).hex()
         expected = StoredObject(self.size, f'{digest}-{self.parts}')
         parts = [{'PartNumber': index + 1, 'ETag': self.tags[index]} for index in range(self.parts)]
+        self._abort_earlier()
         try:
             _ask(
                 self.target,
@@ -191,7 +192,6 @@ class _Multipart:
             # After an answer that was lost there is no such upload any more.
             if not _is_there(self.target, expected):
                 raise
-        self._abort_others()
         return expected
 
     def abort(self) -> None:
@@ -199,17 +199,24 @@ class _Multipart:
         with suppress(StoreError):
             _ask(self.target, lambda: self.system.call_s3('abort_multipart_upload', **self.name))
 
-    def _abort_others(self) -> None:
-        """Abort other uploads of the same object: of a killed run, or begun by a lost answer."""
+    def _abort_earlier(self) -> None:
+        """Abort earlier uploads of the same object: of a killed run, or begun by a lost answer."""
         bucket, key = self.name['Bucket'], self.name['Key']
         with suppress(StoreError):  # it needs a permission of its own
             answer = _ask(
                 self.target,
                 lambda: self.system.call_s3('list_multipart_uploads', Bucket=bucket, Prefix=key),
             )
-            for each in answer.get('Uploads', ()):
-                if each['Key'] == key and each['UploadId'] != self.name['UploadId']:
-                    replace(self, name={**self.name, 'UploadId': each['UploadId']}).abort()
+            begun = {
+                each['UploadId']: each['Initiated']
+                for each in answer.get('Uploads', ())
+                if each['Key'] == key
+            }
+            own = begun.pop(self.name['UploadId'], None)
+            for upload, initiated in begun.items():
+                # A later one is of a run that has taken over.
+                if own is not None and initiated <= own:
+                    replace(self, name={**self.name, 'UploadId': upload}).abort()
 
 
 def _is_there(target: RemotePath, expected: StoredObject) -> bool:
