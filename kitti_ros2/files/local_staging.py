@@ -13,9 +13,11 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import secrets
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError
@@ -27,9 +29,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_CONTENT = 'content'
 _REPLACED = 'replaced'
 NAMED = 'named'
 """Folder of a file that is written under its own name."""
+_OWN = {_CONTENT, _REPLACED, NAMED}
+_TAKING_OVER: ContextVar[tuple[type[OutputError], ...]] = ContextVar('taking_over', default=())
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 # Errors of file systems without locks; there a concurrent second run is not detected.
@@ -81,7 +86,8 @@ class Staging:
         self.path = named_output(path)
         self._refusal = refusal
         self._partial = self.path.with_name(f'.{self.path.name}.partial')
-        self.content = self._partial / 'content'
+        # Unique: a writer that is taken over, or not locked out, never publishes another's content.
+        self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
         self._created: list[Path] = []
         self._lock = -1
         self._check_free()
@@ -107,6 +113,7 @@ class Staging:
         """
         self._check_free()
         with reported(self.path):
+            self.content.lstat()  # raises if another writer has taken over
             if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
                 self.path.rename(self._partial / _REPLACED)
             self.content.rename(self.path)
@@ -120,7 +127,10 @@ class Staging:
             with suppress(OSError):
                 self._restore()
             # Delete before unlocking: another run must not find a partly deleted directory.
-            shutil.rmtree(self._partial, ignore_errors=True)
+            for entry in (self.content, self._partial / _REPLACED, self._partial / NAMED):
+                _remove(entry)
+            with suppress(OSError):  # it holds the content of a writer that has taken over
+                self._partial.rmdir()
             os.close(lock)
         for folder in reversed(self._created):
             with suppress(OSError):
@@ -152,7 +162,8 @@ class Staging:
                 )
             fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
-                lock_exclusively(fd, self.path)
+                with suppress(*_TAKING_OVER.get()):
+                    lock_exclusively(fd, self.path)
                 # Its owner may have removed the directory between our open and our lock.
                 if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
                     self._lock = fd
@@ -168,27 +179,45 @@ class Staging:
     def _clear(self) -> None:
         self._restore()
         found = {entry.name for entry in self._partial.iterdir()}
-        if found - {self.content.name, _REPLACED, NAMED}:
-            # Foreign files: neither this method nor discard may delete them.
+        foreign = {name for name in found if name.partition('-')[0] not in _OWN}
+        if foreign:
+            # Neither this method nor discard may delete them.
             os.close(self._lock)
             self._lock = -1
             raise OutputError(
                 self.path,
-                f'{self._partial} is in the way and holds {min(found)}',
+                f'{self._partial} is in the way and holds {min(foreign)}',
                 'move it away, or choose another name',
             )
         for name in found:
-            entry = self._partial / name
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry)
-            else:
-                entry.unlink()
+            _remove(self._partial / name)
 
     def _restore(self) -> None:
         # A run that was killed between its two renames has moved the old bag here.
         replaced = self._partial / _REPLACED
         if os.path.lexists(replaced) and not os.path.lexists(self.path):
             replaced.rename(self.path)
+
+
+@contextmanager
+def taking_over() -> Iterator[None]:
+    """Let outputs be begun although another process seems to be writing them.
+
+    For the second attempt of work whose process is given up, but may still run, such as one behind
+    a broken network. The first attempt cannot publish anything afterwards.
+    """
+    before = _TAKING_OVER.set((OutputError,))
+    try:
+        yield
+    finally:
+        _TAKING_OVER.reset(before)
+
+
+def _remove(entry: Path) -> None:
+    """Remove a file or a folder if it is there."""
+    with suppress(OSError):
+        entry.unlink()
+    shutil.rmtree(entry, ignore_errors=True)
 
 
 def lock_exclusively(fd: int, path: Path) -> None:

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
-from .local_staging import NAMED, Staging, lock_exclusively, output_error, reported
+from .local_staging import (
+    NAMED,
+    Staging,
+    lock_exclusively,
+    output_error,
+    reported,
+    taking_over,
+)
 from .remote import is_remote
 
 if TYPE_CHECKING:
@@ -28,6 +35,7 @@ __all__ = [
     'reported',
     'staged',
     'staged_file',
+    'taking_over',
 ]
 
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.files.staging import staged
-from kitti_ros2.model.errors import OutputExistsError
+from kitti_ros2.files.staging import Staging, staged, taking_over
+from kitti_ros2.model.errors import OutputError, OutputExistsError
 
 
 def write(stage, *names):
@@ -55,3 +55,55 @@ def test_a_file_is_refused(tmp_path):
     with pytest.raises(OutputExistsError), staged(tmp_path / 'out'):
         pass
     assert (tmp_path / 'out').read_text() == 'kept'
+
+
+def keep_nothing(path):  # noqa: ARG001 - one form for all
+    return None
+
+
+def test_a_second_writer_is_refused(tmp_path):
+    first = Staging(tmp_path / 'out', keep_nothing)
+    with pytest.raises(OutputError, match='another run is writing this'):
+        Staging(tmp_path / 'out', keep_nothing)
+    first.content.write_text('first')
+    first.publish()
+    assert (tmp_path / 'out').read_text() == 'first'
+
+
+@pytest.mark.parametrize('late', ['before', 'after'])
+@pytest.mark.parametrize('kind', ['file', 'folder'])
+def test_a_writer_that_was_taken_over_publishes_nothing(tmp_path, late, kind):
+    def write(staging, text):
+        if kind == 'folder':
+            staging.content.mkdir()
+            (staging.content / 'file').write_text(text)
+        else:
+            staging.content.write_text(text)
+
+    out = tmp_path / 'out'
+    first = Staging(out, keep_nothing)
+    write(first, 'first')
+    with taking_over():
+        second = Staging(out, keep_nothing)
+    write(second, 'half')
+    if late == 'after':
+        second.publish()
+    with pytest.raises(OutputError, match='No such file'):
+        first.publish()
+    first.discard()
+    if late == 'before':
+        second.publish()
+    assert [path.name for path in tmp_path.iterdir()] == ['out']
+    assert (out / 'file' if kind == 'folder' else out).read_text() == 'half'
+
+
+def test_one_that_publishes_before_it_is_taken_over_is_replaced(tmp_path):
+    first = Staging(tmp_path / 'out', keep_nothing)
+    first.content.write_text('first')
+    first.publish()
+    with taking_over():
+        second = Staging(tmp_path / 'out', keep_nothing)
+    second.content.write_text('second')
+    second.publish()
+    assert (tmp_path / 'out').read_text() == 'second'
+    assert [path.name for path in tmp_path.iterdir()] == ['out']
