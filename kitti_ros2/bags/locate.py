@@ -12,6 +12,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from ..files.remote import is_remote
+from ..files.upload_marker import refuse_incomplete
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, NotABagError
 from .decompressors import ZSTD_MAGIC, decompress_file
@@ -86,8 +87,10 @@ def locate_bag(path: Path) -> BagFiles:
 
     Raises:
         BadBagError: The path holds no bag.
+        BadFileError: Its upload to a store was not completed.
         OSError: It cannot be read.
     """
+    refuse_incomplete(path)
     if not path.exists():
         raise NotABagError(path, 'there is no such file or directory')
     if not path.is_dir():

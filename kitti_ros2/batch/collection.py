@@ -5,34 +5,32 @@
 from __future__ import annotations
 
 import json
-import os
-import time
 from collections import deque
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging, lock_exclusively, reported
+from ..files.staging import Staging
 from ..files.workers import worker_count
 from ..model.errors import OutputError, UsageError, describe_error
 from .dask_workers import open_cluster
 from .fingerprint import fingerprint, fingerprint_paths
 from .manifest import DONE, FAILED, MANIFEST, Identity, Manifest, UnitRecord
+from .place import open_place
 from .pool import run_on_processes, run_serially
 from .results import LostWorker, UnitJob, UnitResult
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from ..options.batch import BatchOptions
     from .dask_workers import DaskCluster
+    from .place import LocalPlace
     from .pool import Outcome, RunUnit
     from .units import WorkUnit
 
 _ATTEMPTS = 2  # a killed worker may have been unlucky once
-_LOCK_WAIT_S = 5.0
-_LOCK_POLL_S = 0.05
 
 
 class Progress:
@@ -98,15 +96,16 @@ class Collection:
         jobs: int,
         cluster: DaskCluster | None = None,
     ) -> CollectionReport:
-        with reported(self.out):
-            self.out.mkdir(parents=True, exist_ok=True)
-        with _locked(self.out) as lock, Manifest(self.out) as manifest:
+        with open_place(self.out) as place, Manifest(place.folder) as manifest:
             self._check(manifest.command)
             manifest.begin(self.command, jobs)
             manifest.add({unit.name: unit.origin for unit in units})
-            queue = _Queue(self, units, manifest, progress)
+            outs = {self.output_of(unit.name): unit.name for unit in units}
+            manifest.claim(outs[out] for out in place.absent(outs))
+            place.save()
+            queue = _Queue(self, units, manifest, place, progress)
             try:
-                self._work(queue, jobs, lock, progress, cluster)
+                self._work(queue, jobs, place.lock, progress, cluster)
             finally:
                 manifest.release()
             names = {unit.name for unit in units}
@@ -178,11 +177,13 @@ class _Queue:
         collection: Collection,
         units: Iterable[WorkUnit],
         manifest: Manifest,
+        place: LocalPlace,
         progress: Progress,
     ) -> None:
         self._collection = collection
         self._units = iter(units)
         self._manifest = manifest
+        self._place = place
         self._progress = progress
         self._known = manifest.records()
         self._options = collection.options_text()
@@ -217,6 +218,7 @@ class _Queue:
             )
             _remove_partial(job.out)
         self._manifest.end(name, result)
+        self._place.changed()
         self._identities.pop(name, None)
         self._progress.end(name)
 
@@ -230,7 +232,7 @@ class _Queue:
         identity = Identity(unit.origin, files, self._options, self._collection.version)
         out = self._collection.output_of(unit.name)
         if known.identity == identity:
-            if known.state == DONE and os.path.lexists(out):
+            if known.state == DONE and self._place.has(out):
                 return None
             if known.state == FAILED and not self._collection.batch.retry:
                 return None
@@ -240,19 +242,16 @@ class _Queue:
             options = {**options, 'overwrite': True}
         return UnitJob(unit, out, options)
 
-    @staticmethod
-    def _is_ours(known: UnitRecord, unit: WorkUnit, out: Path) -> bool:
+    def _is_ours(self, known: UnitRecord, unit: WorkUnit, out: Path) -> bool:
         """Whether a unit may replace what is at its output: nothing, or its own."""
         own = known.ours and known.identity.source == unit.origin
-        return own or not os.path.lexists(out)
+        return own or not self._place.has(out)
 
     def _begin(self, job: UnitJob) -> UnitJob:
         name = job.unit.name
         ours = bool(job.options.get('overwrite'))
         self._manifest.start(name, self._identities[name], attempt=job.attempt, ours=ours)
-        with reported(job.out):
-            # Here, as a worker that fails would remove a folder that another one counts on.
-            job.out.parent.mkdir(parents=True, exist_ok=True)
+        self._place.make_room(job.out)
         self.ran.add(name)
         self._progress.begin(name)
         return job
@@ -262,27 +261,3 @@ def _remove_partial(out: Path) -> None:
     """Remove what a killed worker has left of an output."""
     with suppress(OutputError, UsageError):
         Staging(out, lambda _: None).discard()
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[int]:
-    """Lock a folder against other runs; yield the descriptor that holds the lock."""
-    with reported(folder):
-        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        _wait_for(lambda: lock_exclusively(lock, folder))
-        yield lock
-    finally:
-        os.close(lock)
-
-
-def _wait_for(acquire: Callable[[], None]) -> None:
-    """Acquire a lock that the workers of a killed run hold for another moment."""
-    end = time.monotonic() + _LOCK_WAIT_S
-    while True:
-        try:
-            return acquire()
-        except OutputError:
-            if time.monotonic() > end:
-                raise
-        time.sleep(_LOCK_POLL_S)

@@ -21,7 +21,7 @@ from ..model.errors import MissingPathError
 from .manifest_file import check, connect, create_tables, reported, version_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from typing_extensions import Self
@@ -139,6 +139,13 @@ class Manifest:
             self._database.executemany(
                 'INSERT OR IGNORE INTO units (name, source, state) VALUES (?, ?, ?)',
                 [(name, source, TODO) for name, source in units.items()],
+            )
+
+    def claim(self, names: Iterable[str]) -> None:
+        """Record that nothing is at the outputs of units: what will be there is of a known run."""
+        with self._transaction():
+            self._database.executemany(
+                'UPDATE units SET ours = 1 WHERE name = ?', [(name,) for name in names]
             )
 
     def records(self) -> dict[str, UnitRecord]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..batch.manifest import STATES, read_manifest
 from ..batch.pace import measure_pace
+from ..batch.place import manifest_folder
 from .collection_tables import complain_of, print_groups, print_pace, record_json
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
@@ -30,7 +31,8 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
         The exit code: 1 with failed units or skipped data.
     """
     keep_imports()
-    records, run = read_manifest(out)
+    with manifest_folder(out) as folder:
+        records, run = read_manifest(folder)
     pace = measure_pace(records, run)
     command = '' if run is None else run.command
     if json:

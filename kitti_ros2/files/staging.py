@@ -1,26 +1,23 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs that exist either completely or not at all.
-
-Everything is written inside the hidden directory ``.{name}.partial`` beside the output, which is
-locked while its writer runs, and renamed to the output when complete. The lock ends with the
-process: a partial directory without a lock is left over from a killed run, and the next run
-removes it. Outputs in a store are those of upload_staging.
-"""
+"""Outputs that exist either completely or not at all, local (local_staging) or in a store."""
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import os
-import shutil
-import tempfile
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.errors import OutputError, OutputExistsError, UsageError
-from .output_paths import make_parents, named_output
+from ..model.errors import UsageError
+from .local_staging import (
+    NAMED,
+    Staging,
+    lock_exclusively,
+    output_error,
+    reported,
+    taking_over,
+)
 from .remote import is_remote
 
 if TYPE_CHECKING:
@@ -28,167 +25,18 @@ if TYPE_CHECKING:
 
     from .upload_staging import UploadStaging
 
-_REPLACED = 'replaced'
-_NAMED = 'named'
-_FULL = (errno.ENOSPC, errno.EDQUOT)
-_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
-# Errors of file systems without locks; there a concurrent second run is not detected.
-_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
-
-
-def output_error(path: Path, error: OSError) -> OutputError:
-    """Convert an error of the operating system about an output to a one-line error."""
-    reason = error.strerror or str(error)
-    if is_remote(path):
-        remedy = f'it is made in {tempfile.gettempdir()}: make room, or set TMPDIR to another disk'
-        return OutputError(path, f'cannot be made ({reason})', remedy)
-    if error.errno in _FULL:
-        return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
-    if error.errno in _FORBIDDEN:
-        return OutputError(
-            path, f'cannot be written ({reason})', 'choose a folder you may write to'
-        )
-    return OutputError(path, f'cannot be written ({reason})', 'check the path and the disk')
-
-
-@contextmanager
-def reported(path: Path) -> Iterator[None]:
-    """Convert errors of the operating system about an output to OutputError."""
-    try:
-        yield
-    except OSError as error:
-        raise output_error(path, error) from error
-
-
-class Staging:
-    """A temporary place for an output until it is complete.
-
-    Attributes:
-        path: The output.
-        content: Where to write it: a path inside the partial directory that does not exist yet.
-
-    Args:
-        path: The output.
-        refusal: Returns the reason why an existing output is kept, None if it may be replaced.
-
-    Raises:
-        OutputExistsError: The output exists and may not be replaced.
-        OutputError: Another run is writing it, or the disk refuses.
-        UsageError: The path cannot be an output.
-    """
-
-    def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
-        self.path = named_output(path)
-        self._refusal = refusal
-        self._partial = self.path.with_name(f'.{self.path.name}.partial')
-        self.content = self._partial / 'content'
-        self._created: list[Path] = []
-        self._lock = -1
-        self._check_free()
-        try:
-            with reported(self.path):
-                self._created = make_parents(self.path.parent)
-                self._acquire()
-                self._clear()
-        except BaseException as error:
-            self.discard()
-            if isinstance(error, (KeyboardInterrupt, SystemExit)):
-                # The interrupt may fall between creating the directory and locking it.
-                with suppress(OSError):
-                    self._partial.rmdir()
-            raise
-
-    def publish(self) -> None:
-        """Rename the complete content to the output.
-
-        Raises:
-            OutputExistsError: The output was created meanwhile, or may not be replaced.
-            OutputError: The disk refuses.
-        """
-        self._check_free()
-        with reported(self.path):
-            if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
-                self.path.rename(self._partial / _REPLACED)
-            self.content.rename(self.path)
-        self._created.clear()
-        self.discard()
-
-    def discard(self) -> None:
-        """Remove the content and release the lock; never raises OSError."""
-        lock, self._lock = self._lock, -1
-        if lock >= 0:
-            with suppress(OSError):
-                self._restore()
-            # Delete before unlocking: another run must not find a partly deleted directory.
-            shutil.rmtree(self._partial, ignore_errors=True)
-            os.close(lock)
-        for folder in reversed(self._created):
-            with suppress(OSError):
-                folder.rmdir()
-        self._created.clear()
-
-    def _check_free(self) -> None:
-        with reported(self.path):
-            if not os.path.lexists(self.path):
-                return
-            if self.path.is_symlink():
-                raise OutputExistsError(
-                    self.path, 'it is a symbolic link; give the path it points to'
-                )
-            refusal = self._refusal(self.path)
-            if refusal is not None:
-                raise OutputExistsError(self.path, refusal)
-
-    def _acquire(self) -> None:
-        """Create the partial directory and lock it."""
-        while True:
-            with suppress(FileExistsError):
-                self._partial.mkdir()
-            if self._partial.is_symlink() or not self._partial.is_dir():
-                raise OutputError(
-                    self.path,
-                    f'{self._partial} is in the way and is no folder',
-                    'move it away, or choose another name',
-                )
-            fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-            try:
-                lock_exclusively(fd, self.path)
-                # Its owner may have removed the directory between our open and our lock.
-                if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
-                    self._lock = fd
-                    return
-            except FileNotFoundError:
-                pass
-            except BaseException:
-                if self._lock != fd:
-                    os.close(fd)
-                raise
-            os.close(fd)
-
-    def _clear(self) -> None:
-        self._restore()
-        found = {entry.name for entry in self._partial.iterdir()}
-        if found - {self.content.name, _REPLACED, _NAMED}:
-            # Foreign files: neither this method nor discard may delete them.
-            os.close(self._lock)
-            self._lock = -1
-            raise OutputError(
-                self.path,
-                f'{self._partial} is in the way and holds {min(found)}',
-                'move it away, or choose another name',
-            )
-        for name in found:
-            entry = self._partial / name
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry)
-            else:
-                entry.unlink()
-
-    def _restore(self) -> None:
-        # A run that was killed between its two renames has moved the old bag here.
-        replaced = self._partial / _REPLACED
-        if os.path.lexists(replaced) and not os.path.lexists(self.path):
-            replaced.rename(self.path)
+__all__ = [
+    'Staging',
+    'lies_inside',
+    'lock_exclusively',
+    'open_staging',
+    'output_error',
+    'refuse_inside',
+    'reported',
+    'staged',
+    'staged_file',
+    'taking_over',
+]
 
 
 def open_staging(path: Path, refusal: Callable[[Path], str | None]) -> Staging | UploadStaging:
@@ -235,24 +83,6 @@ def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
     return 'choose another name, an empty folder, or pass --overwrite'
 
 
-def lock_exclusively(fd: int, path: Path) -> None:
-    """Lock an open folder until it is closed.
-
-    Raises:
-        OutputError: Another run is writing to the output, path.
-        OSError: The disk refuses.
-    """
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise OutputError(
-            path, 'another run is writing this', 'wait for it, or choose another name'
-        ) from None
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-
-
 def lies_inside(out: Path, source: Path) -> bool:
     """Whether an output is its source or lies inside it."""
     if is_remote(out) or is_remote(source):
@@ -284,7 +114,7 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
     try:
         with reported(out):
             # Programs that write pictures and films use the suffix of the name.
-            folder = staging.content.with_name(_NAMED)
+            folder = staging.content.with_name(NAMED)
             folder.mkdir()
             yield folder / out.name
             (folder / out.name).rename(staging.content)

@@ -1,34 +1,25 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Objects of a store: asked for anew, written, removed; each request is repeated if it fails.
-
-fsspec's file systems repeat requests themselves where they know that the store failed. What they
-pass on is tried again here, unless it is an answer: no permission, no such bucket.
-"""
+"""Objects of a store: asked for anew, written, removed; requests that fail are tried again."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import random
-import time
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from ..model.errors import KittiRos2Error, OutputError
+from ..model.errors import KittiRos2Error, OutputError, RemoteError, describe_error
 from .remote import filesystem_of, key_of
+from .remote_requests import attempt
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from .remote import FileSystem, RemotePath
 
-T = TypeVar('T')
-
-ATTEMPTS = 4
-FIRST_WAIT_S = 0.25
-_ANSWERS = (PermissionError, FileNotFoundError, FileExistsError, NotADirectoryError)
+_ERRORS = (OSError, RemoteError)
 _READ_ONLY = ('http', 'https')
 
 
@@ -47,34 +38,20 @@ class StoredObject:
 
 
 class StoreError(OutputError):
-    """A store refuses a request, or does not answer."""
+    """A store refuses a request about an output, or does not answer.
+
+    Attributes:
+        reason: What the store says.
+    """
 
     def __init__(self, path: RemotePath, error: Exception, *, remains: str = '') -> None:
         self.path = str(path)
-        reason = ' '.join(str(error).split()) or type(error).__name__
-        left = remains or 'nothing was left behind'
+        self.reason = describe_error(error).removeprefix(f'{path}: ')
         KittiRos2Error.__init__(
             self,
-            f'{path}: cannot be written ({reason}); {left}'
+            f'{path}: cannot be written ({self.reason}); {remains or "nothing was left behind"}'
             f' (check the address, the credentials and the network, and run it again)',
         )
-        self.reason = reason
-
-
-def persistently(request: Callable[[], T]) -> T:
-    """Return the result of a request; repeat it after errors that may pass.
-
-    Raises:
-        Exception: That of the last attempt.
-    """
-    for attempt in range(1, ATTEMPTS):
-        try:
-            return request()
-        except (KittiRos2Error, *_ANSWERS):
-            raise
-        except Exception:  # noqa: BLE001 - file systems raise what their libraries raise
-            time.sleep(FIRST_WAIT_S * 2**attempt * (0.5 + random.random() / 2))  # noqa: S311
-    return request()
 
 
 def refuse_read_only(path: RemotePath) -> None:
@@ -110,12 +87,10 @@ def objects_at(path: RemotePath) -> dict[str, StoredObject]:
         return {**system.find(key, detail=True), **own}
 
     try:
-        found = persistently(ask)
+        found = attempt(path, ask)
     except FileNotFoundError:
         return {}
-    except KittiRos2Error:
-        raise
-    except Exception as error:
+    except _ERRORS as error:
         raise StoreError(path, error) from error
     return {
         name[len(key) :].lstrip('/'): _stored(entry)
@@ -142,10 +117,10 @@ def object_at(path: RemotePath) -> StoredObject | None:
         return entry
 
     try:
-        entry = persistently(ask)
+        entry = attempt(path, ask)
     except FileNotFoundError:
         return None
-    except Exception as error:
+    except _ERRORS as error:
         raise StoreError(path, error) from error
     return _stored(entry) if entry['type'] == 'file' else None
 
@@ -158,10 +133,10 @@ def read_object(path: RemotePath) -> bytes | None:
     """
     system, key = filesystem_of(path), key_of(path)
     try:
-        return bytes(persistently(lambda: system.cat_file(key)))
+        return bytes(attempt(path, lambda: system.cat_file(key)))
     except FileNotFoundError:
         return None
-    except Exception as error:
+    except _ERRORS as error:
         raise StoreError(path, error) from error
 
 
@@ -173,8 +148,8 @@ def write_object(path: RemotePath, data: bytes) -> None:
     """
     system, key = filesystem_of(path), key_of(path)
     try:
-        persistently(lambda: system.pipe_file(key, data))
-    except Exception as error:
+        attempt(path, lambda: system.pipe_file(key, data))
+    except _ERRORS as error:
         raise StoreError(path, error) from error
 
 
@@ -189,10 +164,8 @@ def create_object(path: RemotePath, data: bytes) -> bool:
     """
     system, key = filesystem_of(path), key_of(path)
     try:
-        persistently(lambda: system.pipe_file(key, data, mode='create'))
-    except FileExistsError:
-        pass
-    except Exception:  # noqa: BLE001 - a store without conditional requests
+        attempt(path, lambda: system.pipe_file(key, data, mode='create'))
+    except (*_ERRORS, TypeError):  # there is one, or conditions are unknown to the file system
         if read_object(path) is None:
             write_object(path, data)
     # The answer to a request that was carried out may have been lost.
@@ -209,8 +182,8 @@ def remove_objects(paths: Iterable[RemotePath]) -> None:
         system, key = filesystem_of(path), key_of(path)
         try:
             with suppress(FileNotFoundError):
-                persistently(lambda system=system, key=key: system.rm_file(key))  # type: ignore[misc]
-        except Exception as error:
+                attempt(path, lambda system=system, key=key: system.rm_file(key))  # type: ignore[misc]
+        except _ERRORS as error:
             raise StoreError(path, error) from error
 
 

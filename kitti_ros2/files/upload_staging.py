@@ -17,9 +17,9 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.errors import BadFileError, OutputError, OutputExistsError
-from .remote import is_remote
-from .staging import Staging
+from ..model.errors import OutputError, OutputExistsError
+from .local_staging import Staging
+from .remote_listing import forget
 from .store_objects import (
     StoreError,
     object_at,
@@ -29,6 +29,7 @@ from .store_objects import (
     remove_objects,
     write_object,
 )
+from .upload_marker import marker_of
 from .uploads import Upload, is_same, send
 
 if TYPE_CHECKING:
@@ -40,37 +41,6 @@ if TYPE_CHECKING:
 _LAST = 'metadata.yaml'
 """Makes files a bag: the last to be sent."""
 _VERIFICATIONS = 3
-
-
-def marker_of(path: RemotePath) -> RemotePath:
-    """Return the marker of an output of several files."""
-    return path.with_name(f'.{path.name}.partial')
-
-
-def refuse_incomplete(path: Path) -> None:
-    """Refuse to read an output whose upload was not completed, or what is in one.
-
-    Args:
-        path: A file or folder; local ones are not asked for.
-
-    Raises:
-        BadFileError: There is a marker.
-        StoreError: The store cannot be asked.
-    """
-    if not is_remote(path) or path.scheme in {'http', 'https'}:
-        return
-    for folder in (path, *path.parents):
-        if not folder.parent.name:
-            return
-        marker = marker_of(folder)
-        if object_at(marker) is not None:
-            raise BadFileError(
-                folder,
-                'its upload was not completed',
-                f'a complete output, without {marker}',
-                remedy='run the command that writes it again, or remove the marker to read what'
-                ' is there',
-            )
 
 
 class UploadStaging:
@@ -114,6 +84,7 @@ class UploadStaging:
             self._verify(sent)
             remove_objects(self.path / name for name in sorted(replaced) if name)
             remove_objects([self._marker] if marked else [])
+        forget(self.path)
         self._local.discard()
 
     def discard(self) -> None:
@@ -122,6 +93,7 @@ class UploadStaging:
 
     def _find_replaced(self) -> tuple[Mapping[str, StoredObject], bool]:
         """Return the objects to replace, and whether they are of an upload that did not end."""
+        forget(self.path)
         found = objects_at(self.path)
         marked = object_at(self._marker) is not None
         if found and not marked:

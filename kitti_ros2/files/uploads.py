@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import KittiRos2Error
+from ..model.errors import RemoteError
 from .remote import filesystem_of, key_of
-from .store_objects import StoredObject, StoreError, md5_of, object_at, persistently
+from .remote_requests import attempt
+from .store_objects import StoredObject, StoreError, md5_of, object_at, remove_objects
 from .workers import ordered_map
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ PART = 8 << 20
 _MOST_PARTS = 10_000  # of one object, on S3
 _WHOLE_OBJECTS = {'gs', 'gcs', 'abfs', 'abfss', 'az', 'adl', 'oci', 'oss', 'obs', 'memory'}
 """Schemes of stores in which an object appears when its last byte has arrived."""
-_AT_ONCE = 6  # requests; each holds a part in memory
+_AT_ONCE = 10  # requests, as botocore has connections; each holds a part in memory
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,13 @@ def _tasks(
 
 def _put(upload: Upload, system: FileSystem) -> Sent:
     data = upload.source.read_bytes()
-    _ask(upload.target, lambda: system.pipe_file(key_of(upload.target), data))
-    return upload.target, StoredObject(len(data), md5_of(data).hex())
+    expected = StoredObject(len(data), md5_of(data).hex())
+    try:
+        _ask(upload.target, lambda: system.pipe_file(key_of(upload.target), data))
+    except StoreError:
+        if not _is_there(upload.target, expected):
+            raise
+    return upload.target, expected
 
 
 def _send_whole(upload: Upload, system: FileSystem) -> Sent:
@@ -115,8 +121,7 @@ def _send_whole(upload: Upload, system: FileSystem) -> Sent:
     else:
         part = key_of(target.with_name(f'.{target.name}.part'))
         _ask(target, lambda: system.put_file(str(upload.source), part))
-        with suppress(FileNotFoundError):
-            _ask(target, lambda: system.rm_file(key_of(target)))
+        remove_objects([target])
         _ask(target, lambda: system.mv(part, key_of(target)))
     digest = hashlib.md5(usedforsecurity=False)
     size = 0
@@ -175,35 +180,55 @@ class _Multipart:
         digest = md5_of(b''.join(self.digests[index] for index in range(self.parts))).hex()
         expected = StoredObject(self.size, f'{digest}-{self.parts}')
         parts = [{'PartNumber': index + 1, 'ETag': self.tags[index]} for index in range(self.parts)]
+        self._abort_earlier()
         try:
-            persistently(
+            _ask(
+                self.target,
                 lambda: self.system.call_s3(
                     'complete_multipart_upload', **self.name, MultipartUpload={'Parts': parts}
-                )
+                ),
             )
-        except Exception as error:
-            # The answer to an earlier attempt may have been lost: then there is no such upload.
-            if not self._is_there(expected):
-                raise StoreError(self.target, error) from error
-        self.system.invalidate_cache()
+        except StoreError:
+            # After an answer that was lost there is no such upload any more.
+            if not _is_there(self.target, expected):
+                raise
         return expected
 
     def abort(self) -> None:
         """Remove the parts; never raises an error of the store."""
-        with suppress(Exception):
-            persistently(lambda: self.system.call_s3('abort_multipart_upload', **self.name))
+        with suppress(StoreError):
+            _ask(self.target, lambda: self.system.call_s3('abort_multipart_upload', **self.name))
 
-    def _is_there(self, expected: StoredObject) -> bool:
-        with suppress(KittiRos2Error):
-            found = object_at(self.target)
-            return found is not None and found.digest == expected.digest
-        return False
+    def _abort_earlier(self) -> None:
+        """Abort earlier uploads of the same object: of a killed run, or begun by a lost answer."""
+        bucket, key = self.name['Bucket'], self.name['Key']
+        with suppress(StoreError):  # it needs a permission of its own
+            answer = _ask(
+                self.target,
+                lambda: self.system.call_s3('list_multipart_uploads', Bucket=bucket, Prefix=key),
+            )
+            begun = {
+                each['UploadId']: each['Initiated']
+                for each in answer.get('Uploads', ())
+                if each['Key'] == key
+            }
+            own = begun.pop(self.name['UploadId'], None)
+            for upload, initiated in begun.items():
+                # A later one is of a run that has taken over.
+                if own is not None and initiated <= own:
+                    replace(self, name={**self.name, 'UploadId': upload}).abort()
+
+
+def _is_there(target: RemotePath, expected: StoredObject) -> bool:
+    """Whether an object has arrived though its request failed: an answer may have been lost."""
+    with suppress(StoreError):
+        found = object_at(target)
+        return found is not None and found.digest == expected.digest
+    return False
 
 
 def _ask(target: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401 - the store's answer
     try:
-        return persistently(request)
-    except KittiRos2Error:
-        raise
-    except Exception as error:
+        return attempt(target, request)
+    except (OSError, RemoteError) as error:
         raise StoreError(target, error) from error

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
 from ..files.staging import lock_exclusively, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
@@ -68,8 +69,9 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
     Raises:
         OutputExistsError: out is not a folder, or a file of a new frame appeared meanwhile.
         OutputError: Another run is writing to it, or it cannot be written.
-        UsageError: out contains no object set, or has symbolic links where frames go.
+        UsageError: out is a URL, contains no object set, or has symbolic links where frames go.
     """
+    _refuse_url(out)
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
         with staged(out) as stage:
             yield Appending(stage, 0)
@@ -106,11 +108,18 @@ def mend(out: Path) -> tuple[str, ...]:
     Raises:
         OutputError: Another run is writing to the set, or it cannot be written.
         BadFileError: The journal is damaged.
+        UsageError: out is a URL.
     """
+    _refuse_url(out)
     if out.is_symlink() or not os.path.lexists(out / FOLDER):
         return ()
     with reported(out), _locked(out):
         return _recover(out)
+
+
+def _refuse_url(out: Path) -> None:
+    if is_remote(out):
+        raise UsageError(f'{out}: --append continues local folders only; give one')
 
 
 def next_number(out: Path, split: str) -> int:

@@ -9,6 +9,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from ..files.remote import common_folder, is_remote
+from ..files.upload_marker import refuse_incomplete
 from ..model.errors import (
     AmbiguousLayoutError,
     AmbiguousSequenceError,
@@ -160,10 +161,12 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
 
     Raises:
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        BadFileError: Its upload to a store was not completed.
         UsageError: The chosen recording does not exist.
     """
     from .nearby import DataSet  # noqa: PLC0415 - for whole sets only
 
+    refuse_incomplete(path)
     fits = _find_all(path)
     if options.layout is not None:
         fits = {layout: found for layout, found in fits.items() if layout is options.layout}
@@ -182,7 +185,9 @@ def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Cand
     Raises:
         NotKittiError: There is none.
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        BadFileError: Its upload to a store was not completed.
     """
+    refuse_incomplete(path)
     if options.layout is None:
         return _guess(path)
     folder = absolute(path)

@@ -8,6 +8,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
+from ..files.store_objects import objects_at
 from ..model.text import format_count
 from . import names
 from .layout_files import LAYOUTS
@@ -61,6 +63,8 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 
 def _is_plain(folder: Path) -> bool:
     """Whether a folder holds files of KITTI's endings only, and no symbolic links."""
+    if is_remote(folder):
+        return all(name.endswith(_ENDINGS) for name in objects_at(folder))
     for root, folders, files in os.walk(folder):
         if not all(name.endswith(_ENDINGS) for name in files):
             return False

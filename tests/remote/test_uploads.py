@@ -12,18 +12,18 @@ import pytest
 
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
+import fsspec.config
 import s3fs
 from s3_server import AT_ONCE, Fault
 
-from kitti_ros2.files import remote, store_objects, uploads
+from kitti_ros2.files import remote, remote_requests, uploads
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged, staged_file
-from kitti_ros2.files.upload_staging import marker_of, refuse_incomplete
+from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, OutputError, OutputExistsError
 
-PART = 5 << 20
-"""The smallest part that S3 takes."""
-LARGE = b''.join(hashlib.sha256(b'%d' % at).digest() for at in range(PART // 32 + 1000))
+PART = 32 << 10
+LARGE = b''.join(hashlib.sha256(b'%d' % at).digest() for at in range(PART // 32 + 100))
 FILES = {
     'metadata.yaml': b'bag',
     'b/large.mcap': LARGE,
@@ -43,8 +43,9 @@ def replace(_path):
 @pytest.fixture
 def store(s3, monkeypatch):
     """The bucket, by clients that do not wait between attempts."""
+    monkeypatch.setattr('moto.s3.models.S3_UPLOAD_PART_MIN_SIZE', PART)
     monkeypatch.setattr(uploads, 'PART', PART)
-    monkeypatch.setattr(store_objects, 'FIRST_WAIT_S', 0)
+    monkeypatch.setattr(remote_requests, 'wait', lambda _: None)
     monkeypatch.setattr(s3fs.S3FileSystem, 'retries', 1)
     monkeypatch.setenv('AWS_MAX_ATTEMPTS', '1')
     forget_clients()
@@ -223,6 +224,16 @@ def test_an_upload_that_was_not_completed_is_replaced_without_being_asked(store)
     assert store.objects() == below('out', files)
 
 
+@pytest.mark.parametrize('kind', ['put', 'part', 'complete'])
+def test_a_request_without_an_answer_is_made_again(kind, store, monkeypatch):
+    monkeypatch.setitem(fsspec.config.conf, 's3', {'config_kwargs': {'read_timeout': 5}})
+    forget_clients()
+    store.server.fail(Fault.STALL, kinds={kind})
+    write_folder(f'{store.url}/out')
+    assert store.server.failures() == 1
+    assert store.objects() == below('out')
+
+
 def test_an_upload_that_fails_is_aborted(store):
     store.server.fail(Fault.ERROR, 2, ALWAYS, kinds={'part'})
     with pytest.raises(OutputError):
@@ -274,7 +285,7 @@ from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged
 from kitti_ros2.files import uploads
 
-uploads.PART = 5 << 20
+uploads.PART = 32 << 10
 with staged(as_path(sys.argv[1])) as folder:
     for each in sorted(Path(sys.argv[2]).iterdir()):
         (folder / each.name).write_bytes(each.read_bytes())

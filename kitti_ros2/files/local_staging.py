@@ -1,0 +1,238 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Local outputs that exist either completely or not at all.
+
+Everything is written inside the hidden directory ``.{name}.partial`` beside the output, which is
+locked while its writer runs, and renamed to the output when complete. The lock ends with the
+process: a partial directory without a lock is left over from a killed run, and the next run
+removes it.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import secrets
+import shutil
+import tempfile
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
+
+from ..model.errors import OutputError, OutputExistsError
+from .output_paths import make_parents, named_output
+from .remote import is_remote
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+
+_CONTENT = 'content'
+_REPLACED = 'replaced'
+NAMED = 'named'
+"""Folder of a file that is written under its own name."""
+_OWN = {_CONTENT, _REPLACED, NAMED}
+_TAKING_OVER: ContextVar[tuple[type[OutputError], ...]] = ContextVar('taking_over', default=())
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+# Errors of file systems without locks; there a concurrent second run is not detected.
+_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL)
+
+
+def output_error(path: Path, error: OSError) -> OutputError:
+    """Convert an error of the operating system about an output to a one-line error."""
+    reason = error.strerror or str(error)
+    if is_remote(path):
+        remedy = f'it is made in {tempfile.gettempdir()}: make room, or set TMPDIR to another disk'
+        return OutputError(path, f'cannot be made ({reason})', remedy)
+    if error.errno in _FULL:
+        return OutputError(path, f'the disk is full ({reason})', 'make room, or write elsewhere')
+    if error.errno in _FORBIDDEN:
+        return OutputError(
+            path, f'cannot be written ({reason})', 'choose a folder you may write to'
+        )
+    return OutputError(path, f'cannot be written ({reason})', 'check the path and the disk')
+
+
+@contextmanager
+def reported(path: Path) -> Iterator[None]:
+    """Convert errors of the operating system about an output to OutputError."""
+    try:
+        yield
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+class Staging:
+    """A temporary place for an output until it is complete.
+
+    Attributes:
+        path: The output.
+        content: Where to write it: a path inside the partial directory that does not exist yet.
+
+    Args:
+        path: The output.
+        refusal: Returns the reason why an existing output is kept, None if it may be replaced.
+
+    Raises:
+        OutputExistsError: The output exists and may not be replaced.
+        OutputError: Another run is writing it, or the disk refuses.
+        UsageError: The path cannot be an output.
+    """
+
+    def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
+        self.path = named_output(path)
+        self._refusal = refusal
+        self._partial = self.path.with_name(f'.{self.path.name}.partial')
+        # Unique: a writer that is taken over, or not locked out, never publishes another's content.
+        self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
+        self._created: list[Path] = []
+        self._lock = -1
+        self._check_free()
+        try:
+            with reported(self.path):
+                self._created = make_parents(self.path.parent)
+                self._acquire()
+                self._clear()
+        except BaseException as error:
+            self.discard()
+            if isinstance(error, (KeyboardInterrupt, SystemExit)):
+                # The interrupt may fall between creating the directory and locking it.
+                with suppress(OSError):
+                    self._partial.rmdir()
+            raise
+
+    def publish(self) -> None:
+        """Rename the complete content to the output.
+
+        Raises:
+            OutputExistsError: The output was created meanwhile, or may not be replaced.
+            OutputError: The disk refuses.
+        """
+        self._check_free()
+        with reported(self.path):
+            self.content.lstat()  # raises if another writer has taken over
+            if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
+                self.path.rename(self._partial / _REPLACED)
+            self.content.rename(self.path)
+        self._created.clear()
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove the content and release the lock; never raises OSError."""
+        lock, self._lock = self._lock, -1
+        if lock >= 0:
+            with suppress(OSError):
+                self._restore()
+            # Delete before unlocking: another run must not find a partly deleted directory.
+            for entry in (self.content, self._partial / _REPLACED, self._partial / NAMED):
+                _remove(entry)
+            with suppress(OSError):  # it holds the content of a writer that has taken over
+                self._partial.rmdir()
+            os.close(lock)
+        for folder in reversed(self._created):
+            with suppress(OSError):
+                folder.rmdir()
+        self._created.clear()
+
+    def _check_free(self) -> None:
+        with reported(self.path):
+            if not os.path.lexists(self.path):
+                return
+            if self.path.is_symlink():
+                raise OutputExistsError(
+                    self.path, 'it is a symbolic link; give the path it points to'
+                )
+            refusal = self._refusal(self.path)
+            if refusal is not None:
+                raise OutputExistsError(self.path, refusal)
+
+    def _acquire(self) -> None:
+        """Create the partial directory and lock it."""
+        while True:
+            with suppress(FileExistsError):
+                self._partial.mkdir()
+            if self._partial.is_symlink() or not self._partial.is_dir():
+                raise OutputError(
+                    self.path,
+                    f'{self._partial} is in the way and is no folder',
+                    'move it away, or choose another name',
+                )
+            fd = os.open(self._partial, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                with suppress(*_TAKING_OVER.get()):
+                    lock_exclusively(fd, self.path)
+                # Its owner may have removed the directory between our open and our lock.
+                if os.path.samestat(os.fstat(fd), os.lstat(self._partial)):
+                    self._lock = fd
+                    return
+            except FileNotFoundError:
+                pass
+            except BaseException:
+                if self._lock != fd:
+                    os.close(fd)
+                raise
+            os.close(fd)
+
+    def _clear(self) -> None:
+        self._restore()
+        found = {entry.name for entry in self._partial.iterdir()}
+        foreign = {name for name in found if name.partition('-')[0] not in _OWN}
+        if foreign:
+            # Neither this method nor discard may delete them.
+            os.close(self._lock)
+            self._lock = -1
+            raise OutputError(
+                self.path,
+                f'{self._partial} is in the way and holds {min(foreign)}',
+                'move it away, or choose another name',
+            )
+        for name in found:
+            _remove(self._partial / name)
+
+    def _restore(self) -> None:
+        # A run that was killed between its two renames has moved the old bag here.
+        replaced = self._partial / _REPLACED
+        if os.path.lexists(replaced) and not os.path.lexists(self.path):
+            replaced.rename(self.path)
+
+
+@contextmanager
+def taking_over() -> Iterator[None]:
+    """Let outputs be begun although another process seems to be writing them.
+
+    For the second attempt of work whose process is given up, but may still run, such as one behind
+    a broken network. The first attempt cannot publish anything afterwards.
+    """
+    before = _TAKING_OVER.set((OutputError,))
+    try:
+        yield
+    finally:
+        _TAKING_OVER.reset(before)
+
+
+def _remove(entry: Path) -> None:
+    """Remove a file or a folder if it is there."""
+    with suppress(OSError):
+        entry.unlink()
+    shutil.rmtree(entry, ignore_errors=True)
+
+
+def lock_exclusively(fd: int, path: Path) -> None:
+    """Lock an open folder until it is closed.
+
+    Raises:
+        OutputError: Another run is writing to the output, path.
+        OSError: The disk refuses.
+    """
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            path, 'another run is writing this', 'wait for it, or choose another name'
+        ) from None
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
