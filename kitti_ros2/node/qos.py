@@ -60,7 +60,9 @@ def load_overrides(path: Path) -> dict[str, QosOverride]:
         raise UsageError(f'{path}: {error.strerror}; expected a file with QoS overrides') from None
     except YamlTextError as error:
         where = path if error.line is None else f'{path}:{error.line}'
-        raise UsageError(f'{where}: no YAML; expected topics with their QoS') from None
+        raise UsageError(
+            f'{where}: no YAML, {error.problem}; expected topics with their QoS'
+        ) from None
     if not isinstance(content, dict):
         raise UsageError(f'{path}: no mapping of topics to their QoS')
     return {str(topic): _override(path, str(topic), each) for topic, each in content.items()}
