@@ -20,6 +20,7 @@ import numpy as np
 from ..model.errors import BadBagError
 from ..model.text import one_line
 from .pieces import BagFile, FileBytes, Piece
+from .sqlite_connection import GuardedConnection
 from .sqlite_scan import Pages
 from .sqlite_topics import scanned_topics, stored_topics
 from .sqlite_tree import TableTree
@@ -139,7 +140,10 @@ class SqliteFile(BagFile):
                 self._connection = self._connect(path)
                 self.channels = stored_topics(self._connection)
                 query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
-                return np.fromiter(self._connection.execute(query), _ROW)
+                rows = np.fromiter(self._connection.execute(query), _ROW)
+                if (np.diff(rows['id']) <= 0).any():
+                    raise ValueError('its rows are not in order')
+                return rows
             except _ERRORS as error:
                 if self._connection is not None:
                     self._connection.close()
@@ -155,6 +159,7 @@ class SqliteFile(BagFile):
 
         Raises:
             sqlite3.Error: The database cannot be opened.
+            ValueError: It has views in place of tables.
         """
         mode = 'immutable=1'
         wal = path.with_name(f'{path.name}-wal')
@@ -167,7 +172,15 @@ class SqliteFile(BagFile):
                 self._shared = shared  # SQLite creates and leaves it
         uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
         # Several threads may read, one at a time.
-        return sqlite3.connect(uri, uri=True, check_same_thread=False)
+        connection = sqlite3.connect(
+            uri, uri=True, check_same_thread=False, factory=GuardedConnection
+        )
+        try:
+            connection.guard(self._file.size)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
         found = self._scanned()
