@@ -139,11 +139,7 @@ class SqliteFile(BagFile):
             try:
                 self._connection = self._connect(path)
                 self.channels = stored_topics(self._connection)
-                query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
-                rows = np.fromiter(self._connection.execute(query), _ROW)
-                if (np.diff(rows['id']) <= 0).any():
-                    raise ValueError('its rows are not in order')
-                return rows
+                return _listed_rows(self._connection)
             except _ERRORS as error:
                 if self._connection is not None:
                     self._connection.close()
@@ -250,6 +246,19 @@ class SqliteFile(BagFile):
         except ValueError as error:
             self._lose(f'row {row_id} cannot be read ({error})', 1)
             return None
+
+
+def _listed_rows(connection: sqlite3.Connection) -> npt.NDArray[np.void]:
+    """Read id, topic and stamp of all rows, by id.
+
+    Raises:
+        sqlite3.Error, TypeError, ValueError, OverflowError: The table is damaged.
+    """
+    query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
+    rows = np.fromiter(connection.execute(query), _ROW)
+    if (np.diff(rows['id']) <= 0).any():
+        raise ValueError('its rows are not in order')
+    return rows
 
 
 def _large(connection: sqlite3.Connection, tree: TableTree | None, row_id: int, size: int) -> Any:  # noqa: ANN401 - of any database
