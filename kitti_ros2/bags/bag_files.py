@@ -160,7 +160,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
     A truncated file is decompressed up to its end.
 
     Raises:
-        BadBagError: The path is a pipe or a device.
+        BadBagError: The path is a pipe or a device, or what it unpacks to is too large.
         OSError: The file cannot be read, or the disk has no room for the copy.
     """
     if not path.is_file():
@@ -174,6 +174,8 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
         try:
             with plain.open('wb') as target:
                 target.writelines(decompress_file(source))
+        except ValueError as error:
+            raise BadBagError(path, str(error)) from None
         except OSError as error:
             error.filename = f'{path} (unpacked to {folder.parent})'
             raise

@@ -5,10 +5,13 @@
 from __future__ import annotations
 
 import bz2
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import zstandard
 from lz4 import frame as lz4_frame
+
+from .limits import check_block, check_file, largest_block
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from .pieces import Buffer
 
     class _Stream(Protocol):
-        def decompress(self, data: Buffer, /) -> bytes: ...
+        def read(self, length: int, /) -> bytes: ...
 
 
 ZSTD_MAGIC = b'(\xb5/\xfd'
@@ -34,21 +37,20 @@ _ERRORS = (
 _STEP = 2**16
 _STEP_IN = 2**14  # damage costs the data of its whole step
 
-_BLOCKS: dict[str, Callable[[Buffer, int], bytes]] = {
-    'zstd': lambda data, size: zstandard.ZstdDecompressor().decompress(data, max_output_size=size),
-    'lz4': lambda data, _: lz4_frame.decompress(data),
-    'bz2': lambda data, _: bz2.decompress(data),
+_STREAMS: dict[str, Callable[[Buffer], _Stream]] = {
+    'zstd': lambda data: zstandard.ZstdDecompressor().stream_reader(data),
+    'lz4': lambda data: _Stepwise(data, lz4_frame.LZ4FrameDecompressor),
+    'bz2': lambda data: _Stepwise(data, bz2.BZ2Decompressor),
 }
-_STREAMS: dict[str, Callable[[], _Stream]] = {
-    'zstd': lambda: zstandard.ZstdDecompressor().decompressobj(),
-    'lz4': lz4_frame.LZ4FrameDecompressor,
-    'bz2': bz2.BZ2Decompressor,
+_WHOLE: dict[str, Callable[[Buffer], bytes]] = {
+    'zstd': lambda data: zstandard.ZstdDecompressor().decompress(data),
+    'lz4': lz4_frame.decompress,
 }
 UNCOMPRESSED = ('', 'none')
 
 
 def decompress(name: str, data: Buffer, size: int) -> Buffer:
-    """Decompress a whole block.
+    """Decompress a whole block; what it has beyond its size is not decompressed.
 
     Args:
         name: zstd, lz4 (frame format), bz2; empty or none for uncompressed data.
@@ -56,39 +58,78 @@ def decompress(name: str, data: Buffer, size: int) -> Buffer:
         size: Of the data before compression, in bytes.
 
     Raises:
-        ValueError: The block is damaged, or the compression is unknown.
+        ValueError: The block is damaged or too large, or the compression is unknown.
     """
     if name not in UNCOMPRESSED:
-        if name not in _BLOCKS:
+        if name not in _STREAMS:
             raise ValueError(f'unknown compression {name!r}')
+        check_block(len(data), size)
         try:
-            data = _BLOCKS[name](data, size)
+            data = _decompress(name, data, size)
         except _ERRORS as error:
             raise ValueError(' '.join(str(error).split())) from error
-    if len(data) != size:
+    if len(data) > size:
+        raise ValueError(f'more than the {size} bytes that it declares')
+    if len(data) < size:
         raise ValueError(f'{len(data)} bytes instead of {size}')
     return data
 
 
-def decompress_beginning(name: str, data: Buffer) -> Buffer:
-    """Decompress as much as possible of a truncated block."""
+def _decompress(name: str, data: Buffer, size: int) -> Buffer:
+    """Return a block's data, and no more than one byte beyond a size."""
+    declared = _declared_size(name, data)
+    if declared not in {None, size}:
+        raise ValueError(f'{declared} bytes instead of {size}')
+    if declared:  # faster than in steps
+        return _WHOLE[name](data)
+    return b''.join(_pieces(name, data, size + 1))
+
+
+def _declared_size(name: str, data: Buffer) -> int | None:
+    """Return the size that a block itself declares."""
+    if name == 'zstd':
+        size = zstandard.frame_content_size(data)
+        return size if size >= 0 else None
+    if name == 'lz4':
+        return lz4_frame.get_frame_info(data)['content_size'] or None
+    return None
+
+
+def _pieces(name: str, data: Buffer, most: int) -> Iterator[bytes]:
+    stream = _STREAMS[name](data)
+    while piece := stream.read(min(_STEP, most)):
+        most -= len(piece)
+        yield piece
+
+
+def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
+    """Decompress as much as possible of a truncated block.
+
+    Args:
+        name: As of decompress.
+        data: The beginning of a block.
+        size: Of the whole data before compression; 0 if it is not known.
+    """
     if name in UNCOMPRESSED:
         return data
     if name not in _STREAMS:
         return b''
-    view, stream = memoryview(data), _STREAMS[name]()
+    most = min(size or largest_block(len(data)), largest_block(len(data)))
     found = bytearray()
-    for start in range(0, len(view), _STEP):
-        try:
-            found += stream.decompress(view[start : start + _STEP])
-        except _ERRORS:
-            break
+    with suppress(*_ERRORS):
+        for piece in _pieces(name, data, most):
+            found += piece
     return bytes(found)
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:
-    """Decompress a zstd file in small blocks, up to the first damage."""
+    """Decompress a zstd file in small blocks, up to the first damage.
+
+    Raises:
+        ValueError: It is larger than a limit.
+    """
     blocks = zstandard.ZstdDecompressor().read_to_iter(source, _STEP_IN, _STEP)
+    done = 0
     while True:
         try:
             block = next(blocks, b'')
@@ -96,6 +137,8 @@ def decompress_file(source: BinaryIO) -> Iterator[bytes]:
             return
         if not block:
             return
+        done += len(block)
+        check_file(source.tell(), done)
         yield block
 
 
@@ -103,13 +146,35 @@ def decompress_message(data: Buffer) -> bytes:
     """Decompress a message of rosbag2's message mode.
 
     Raises:
-        ValueError: The message is damaged.
+        ValueError: The message is damaged or too large.
     """
-    stream = zstandard.ZstdDecompressor().decompressobj()
     try:
+        size = _declared_size('zstd', data)
+        if size is None:
+            size = sum(map(len, _pieces('zstd', data, largest_block(len(data)) + 1)))
+        check_block(len(data), size)
+        stream = zstandard.ZstdDecompressor().decompressobj()
         plain: bytes = stream.decompress(data)
     except zstandard.ZstdError as error:
         raise ValueError(str(error)) from error
     if not stream.eof:
         raise ValueError('cut off')
     return plain
+
+
+class _Stepwise:
+    """A block of lz4 or bz2, which may have several parts, decompressed as far as is asked for."""
+
+    def __init__(self, data: Buffer, kind: Callable[[], Any]) -> None:
+        self._data: Buffer = data
+        self._kind = kind
+        self._stream = kind()
+
+    def read(self, length: int) -> bytes:
+        if self._stream.eof and self._stream.unused_data:
+            self._data, self._stream = self._stream.unused_data, self._kind()
+        if self._stream.eof or not length:
+            return b''
+        data, self._data = self._data, b''
+        found: bytes = self._stream.decompress(data, length)
+        return found

@@ -18,6 +18,7 @@ from ..messages.foxglove_fields import Fields, JsonFields
 from ..messages.foxglove_messages import TRANSLATIONS, Translation, translate
 from ..model.errors import KittiRos2Error
 from .pieces import StoredChannel
+from .ros1_messages import ros1_to_cdr
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -181,7 +182,7 @@ def _from_ros(
     def convert(data: Buffer, log_ns: int) -> bytes:
         store = typestore()
         if channel.encoding == 'ros1':
-            data = store.ros1_to_cdr(data, channel.msgtype)
+            data = ros1_to_cdr(store, data, channel.msgtype)
         message = store.deserialize_cdr(data, channel.msgtype)
         return translate(translation, Fields(message), log_ns)
 

@@ -170,9 +170,8 @@ def _storage(path: Path) -> str:
 
 
 def _rosbag2(path: Path) -> BagFiles:
-    import yaml  # noqa: PLC0415 - 15 ms that other sources do not need
-
-    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - as above
+    # 15 ms that other sources do not need
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415
 
     source = path / METADATA
     try:
@@ -184,7 +183,7 @@ def _rosbag2(path: Path) -> BagFiles:
         count = int(information['message_count'])
         entries = information.get('topics_with_message_count') or ()
         topics = tuple(str(entry['topic_metadata']['name']) for entry in entries)
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         reason = ' '.join(str(error).split())
         if any(_files(path).values()):
             return _without_metadata(path, f'{source}: is no metadata of rosbag2 ({reason})')

@@ -172,7 +172,7 @@ class McapFormat:
         head = parse_chunk_head(data)
         stored = memoryview(data)[head.records_at : head.records_at + head.records_size]
         if len(stored) < head.records_size:
-            return decompress_beginning(head.compression, stored), False
+            return decompress_beginning(head.compression, stored, head.size), False
         records = decompress(head.compression, stored, head.size)
         if not agrees(records, head.crc):
             raise ValueError('wrong checksum')

@@ -9,9 +9,7 @@ from functools import lru_cache
 from itertools import product
 from typing import Any
 
-import yaml
-
-from ..model.yaml_text import load_yaml
+from ..model.yaml_text import YamlTextError, load_yaml
 
 UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of a recording
 
@@ -60,7 +58,7 @@ def _kept_depth(profiles: str) -> int:
             if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
                 depth = int(profile.get('depth') or UNKNOWN_DEPTH)
                 return depth if 0 < depth <= _MOST else UNKNOWN_DEPTH
-    except (yaml.YAMLError, TypeError, AttributeError, ValueError, RecursionError):
+    except (TypeError, AttributeError, ValueError):
         return UNKNOWN_DEPTH
     return 0
 
@@ -74,7 +72,7 @@ def qos_faults(profiles: str) -> list[str]:
         return []
     try:
         found = load_yaml(profiles)
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except YamlTextError:
         found = None
     if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
         return ['the QoS profiles are no YAML list']

@@ -239,7 +239,7 @@ class Ros1Format:
         stored = memoryview(data)[start:]
         if size == 0 or end - start > len(stored):
             # Recorders write the size once the chunk is full.
-            return decompress_beginning(compression, stored), False
+            return decompress_beginning(compression, stored, size), False
         return decompress(compression, stored[: end - start], size), True
 
     split_record = staticmethod(split_record)

@@ -21,6 +21,7 @@ from ..files.remote import is_remote
 from ..model.errors import BadBagError
 from ..model.text import one_line
 from .pieces import BagFile, FileBytes, Piece
+from .sqlite_connection import GuardedConnection
 from .sqlite_scan import Pages
 from .sqlite_topics import scanned_topics, stored_topics
 from .sqlite_tree import TableTree
@@ -145,8 +146,7 @@ class SqliteFile(BagFile):
             try:
                 self._connection = self._connect(path)
                 self.channels = stored_topics(self._connection)
-                query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
-                return np.fromiter(self._connection.execute(query), _ROW)
+                return _listed_rows(self._connection)
             except _ERRORS as error:
                 if self._connection is not None:
                     self._connection.close()
@@ -162,6 +162,7 @@ class SqliteFile(BagFile):
 
         Raises:
             sqlite3.Error: The database cannot be opened.
+            ValueError: It has views in place of tables.
         """
         mode = 'immutable=1'
         wal = path.with_name(f'{path.name}-wal')
@@ -174,7 +175,15 @@ class SqliteFile(BagFile):
                 self._shared = shared  # SQLite creates and leaves it
         uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
         # Several threads may read, one at a time.
-        return sqlite3.connect(uri, uri=True, check_same_thread=False)
+        connection = sqlite3.connect(
+            uri, uri=True, check_same_thread=False, factory=GuardedConnection
+        )
+        try:
+            connection.guard(self._file.size)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
         found = self._scanned()
@@ -244,6 +253,19 @@ class SqliteFile(BagFile):
         except ValueError as error:
             self._lose(f'row {row_id} cannot be read ({error})', 1)
             return None
+
+
+def _listed_rows(connection: sqlite3.Connection) -> npt.NDArray[np.void]:
+    """Read id, topic and stamp of all rows, by id.
+
+    Raises:
+        sqlite3.Error, TypeError, ValueError, OverflowError: The table is damaged.
+    """
+    query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
+    rows = np.fromiter(connection.execute(query), _ROW)
+    if (np.diff(rows['id']) <= 0).any():
+        raise ValueError('its rows are not in order')
+    return rows
 
 
 def _large(connection: sqlite3.Connection, tree: TableTree | None, row_id: int, size: int) -> Any:  # noqa: ANN401 - of any database

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from .decompressors import ZSTD_MAGIC, decompress_message
 from .foxglove_channels import FoxgloveChannel, translator
+from .ros1_messages import ros1_to_cdr
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,5 +64,5 @@ class ToCdr:
         if channel in self._translators:
             return self._translators[channel](data, log_ns)
         if channel.encoding == 'ros1' and not self._as_stored:
-            return self._typestore().ros1_to_cdr(stored, channel.msgtype)
+            return ros1_to_cdr(self._typestore(), stored, channel.msgtype)
         return stored if channel.encoding == 'ros1' else data

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import yaml
-
-from ..model.errors import UsageError
+from ..kitti.store import STORE
+from ..model.errors import BadFileError, UsageError
+from ..model.yaml_text import YamlTextError, load_yaml
 from ..options.declare import check_names
 
 if TYPE_CHECKING:
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from ..options.declare import Option
 
-_KEPT_AS_TEXT = {'int', 'timestamp'}
+# YAML reads 0010 as 8 and truncates a stamp to microseconds.
+_KEPT_AS_TEXT = ('int', 'timestamp')
 
 
 def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
@@ -31,15 +32,15 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
         UsageError: The file is missing, invalid YAML, or not a mapping of known names.
     """
     try:
-        values = yaml.load(path.read_text('utf-8'), _text_loader())  # noqa: S506 - a safe loader
+        values = load_yaml(STORE.read_text(path), _KEPT_AS_TEXT)
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, 'problem_mark', None)
-        where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
-        problem = getattr(error, 'problem', None) or 'not UTF-8'
+    except BadFileError as error:
+        raise UsageError(f'{error}; --config takes a YAML file') from None
+    except YamlTextError as error:
+        where = path if error.line is None else f'{path}:{error.line}'
         raise UsageError(
-            f'{where}: invalid YAML, {problem}; expected lines like "images: raw"'
+            f'{where}: invalid YAML, {error.problem}; expected lines like "images: raw"'
         ) from None
     if values is None:
         return {}
@@ -64,18 +65,3 @@ def add_config(
         plain = {each.name: each.plain(each.default) for each in declared}
         of_file = {name: value for name, value in of_file.items() if value != plain[name]}
     return {name: value for name, value in of_file.items() if value is not None} | dict(given)
-
-
-def _text_loader() -> type[yaml.SafeLoader]:
-    """Return a safe loader that keeps whole numbers and times as text.
-
-    YAML reads 0010 as 8 and truncates a stamp to microseconds.
-    """
-
-    class Loader(yaml.SafeLoader):
-        yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class has it
-            first: [item for item in items if item[0].rsplit(':', 1)[-1] not in _KEPT_AS_TEXT]
-            for first, items in yaml.SafeLoader.yaml_implicit_resolvers.items()
-        }
-
-    return Loader

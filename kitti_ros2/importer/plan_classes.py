@@ -7,7 +7,7 @@ from __future__ import annotations
 from ..model.class_names import KITTI_CLASSES, own_class
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
-from .plan_values import shown
+from ..model.text import shown
 
 
 def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, str]:

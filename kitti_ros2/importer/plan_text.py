@@ -15,7 +15,7 @@ from ..model.errors import UsageError
 from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
-from ..model.text import one_line
+from ..model.text import one_line, shown
 from .plan import (
     QUIET,
     UNKNOWN_OCCLUSION,
@@ -29,7 +29,6 @@ from .plan import (
 )
 from .plan_classes import check_classes
 from .plan_numbers import as_number, check_numbers
-from .plan_values import shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,12 +74,12 @@ def parse_plan(text: str, path: Path) -> Plan:
     Raises:
         UsageError: It is not a valid plan; the error names the key.
     """
-    import yaml  # noqa: PLC0415 - as above
+    from ..model.yaml_text import YamlTextError, load_yaml  # noqa: PLC0415 - as above
 
     try:
-        values = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date, digits
-        raise UsageError(f'{path}: is not valid YAML ({" ".join(str(error).split())})') from error
+        values = load_yaml(text)
+    except YamlTextError as error:
+        raise UsageError(f'{path}: is not valid YAML ({error})') from None
     if not isinstance(values, dict):
         raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
     made = dict(values)

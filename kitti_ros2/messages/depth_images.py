@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.picture_headers import PNG_SIGNATURE, png_size
+from ..files.png.decode import inflated
 from .pixels import MOST_PIXELS, stored_values
 from .scan_points import ScanPoints, make_points
 
@@ -118,7 +119,7 @@ def _decode_compressed(message: Any) -> Float64Array:  # noqa: ANN401 - of the b
     width, height = png_size(data[_HEAD.size :])
     if width * height > MOST_PIXELS:
         raise ValueError(f'a depth image of {width} x {height} pixels')
-    file = np.frombuffer(data, dtype=np.uint8, offset=_HEAD.size)
+    file = np.frombuffer(inflated(data[_HEAD.size :]), dtype=np.uint8)
     try:
         values = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
     except cv2.error:

@@ -5,10 +5,16 @@
 from __future__ import annotations
 
 import re
+from reprlib import Repr
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+_LONGEST, _END = 2000, 400  # of a line, and of its end where the middle is left out
+_SHORT = Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 200
 
 # Of longer words only the beginning and the end are shown.
 _LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
@@ -19,12 +25,19 @@ def one_line(text: str) -> str:
 
     Names of topics, frames and types in a bag are arbitrary. What is not printable (control
     characters, marks that change the direction of writing, bytes of file names that are not UTF-8)
-    is written as in a Python string, such as \x1b; of very long words the middle is left out.
+    is written as in a Python string, such as \x1b; of very long words and lines the middle is left
+    out.
     """
     line = ' '.join(text.split())
     if not line.isprintable():
         line = ''.join(each if each.isprintable() else _escaped(each) for each in line)
-    return _LONG_WORD.sub(r'\1...\2', line)
+    line = _LONG_WORD.sub(r'\1...\2', line)
+    return line if len(line) <= _LONGEST else f'{line[: _LONGEST - _END - 3]}...{line[-_END:]}'
+
+
+def shown(value: object) -> str:
+    """Return a value as Python writes it, shortened: those of a YAML file are of any size."""
+    return _SHORT.repr(value)
 
 
 def _escaped(character: str) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import yaml
 from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
@@ -18,7 +17,7 @@ from rclpy.qos import (
 
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
-from ..model.yaml_text import load_yaml
+from ..model.yaml_text import YamlTextError, load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,13 +53,16 @@ def load_overrides(path: Path) -> dict[str, QosOverride]:
         UsageError: The file is missing, no YAML, or invalid.
     """
     try:
-        content = load_yaml(path.read_text('utf-8'))
+        if path.exists() and not path.is_file():  # reading a pipe would wait
+            raise UsageError(f'{path}: is no regular file; expected a file with QoS overrides')
+        content = load_yaml(path.read_bytes())
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; expected a file with QoS overrides') from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or an invalid date
-        mark = getattr(error, 'problem_mark', None)
-        where = f'{path}:{mark.line + 1}' if mark is not None else str(path)
-        raise UsageError(f'{where}: no YAML; expected topics with their QoS') from None
+    except YamlTextError as error:
+        where = path if error.line is None else f'{path}:{error.line}'
+        raise UsageError(
+            f'{where}: no YAML, {error.problem}; expected topics with their QoS'
+        ) from None
     if not isinstance(content, dict):
         raise UsageError(f'{path}: no mapping of topics to their QoS')
     return {str(topic): _override(path, str(topic), each) for topic, each in content.items()}

@@ -19,6 +19,7 @@ from ..model.errors import UsageError
 from ..model.least_overlaps import LeastOverlaps
 from ..model.spelling import not_one_of
 from ..model.stamps import parse_seconds, parse_stamp
+from ..model.text import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
 E = TypeVar('E', bound=Enum)
 
-_SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?', re.ASCII)
+_SIZE = re.compile(r'(\d{1,100}(?:\.\d{1,100})?)\s*([kMGT]?)(i?)B?', re.ASCII)
+_WHOLE = re.compile(r'-?\d{1,100}', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
 _IMAGE_SIZE = re.compile(r'(\d{1,5})[xX,](\d{1,5})', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
@@ -48,7 +50,7 @@ def parse_text(name: str, value: object) -> str:
     """Parse a word; a whole number becomes its text."""
     if isinstance(value, (str, int)) and not isinstance(value, bool):
         return str(value)
-    raise UsageError(f'{name} takes a word, not {value!r}')
+    raise UsageError(f'{name} takes a word, not {shown(value)}')
 
 
 def parse_texts(name: str, value: object) -> tuple[str, ...]:
@@ -104,7 +106,7 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
         shares = ()
     if not shares or not all(0 < share <= 1 for share in shares):
         given = ' '.join(words)
-        raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {given!r}')
+        raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {shown(given)}')
     return shares
 
 
@@ -121,23 +123,25 @@ def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | N
         )
     except ValueError:
         given = ' '.join(map(''.join, pairs))
-        raise UsageError(f'{name} takes names such as car or truck=0.5, not {given!r}') from None
+        raise UsageError(
+            f'{name} takes names such as car or truck=0.5, not {shown(given)}'
+        ) from None
 
 
 def parse_flag(name: str, value: object) -> bool:
     """Parse true or false."""
     if isinstance(value, bool):
         return value
-    raise UsageError(f'{name} takes true or false, not {value!r}')
+    raise UsageError(f'{name} takes true or false, not {shown(value)}')
 
 
 def parse_integer(name: str, value: object) -> int:
     """Parse a whole number."""
     if isinstance(value, int) and not isinstance(value, bool):
         return value
-    if isinstance(value, str) and value.removeprefix('-').isdecimal():
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
-    raise UsageError(f'{name} takes a whole number, not {value!r}')
+    raise UsageError(f'{name} takes a whole number, not {shown(value)}')
 
 
 def parse_number(name: str, value: object) -> float:
@@ -146,7 +150,7 @@ def parse_number(name: str, value: object) -> float:
         return float(value)
     if isinstance(value, str) and value.removeprefix('-').isdecimal():
         return float(value)
-    raise UsageError(f'{name} takes a number, not {value!r}')
+    raise UsageError(f'{name} takes a number, not {shown(value)}')
 
 
 def parse_rounds(name: str, value: object) -> int:
@@ -184,7 +188,7 @@ def parse_size(name: str, value: object) -> int:
     try:
         return parse_bytes(parse_text(name, value))
     except ValueError:
-        raise UsageError(f'{name} takes a size such as 2GB, not {value!r}') from None
+        raise UsageError(f'{name} takes a size such as 2GB, not {shown(value)}') from None
 
 
 def parse_split_size(name: str, value: object) -> int:
@@ -202,7 +206,7 @@ def parse_seconds_ns(name: str, value: object) -> int:
     try:
         return parse_seconds(str(value).removesuffix('s'))
     except ValueError:
-        raise UsageError(f'{name} takes seconds such as 60s, not {value!r}') from None
+        raise UsageError(f'{name} takes seconds such as 60s, not {shown(value)}') from None
 
 
 def parse_epoch(name: str, value: object) -> int:
@@ -211,7 +215,7 @@ def parse_epoch(name: str, value: object) -> int:
         return parse_stamp(str(value).removesuffix('+00:00'))
     except ValueError:
         raise UsageError(
-            f"{name} takes a UTC time such as '2011-09-26 00:00:00', not {value!r}"
+            f"{name} takes a UTC time such as '2011-09-26 00:00:00', not {shown(value)}"
         ) from None
 
 
@@ -221,7 +225,9 @@ def parse_place(name: str, value: object) -> tuple[float, ...]:
     try:
         return tuple(float(item) for item in items)
     except (TypeError, ValueError):
-        raise UsageError(f'{name} takes three numbers x,y,z in metres, not {value!r}') from None
+        raise UsageError(
+            f'{name} takes three numbers x,y,z in metres, not {shown(value)}'
+        ) from None
 
 
 def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
@@ -232,7 +238,7 @@ def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     except (ValueError, TypeError):
         raise UsageError(
             f'{name} takes four numbers in metres, from and to forward, from and to to the left,'
-            f" such as '-10,60,-25,25', not {value!r}"
+            f" such as '-10,60,-25,25', not {shown(value)}"
         ) from None
     return back, front, right, left
 
@@ -247,7 +253,7 @@ def parse_boxes(name: str, value: object) -> tuple[tuple[float, ...], ...]:
         given = ' '.join(map(str, _flat(value)))
         raise UsageError(
             f'{name} takes six numbers in metres for each box, xmin ymin zmin xmax ymax zmax,'
-            f' such as 0 -40 -3 70.4 40 1, not {given!r}'
+            f' such as 0 -40 -3 70.4 40 1, not {shown(given)}'
         )
     return tuple(tuple(numbers[place : place + 6]) for place in range(0, len(numbers), 6))
 
@@ -276,7 +282,7 @@ def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     if not (words and valid and len(found) == len(words)):
         raise UsageError(
             f'{name} takes an IoU of at least 0 and below 1, such as 0.5, or of a class, such as'
-            f' Car=0.5, not {" ".join(words)!r}'
+            f' Car=0.5, not {shown(" ".join(words))}'
         )
     others = found.pop('', None)
     return LeastOverlaps(tuple(sorted(found.items())), others)
@@ -290,7 +296,9 @@ def parse_span(name: str, value: object) -> tuple[float, float]:
     except (ValueError, TypeError):
         low, high = None, None
     if low is None and high is None:
-        raise UsageError(f'{name} takes MIN:MAX in metres, such as 0.5:80 or :80, not {value!r}')
+        raise UsageError(
+            f'{name} takes MIN:MAX in metres, such as 0.5:80 or :80, not {shown(value)}'
+        )
     return -math.inf if low is None else low, math.inf if high is None else high
 
 
@@ -299,5 +307,7 @@ def parse_image_size(name: str, value: object) -> tuple[int, int]:
     text = 'x'.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
     match = _IMAGE_SIZE.fullmatch(text)
     if match is None or not (int(match[1]) and int(match[2])):
-        raise UsageError(f'{name} takes WIDTHxHEIGHT in pixels, such as 1242x375, not {value!r}')
+        raise UsageError(
+            f'{name} takes WIDTHxHEIGHT in pixels, such as 1242x375, not {shown(value)}'
+        )
     return int(match[1]), int(match[2])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..bags.bag_files import OpenBag
 from ..bags.decoding import Decoder
 from ..bags.message_source import BagMessages
+from ..bags.ros1_messages import ros1_to_cdr
 from ..messages.header import peek_header
 from ..messages.pixels import size_of
 from ..model.containers import CONTAINERS
@@ -136,7 +137,7 @@ class _BagPass:
         value, error = None, ''
         try:
             if ros1 is not None:
-                message = message._replace(data=ros1.ros1_to_cdr(message.data, message.msgtype))
+                message = message._replace(data=ros1_to_cdr(ros1, message.data, message.msgtype))
             if message.msgtype in HEADED_TYPES:
                 self._enter_header(message)
             value = decode(message)

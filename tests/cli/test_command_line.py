@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import foreign
@@ -24,6 +25,7 @@ from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.text import one_line as as_shown
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.parsers import parse_bytes
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
@@ -362,6 +364,8 @@ def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_pat
         ('a: [1,\nb: 2', ':2: invalid YAML'),
         ('images: 3', "compressed, raw or both, not '3'"),
         ('tf: maybe', 'true or false'),
+        ('images: raw\nimages: both', ":2: .*'images' is there twice"),
+        ('a: &a [*a]', 'an alias refers to what it is in'),
     ],
 )
 def test_bad_config_files(tmp_path, text, said):
@@ -369,6 +373,55 @@ def test_bad_config_files(tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(UsageError, match=said):
         make_settings(load_config(path, TO_BAG_OPTIONS))
+
+
+def test_a_pipe_as_config_is_refused(tmp_path):
+    path = tmp_path / 'c.yaml'
+    os.mkfifo(path)
+    with pytest.raises(UsageError, match='is no regular file'):
+        load_config(path, TO_BAG_OPTIONS)
+
+
+HOSTILE_VALUES = {
+    'digits': '9' * 5000,
+    'negative digits': f'-{"9" * 5000}',
+    'a long fraction': f'{"9" * 400}.5',
+    'a large number': '1e999',
+    'infinite': '-.inf',
+    'no number': '.nan',
+    'an empty list': '[]',
+    'an empty mapping': '{}',
+    'an empty text': "''",
+    'nested': '[[a], {b: c}]',
+    'a mapping': '{a: 9e999}',
+    'bytes': '!!binary aGVsbG8=',
+    'a set': '!!set {a, b}',
+    'a date': '2001-01-01',
+    'a backslash': "'\\0'",
+    'digits of another script': '٣',
+    'numbers in a list': '[.nan, .inf, -.inf]',
+    'true and nothing': '[true, null]',
+    'a long list': f'[{", ".join("1" * 5000)}]',
+}
+
+
+@pytest.mark.parametrize('name', TO_BAG_OPTIONS)
+@pytest.mark.parametrize('kind', HOSTILE_VALUES)
+def test_a_value_of_any_kind_is_valid_or_refused_in_a_short_line(tmp_path, name, kind):
+    path = tmp_path / 'c.yaml'
+    path.write_text(f'{name}: {HOSTILE_VALUES[kind]}')
+    with suppress(UsageError), described_shortly():
+        make_settings(load_config(path, TO_BAG_OPTIONS))
+
+
+@contextmanager
+def described_shortly():
+    """Check that an error is one short line."""
+    try:
+        yield
+    except UsageError as error:
+        assert len(as_shown(str(error))) <= 2000  # noqa: PT017 - no error is right, too
+        raise
 
 
 def test_the_installed_config_holds_every_option_at_its_default():

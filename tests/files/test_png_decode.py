@@ -93,3 +93,18 @@ def test_data_that_inflate_to_more_than_the_image_are_refused(size):
     png = b'\x89PNG\r\n\x1a\n' + chunk(header) + chunk(data) + chunk(b'IEND')
     with pytest.raises(ValueError, match='more image data than its header states'):
         inflated(png)
+
+
+@pytest.mark.parametrize('place', range(3))
+@pytest.mark.parametrize('length', [2**32 - 1, 2**31 - 1, 10**9, 10_000])
+def test_a_chunk_beyond_the_end_is_refused_before_it_is_allocated(place, length):
+    sound = cv2.imencode('.png', noisy((20, 30), 2))[1].tobytes()
+    data = bytearray(sound)
+    starts, offset = [], 8
+    while offset < len(data):
+        starts.append(offset)
+        offset += 12 + int.from_bytes(data[offset : offset + 4], 'big')
+    start = starts[place]
+    data[start : start + 4] = length.to_bytes(4, 'big')
+    with pytest.raises(ValueError, match=f'a chunk of {length} bytes at byte {start}, beyond'):
+        decode_png(replace(parse_image(sound, 'x'), png=bytes(data)))

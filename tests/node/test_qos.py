@@ -120,7 +120,7 @@ def test_a_policy_can_be_left_to_the_middleware(tmp_path, policy):
     ],
 )
 def test_what_cannot_be_is_refused_with_what_can(tmp_path, policy, expected):
-    message = refusal(tmp_path, f'/a:\n  depth: 5\n  {policy}\n')
+    message = refusal(tmp_path, f'/a:\n  {policy}\n')
     assert ': /a: ' in message
     assert policy.split(':')[0] in message
     assert expected in message

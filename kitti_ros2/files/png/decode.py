@@ -54,8 +54,10 @@ def inflated(png: bytes) -> bytes:
     """Return the PNG with its image data stored instead of compressed, or png itself.
 
     Raises:
-        ValueError: The data inflate to more than an image of the size in the header.
+        ValueError: The data inflate to more than an image of the size in the header, or a chunk is
+            longer than the file.
     """
+    _check_chunks(png)
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
     except ImportError:
@@ -78,6 +80,24 @@ def inflated(png: bytes) -> bytes:
     length = struct.pack('>I', len(data) - 4)
     crc = struct.pack('>I', isal_zlib.crc32(data))
     return b''.join([memoryview(png)[:first], length, data, crc, memoryview(png)[last:]])
+
+
+def _check_chunks(png: bytes) -> None:
+    """Refuse a chunk beyond the end of the file: OpenCV allocates what it declares, up to 4 GB.
+
+    Raises:
+        ValueError: There is one.
+    """
+    offset = _SIGNATURE_BYTES
+    while offset + _CHUNK.size <= len(png):
+        length, kind = _CHUNK.unpack_from(png, offset)
+        if offset + _CHUNK.size + length > len(png):
+            raise ValueError(
+                f'a PNG with a chunk of {length} bytes at byte {offset}, beyond its end'
+            )
+        if kind == b'IEND':
+            return
+        offset += _CHUNK.size + length + _CHUNK_END
 
 
 def _most_bytes(png: bytes) -> int:
