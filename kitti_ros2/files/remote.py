@@ -12,9 +12,8 @@ import io
 import os
 import re
 import stat
-from functools import lru_cache
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from ..model.errors import UsageError
@@ -25,13 +24,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self, TypeIs
 
-FileSystem: TypeAlias = Any
-"""fsspec's AbstractFileSystem, which has no types."""
-
 _CHAIN = re.compile(r'[A-Za-z][\w+.-]*(?:://[^:]*)?::[A-Za-z][\w+.-]*(?:://|::)', re.ASCII)
 _LOCAL = ('file', 'local')
-_PACKAGES = {'gs': 'gcsfs', 'gcs': 'gcsfs', 'abfs': 'adlfs', 'az': 'adlfs', 'sftp': 'paramiko'}
-"""Of schemes that the extra does not install."""
 
 
 class RemotePath(UrlPath):
@@ -47,7 +41,7 @@ class RemotePath(UrlPath):
             FileNotFoundError: There is nothing.
             OSError, RemoteError: The store cannot be asked.
         """
-        from .remote_listing import sized_entry_of  # noqa: PLC0415 - it imports this module
+        from .remote_listing import sized_entry_of  # noqa: PLC0415 - for URLs only
 
         entry = sized_entry_of(self)
         mode = (stat.S_IFDIR | 0o555) if entry.is_folder else (stat.S_IFREG | 0o444)
@@ -61,7 +55,7 @@ class RemotePath(UrlPath):
 
     def _is_folder(self) -> bool | None:
         """Whether it is a folder; None if there is nothing."""
-        from .remote_listing import entry_of  # noqa: PLC0415 - it imports this module
+        from .remote_listing import entry_of  # noqa: PLC0415 - for URLs only
 
         try:
             return entry_of(self).is_folder
@@ -86,7 +80,7 @@ class RemotePath(UrlPath):
 
     def iterdir(self) -> Iterator[Self]:  # type: ignore[override]
         """Yield what is in the folder."""
-        from .remote_listing import listing_of  # noqa: PLC0415 - it imports this module
+        from .remote_listing import listing_of  # noqa: PLC0415 - for URLs only
 
         yield from (self / name for name in listing_of(self))
 
@@ -104,7 +98,7 @@ class RemotePath(UrlPath):
             LocalPathError: It is to be written.
             OSError, RemoteError: It cannot be read.
         """
-        from .remote_bytes import RemoteFile  # noqa: PLC0415 - it imports this module
+        from .remote_bytes import RemoteFile  # noqa: PLC0415 - for URLs only
 
         if mode.replace('t', '') not in {'r', 'rb', 'br'}:
             raise LocalPathError(self)
@@ -119,7 +113,7 @@ class RemotePath(UrlPath):
         Raises:
             OSError, RemoteError: It cannot be read.
         """
-        from .remote_requests import fetch  # noqa: PLC0415 - it imports this module
+        from .remote_requests import fetch  # noqa: PLC0415 - for URLs only
 
         return fetch(self)
 
@@ -171,39 +165,3 @@ def common_folder(paths: Sequence[Path]) -> Path:
         if all(path == folder or folder in path.parents for path in paths):
             return folder
     raise ValueError(f'{first} and {paths[-1]} are in no common folder')
-
-
-def filesystem_of(path: RemotePath) -> FileSystem:
-    """Return fsspec's file system of a path, the same for all paths of one store.
-
-    Raises:
-        UsageError: A package is missing, or the scheme is unknown.
-    """
-    return _filesystem(path.scheme, path.names[0] if path.names else '', os.getpid())
-
-
-@lru_cache(maxsize=64)
-def _filesystem(scheme: str, host: str, process: int) -> FileSystem:  # noqa: ARG001 - not shared
-    place = f'{scheme}://{host}'
-    try:
-        from fsspec.core import url_to_fs  # noqa: PLC0415 - for URLs only
-        from fsspec.registry import known_implementations, registry  # noqa: PLC0415 - as above
-    except ImportError:
-        raise UsageError(
-            f'{place}: URLs need fsspec, which is not installed; run pip install'
-            f" 'kitti_ros2[remote]'"
-        ) from None
-    if scheme not in known_implementations and scheme not in registry:
-        raise UsageError(f'{place}: unknown scheme {scheme}://; known are s3, gs, http and https')
-    try:
-        return url_to_fs(place)[0]
-    except ImportError as error:
-        package = _PACKAGES.get(scheme)
-        install = f'pip install {package}' if package else "pip install 'kitti_ros2[remote]'"
-        reason = ' '.join(str(error).split())
-        raise UsageError(f'{place}: needs a package, run {install} ({reason})') from None
-
-
-def key_of(path: RemotePath) -> str:
-    """Return the name that the methods of fsspec's file system take."""
-    return str(filesystem_of(path)._strip_protocol(path.whole))  # noqa: SLF001 - fsspec's own way

@@ -20,7 +20,7 @@ from .remote_requests import fetch_range
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from .remote import RemotePath
+    from .url_path import UrlPath
 
 _BLOCK = 1 << 16
 _MOST_REQUEST = 4 << 20
@@ -49,7 +49,7 @@ class _Range(NamedTuple):
     length: int
 
 
-_Version: TypeAlias = 'tuple[RemotePath, int, int]'
+_Version: TypeAlias = 'tuple[UrlPath, int, int]'
 """A file with its size in bytes and the time of its change."""
 
 
@@ -120,7 +120,7 @@ def _failed(known: _Range) -> bool:
     return known.data.done() and (known.data.cancelled() or known.data.exception() is not None)
 
 
-def _fetch(path: RemotePath, size: int, start: int, end: int) -> bytes:
+def _fetch(path: UrlPath, size: int, start: int, end: int) -> bytes:
     data = fetch_range(path, start, end)
     if len(data) == end - start:
         return data
@@ -143,7 +143,7 @@ class RemoteBytes:
         OSError, RemoteError: The store cannot be asked.
     """
 
-    def __init__(self, path: RemotePath) -> None:
+    def __init__(self, path: UrlPath) -> None:
         entry = sized_entry_of(path)
         if entry.is_folder:
             raise IsADirectoryError(errno.EISDIR, 'Is a directory', str(path))
@@ -196,7 +196,7 @@ class RemoteFile(io.RawIOBase):
         OSError, RemoteError: The store cannot be asked.
     """
 
-    def __init__(self, path: RemotePath) -> None:
+    def __init__(self, path: UrlPath) -> None:
         super().__init__()
         self._bytes = RemoteBytes(path)
         self._position = 0

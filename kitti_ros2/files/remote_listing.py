@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote
 
 from ..model.errors import RemoteError
-from .remote import filesystem_of, key_of
+from .filesystems import filesystem_of, key_of
 from .remote_requests import attempt
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .remote import RemotePath
+    from .url_path import UrlPath
 
 _HTTP = ('http', 'https')
 _SUFFIX = re.compile(r'\.[A-Za-z][A-Za-z0-9]{1,7}', re.ASCII)
@@ -62,11 +62,11 @@ class _Listings:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.folders: dict[RemotePath, Mapping[str, RemoteEntry]] = {}
-        self.alone: dict[RemotePath, RemoteEntry | None] = {}
-        self.closed: set[RemotePath] = set()
+        self.folders: dict[UrlPath, Mapping[str, RemoteEntry]] = {}
+        self.alone: dict[UrlPath, RemoteEntry | None] = {}
+        self.closed: set[UrlPath] = set()
 
-    def keep(self, folder: RemotePath, entries: Mapping[str, RemoteEntry]) -> None:
+    def keep(self, folder: UrlPath, entries: Mapping[str, RemoteEntry]) -> None:
         """Keep a listing; the oldest ones are dropped where there are too many entries."""
         self.folders[folder] = entries
         while len(self.folders) > 1 and sum(map(len, self.folders.values())) > _MOST_ENTRIES:
@@ -78,7 +78,7 @@ class _Listings:
 _KNOWN = _Listings()
 
 
-def forget(path: RemotePath) -> None:
+def forget(path: UrlPath) -> None:
     """Forget what was listed at a path, below it, and in its folder: it may have changed."""
     files = filesystem_of(path)
     with _KNOWN.lock:
@@ -92,7 +92,7 @@ def forget(path: RemotePath) -> None:
         _KNOWN.closed -= gone
 
 
-def listing_of(folder: RemotePath) -> Mapping[str, RemoteEntry]:
+def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
     """Return the entries of a folder by name, sorted.
 
     Raises:
@@ -120,7 +120,7 @@ def listing_of(folder: RemotePath) -> Mapping[str, RemoteEntry]:
         return _KNOWN.folders[folder]
 
 
-def entry_of(path: RemotePath) -> RemoteEntry:
+def entry_of(path: UrlPath) -> RemoteEntry:
     """Return what the store says of a path.
 
     Raises:
@@ -134,7 +134,7 @@ def entry_of(path: RemotePath) -> RemoteEntry:
     return found
 
 
-def _entry_of(path: RemotePath) -> RemoteEntry | None:
+def _entry_of(path: UrlPath) -> RemoteEntry | None:
     if not path.names or path in _KNOWN.folders:
         return _FOLDER
     above = None if path.parameters else _known_above(path)
@@ -157,16 +157,16 @@ def _entry_of(path: RemotePath) -> RemoteEntry | None:
     return _KNOWN.alone[path]
 
 
-def _known_above(path: RemotePath) -> RemotePath | None:
+def _known_above(path: UrlPath) -> UrlPath | None:
     """Return the nearest folder above whose listing is known."""
     return next((each for each in path.parents if each in _KNOWN.folders), None)
 
 
-def _missing(path: RemotePath) -> FileNotFoundError:
+def _missing(path: UrlPath) -> FileNotFoundError:
     return FileNotFoundError(errno.ENOENT, 'no such file or folder', str(path))
 
 
-def sized_entry_of(path: RemotePath) -> RemoteEntry:
+def sized_entry_of(path: UrlPath) -> RemoteEntry:
     """Return what the store says of a path, with a file's size also where listings have none.
 
     Raises:
@@ -183,13 +183,13 @@ def sized_entry_of(path: RemotePath) -> RemoteEntry:
     return known
 
 
-def known_listing(folder: RemotePath) -> Mapping[str, RemoteEntry] | None:
+def known_listing(folder: UrlPath) -> Mapping[str, RemoteEntry] | None:
     """Return the entries of a folder if it was listed; nothing is asked."""
     with _KNOWN.lock:
         return _KNOWN.folders.get(folder)
 
 
-def _asked(path: RemotePath) -> RemoteEntry | None:
+def _asked(path: UrlPath) -> RemoteEntry | None:
     """Ask for a path on its own: first what its name looks like, a file or a folder."""
     looks_like_file = bool(_SUFFIX.fullmatch(path.suffix)) or path.scheme in _HTTP
     try:
@@ -206,7 +206,7 @@ def _asked(path: RemotePath) -> RemoteEntry | None:
     return entry
 
 
-def _described(path: RemotePath) -> RemoteEntry:
+def _described(path: UrlPath) -> RemoteEntry:
     """Ask a store for the description of a path; of a web server, a page with links is a folder."""
     files, key = filesystem_of(path), key_of(path)
     info = attempt(path, lambda: files.info(key))
@@ -217,7 +217,7 @@ def _described(path: RemotePath) -> RemoteEntry:
     return _entry(info)
 
 
-def _listed(folder: RemotePath) -> Mapping[str, RemoteEntry] | None:
+def _listed(folder: UrlPath) -> Mapping[str, RemoteEntry] | None:
     """List a folder; None if it is a file.
 
     Raises:

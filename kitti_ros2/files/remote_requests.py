@@ -15,12 +15,12 @@ import time
 from typing import TYPE_CHECKING, TypeVar
 
 from ..model.errors import RemoteError
-from .remote import filesystem_of, key_of
+from .filesystems import filesystem_of, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .remote import RemotePath
+    from .url_path import UrlPath
 
 T = TypeVar('T')
 
@@ -64,7 +64,7 @@ class ShortBodyError(OSError):
         super().__init__(errno.EIO, f'{got} of {expected} bytes came')
 
 
-def attempt(path: RemotePath, request: Callable[[], T]) -> T:
+def attempt(path: UrlPath, request: Callable[[], T]) -> T:
     """Make a request to a store, again after a pause while it fails for a moment.
 
     Args:
@@ -95,7 +95,7 @@ def wait(seconds: float) -> None:
     time.sleep(seconds)
 
 
-def fetch(path: RemotePath, size: int | None = None) -> bytes:
+def fetch(path: UrlPath, size: int | None = None) -> bytes:
     """Read a whole file.
 
     Args:
@@ -119,7 +119,7 @@ def fetch(path: RemotePath, size: int | None = None) -> bytes:
     return attempt(path, request)
 
 
-def fetch_range(path: RemotePath, start: int, end: int) -> bytes:
+def fetch_range(path: UrlPath, start: int, end: int) -> bytes:
     """Read the bytes from start up to end, which is at most the size of the file.
 
     A web server without ranges returns more: the whole file.
@@ -153,7 +153,7 @@ class _PassingError(Exception):
         self.reason = reason
 
 
-def _failure(path: RemotePath, error: Exception) -> Exception:
+def _failure(path: UrlPath, error: Exception) -> Exception:
     """Return what to raise for the error of a request: _PassingError if it may pass."""
     reason = _reason(error)
     for each in _causes(error):
@@ -197,7 +197,7 @@ def _may_pass(error: BaseException, status: int | None) -> bool:
     )
 
 
-def _os_error(kind: type[OSError], path: RemotePath, reason: str) -> OSError:
+def _os_error(kind: type[OSError], path: UrlPath, reason: str) -> OSError:
     """Return an error of the operating system with the URL as file name."""
     if kind is PermissionError:
         return kind(errno.EACCES, f'access denied ({reason})', str(path))

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import KittiRos2Error, OutputError, RemoteError, describe_error
-from .remote import filesystem_of, key_of
+from .filesystems import filesystem_of, key_of
 from .remote_requests import attempt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from .remote import FileSystem, RemotePath
+    from .filesystems import FileSystem
+    from .remote import RemotePath
 
 _ERRORS = (OSError, RemoteError)
 _READ_ONLY = ('http', 'https')

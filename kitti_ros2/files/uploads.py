@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import RemoteError
-from .remote import filesystem_of, key_of
+from .filesystems import filesystem_of, key_of
 from .remote_requests import attempt
 from .store_objects import StoredObject, StoreError, md5_of, object_at, remove_objects
 from .workers import ordered_map
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from .remote import FileSystem, RemotePath
+    from .filesystems import FileSystem
+    from .remote import RemotePath
 
     Sent = tuple[RemotePath, StoredObject]
 

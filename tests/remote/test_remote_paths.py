@@ -14,7 +14,8 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 
 from counted_store import PROTOCOL, CountedStore, put
 
-from kitti_ros2.files.remote import RemotePath, as_path, common_folder, key_of, real_place
+from kitti_ros2.files.filesystems import key_of
+from kitti_ros2.files.remote import RemotePath, as_path, common_folder, real_place
 from kitti_ros2.files.remote_listing import forget
 from kitti_ros2.files.url_path import LocalPathError
 from kitti_ros2.model.errors import UsageError
