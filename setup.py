@@ -95,6 +95,7 @@ EXTRAS['test'] = [
     *EXTRAS['plot'],
     *EXTRAS['foxglove'][1:],
     'mcap-ros2-support>=0.5.5,<0.7',
+    'moto[s3,server]>=5.0.20,<6',
     'mypy>=1.15,<3',
     'packaging>=23,<27',
     'pexpect>=4.9,<5',
