@@ -225,7 +225,7 @@ def test_limits_can_be_raised(tmp_path, capsys):
         (b'', 'is empty'),
         (b'PK\x03\x04 cut', 'is a truncated or damaged zip archive'),
         (b'\x1f\x8b\x08 cut', 'is a truncated or damaged tar archive'),
-        (gzip.compress(b'no tar'), 'is a truncated or damaged tar archive'),
+        (gzip.compress(b'no tar', mtime=0), 'is a truncated or damaged tar archive'),
         (b'<!DOCTYPE html><html>login', 'is a web page, such as that of a login'),
         (b'7z\xbc\xaf\x27\x1c', 'is neither a zip nor a tar archive'),
     ],
