@@ -21,6 +21,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError
+from .exchange import exchange
 from .output_paths import make_parents, named_output
 from .remote import is_remote
 
@@ -90,7 +91,11 @@ class Staging:
         self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
         self._created: list[Path] = []
         self._lock = -1
-        self._check_free()
+        try:
+            self._check_free()
+        except OutputExistsError:
+            self._sweep()
+            raise
         try:
             with reported(self.path):
                 self._created = make_parents(self.path.parent)
@@ -115,10 +120,17 @@ class Staging:
         with reported(self.path):
             self.content.lstat()  # raises if another writer has taken over
             if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
-                self.path.rename(self._partial / _REPLACED)
-            self.content.rename(self.path)
+                self._replace()
+            else:
+                self.content.rename(self.path)
         self._created.clear()
         self.discard()
+
+    def _replace(self) -> None:
+        """Replace what a rename cannot; without an exchange the output is absent for a moment."""
+        if not exchange(self.content, self.path):
+            self.path.rename(self._partial / _REPLACED)
+            self.content.rename(self.path)
 
     def discard(self) -> None:
         """Remove the content and release the lock; never raises OSError."""
@@ -148,6 +160,14 @@ class Staging:
             refusal = self._refusal(self.path)
             if refusal is not None:
                 raise OutputExistsError(self.path, refusal)
+
+    def _sweep(self) -> None:
+        """Remove what a run left that was killed after its output was complete."""
+        if os.path.lexists(self._partial):
+            with suppress(OSError, OutputError):
+                self._acquire()
+                self._clear()
+            self.discard()
 
     def _acquire(self) -> None:
         """Create the partial directory and lock it."""

@@ -17,7 +17,8 @@ from bag_samples import CHANNELS, jazzy, make_samples, write_bag
 
 from kitti_ros2.bags.reader import summarize_bag
 from kitti_ros2.bags.writer import guess_storage, open_bag, output_path
-from kitti_ros2.files import staging as staging_module
+from kitti_ros2.files import exchange as exchange_module
+from kitti_ros2.files import local_staging
 from kitti_ros2.files.staging import Staging
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
 from kitti_ros2.options.bag import BagOptions
@@ -86,32 +87,78 @@ def test_unfinished_files_do_not_look_like_bags(name, options, samples, tmp_path
         assert not endings & {'.mcap', '.db3', '.bag'}
 
 
-# The renames of a run: the file inside the directory, the old bag away, the new bag to its place.
-@pytest.mark.parametrize(('name', 'rename'), [('bag', 1), ('bag', 2), ('bag', 3), ('bag.mcap', 1)])
-def test_kill_while_replacing_loses_nothing(name, rename, samples, tmp_path):
-    path = tmp_path / name
+def replaced_by_a_killed_child(path, samples, prepare):
+    """Replace a bag in a child process that `prepare` lets kill itself."""
     write_bag(path, BagOptions(), samples[:10])
     child = os.fork()
     if child == 0:
+        prepare()
+        write_bag(path, BagOptions(overwrite=True), samples)
+        os._exit(0)
+    assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+def kill_itself():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+# Where names cannot be exchanged: the file inside the directory, the old bag away, the new bag to
+# its place.
+@pytest.mark.parametrize(('name', 'rename'), [('bag', 1), ('bag', 2), ('bag', 3), ('bag.mcap', 1)])
+def test_kill_while_replacing_loses_nothing(name, rename, samples, tmp_path):
+    path = tmp_path / name
+
+    def prepare():
         renames = []
         original = Path.rename
 
         def deadly(self, target):
             renames.append(target)
             if len(renames) == rename:
-                os.kill(os.getpid(), signal.SIGKILL)
+                kill_itself()
             return original(self, target)
 
         Path.rename = deadly
-        write_bag(path, BagOptions(overwrite=True), samples)
-        os._exit(0)
-    assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        local_staging.exchange = lambda *_: False
+
+    replaced_by_a_killed_child(path, samples, prepare)
     with pytest.raises(KeyError), open_bag(path, BagOptions(overwrite=True), jazzy()):
         raise KeyError
     assert summarize_bag(path).message_count == 10
     write_bag(path, BagOptions(overwrite=True), samples)
     assert summarize_bag(path).message_count == len(samples)
     assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize('after', [False, True])
+def test_a_directory_is_exchanged_and_never_absent(after, samples, tmp_path):
+    path = tmp_path / 'bag'
+
+    def prepare():
+        original = local_staging.exchange
+
+        def deadly(one, other):
+            if after:
+                assert original(one, other)
+            kill_itself()
+
+        local_staging.exchange = deadly
+
+    replaced_by_a_killed_child(path, samples, prepare)
+    assert summarize_bag(path).message_count == (len(samples) if after else 10)
+    with pytest.raises(OutputExistsError):
+        write_bag(path, BagOptions(), samples)
+    assert [each.name for each in tmp_path.iterdir()] == ['bag']
+    assert summarize_bag(path).message_count == (len(samples) if after else 10)
+
+
+def test_a_directory_is_replaced_where_names_cannot_be_exchanged(samples, tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+    write_bag(path, BagOptions(), samples[:10])
+    monkeypatch.setattr(exchange_module, '_renameat2', lambda: None)
+    write_bag(path, BagOptions(overwrite=True), samples)
+    assert summarize_bag(path).message_count == len(samples)
+    assert [each.name for each in tmp_path.iterdir()] == ['bag']
 
 
 def test_old_bag_comes_back_when_the_next_run_fails(samples, tmp_path):
@@ -338,7 +385,7 @@ def test_file_systems_without_locks_still_work(samples, tmp_path, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOLCK, 'no locks')
 
-    monkeypatch.setattr(staging_module.fcntl, 'flock', refuse)
+    monkeypatch.setattr(local_staging.fcntl, 'flock', refuse)
     write_bag(tmp_path / 'bag.mcap', BagOptions(), samples)
     assert summarize_bag(tmp_path / 'bag.mcap').complete
 
