@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fingerprints of a unit's input: the names, sizes and times of change of its files."""
+"""Fingerprints of a unit's input: the names, sizes and times of change of its files.
+
+Of files in stores also their ETags. All come from the listings of the folders; those of web servers
+have names only.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..files.remote import is_remote, relative_place
 from ..kitti.listings import listings_kept
 from ..kitti.source_parts import parts_of
 from ..model.errors import KittiRos2Error
@@ -18,6 +23,8 @@ from ..model.errors import KittiRos2Error
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from ..files.remote import RemotePath
+    from ..files.remote_listing import RemoteEntry
     from ..model.layouts import Layout
     from .units import WorkUnit
 
@@ -26,11 +33,19 @@ _NUMBER = re.compile(r'\d{6}')
 
 
 class InputFile(NamedTuple):
-    """A file of a unit: path below the unit's folder, bytes, nanoseconds of the last change."""
+    """A file of a unit.
+
+    Attributes:
+        name: Path below the unit's folder.
+        size: Bytes; -1 if a store does not list them.
+        mtime_ns: Time of the last change.
+        tag: A store's ETag; empty if there is none.
+    """
 
     name: str
     size: int
     mtime_ns: int
+    tag: str = ''
 
     @property
     def number(self) -> int | None:
@@ -72,7 +87,9 @@ def fingerprint_paths(paths: Iterable[Path]) -> str:
 def _digest(files: Iterable[InputFile]) -> str:
     digest = hashlib.sha256()
     for each in sorted(files):
-        digest.update(f'{each.name}\0{each.size}\0{each.mtime_ns}\n'.encode(errors='replace'))
+        tag = f'\0{each.tag}' if each.tag else ''
+        text = f'{each.name}\0{each.size}\0{each.mtime_ns}{tag}\n'
+        digest.update(text.encode(errors='replace'))
     return digest.hexdigest()
 
 
@@ -88,6 +105,9 @@ def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[Input
 
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:
     """Yield the files at a path; those that disappear meanwhile are left out."""
+    if is_remote(path):
+        yield from _walk_store(path, relative_place(path, base))
+        return
     if not path.is_dir():
         if path.is_file():
             status = path.stat()
@@ -105,3 +125,29 @@ def _walk(path: Path, base: Path) -> Iterator[InputFile]:
                 elif entry.is_file() and not name.endswith(_SHARED_MEMORY):
                     status = entry.stat()
                     yield InputFile(name, status.st_size, status.st_mtime_ns)
+
+
+def _walk_store(path: RemotePath, place: str) -> Iterator[InputFile]:
+    """Yield the files at a URL, by one listing of each folder."""
+    from ..files.remote_listing import listing_of, sized_entry_of  # noqa: PLC0415 - for URLs only
+
+    try:
+        entry = sized_entry_of(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    if not entry.is_folder:
+        yield _stored(place, entry)
+        return
+    folders = [(path, place)]
+    while folders:
+        folder, place = folders.pop()
+        for name, entry in listing_of(folder).items():
+            if entry.is_folder:
+                folders.append((folder / name, f'{place}/{name}'))
+            else:
+                yield _stored(f'{place}/{name}', entry)
+
+
+def _stored(name: str, entry: RemoteEntry) -> InputFile:
+    size = -1 if entry.size is None else entry.size
+    return InputFile(name, size, entry.changed_ns, entry.tag)

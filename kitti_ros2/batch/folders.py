@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files import remote
 from ..kitti.find import absolute
 from ..model.errors import MissingPathError, UsageError, describe_error
 
@@ -25,7 +26,7 @@ _MOST_LEVELS = 8
 def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> list[Path]:
     """Return the folders of a collection: a root itself, the matches of a glob, or a list's.
 
-    A list is a text file with one path per line, relative to the list; # begins a comment.
+    A list is a text file with one path or URL per line, relative to the list; # begins a comment.
 
     Args:
         source: A path as the user gave it.
@@ -43,10 +44,9 @@ def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> l
     elif source.exists() or not glob.has_magic(str(source)):
         return [source]
     else:
-        matches = glob.glob(str(source), recursive=True)  # noqa: PTH207 - it may be absolute
         found = [
             path
-            for path in map(Path, sorted(matches))
+            for path in _matches(source)
             if path.is_dir() or (is_file is not None and is_file(path))
         ]
         if not found:
@@ -72,19 +72,38 @@ def _listed(path: Path) -> Iterator[Path]:
     for line in lines:
         text = line.partition('#')[0].strip()
         if text:
-            yield path.parent / text
+            given = remote.as_path(text)
+            yield given if remote.is_remote(given) else path.parent / given
+
+
+def _matches(pattern: Path) -> list[Path]:
+    if remote.is_remote(pattern):
+        from ..files.remote_glob import matches_of  # noqa: PLC0415 - for URLs only
+
+        return [*matches_of(pattern)]
+    found = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - it may be absolute
+    return [Path(each) for each in sorted(found)]
 
 
 def common_folder(roots: Sequence[Path]) -> Path:
-    """Return the only root, or the folder that holds all of several."""
+    """Return the only root, or the folder that holds all of several.
+
+    Raises:
+        UsageError: They are in several stores, or in a store and on this machine.
+    """
     if len(roots) == 1:
         return absolute(roots[0])
-    return Path(os.path.commonpath([absolute(root).parent for root in roots]))
+    try:
+        return remote.common_folder([absolute(root).parent for root in roots])
+    except ValueError:
+        raise UsageError(
+            f'{roots[0]} and {roots[-1]} are in no common folder; run one command for each store'
+        ) from None
 
 
 def relative_name(path: Path, base: Path) -> str:
     """Return the name of a path below a folder; of the folder itself its own name."""
-    return path.name if path == base else Path(os.path.relpath(path, base)).as_posix()
+    return path.name if path == base else Path(remote.relative_place(path, base)).as_posix()
 
 
 @dataclass
@@ -116,12 +135,12 @@ class FolderSearch:
         Raises:
             OSError: The first folder cannot be read.
         """
-        excluded = {os.path.realpath(each) for each in self.exclude}
+        excluded = {remote.real_place(each) for each in self.exclude}
         seen: set[str] = set()
         stack = [(root, 0)]
         while stack:
             folder, level = stack.pop()
-            place = os.path.realpath(folder)  # links may lead back
+            place = remote.real_place(folder)  # links may lead back
             if place in seen or place in excluded:
                 continue
             seen.add(place)
@@ -146,6 +165,13 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
     """Return the names of the folders in a folder, and of its other entries, without hidden."""
     folders: list[str] = []
     others: list[str] = []
+    if remote.is_remote(folder):
+        from ..files.remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+
+        for name, entry in listing_of(folder).items():
+            if not name.startswith('.'):
+                (folders if entry.is_folder else others).append(name)
+        return folders, others
     with os.scandir(folder) as entries:
         for each in entries:
             if not each.name.startswith('.'):

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.remote import is_remote, real_place, relative_place
 from ..files.staging import refuse_inside
 from ..kitti.find import absolute
 from ..kitti.layouts import data_sets_at, open_recording
@@ -149,18 +149,18 @@ def refuse_within(units: Iterable[WorkUnit], out: Path) -> None:
     Raises:
         UsageError: It lies inside.
     """
-    target = Path(os.path.realpath(out))
+    target = out.resolve() if is_remote(out) else Path(real_place(out))
     around = {str(each) for each in (target, *target.parents)}
     for unit in units:
         for source in filter(None, (unit.source, unit.result)):
-            if os.path.realpath(source) in around:
+            if real_place(source) in around:
                 refuse_inside(source, out)
 
 
 def _unit(base: Path, data_set: DataSet, candidate: Candidate) -> WorkUnit:
     if candidate.folder is None:  # it shares its folders, and has a name in the data set
         folder = absolute(data_set.folder)
-        place = Path(os.path.relpath(folder, base), candidate.name)
+        place = Path(relative_place(folder, base), candidate.name)
         return WorkUnit(place.as_posix(), folder, data_set.layout, candidate.name)
     folder = absolute(candidate.folder)
     return WorkUnit(relative_name(folder, base), folder, data_set.layout)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import os
+import posixpath
 import re
 import stat
 from pathlib import Path
@@ -150,6 +151,13 @@ def as_path(text: str | os.PathLike[str]) -> Path:
 def real_place(path: Path) -> str:
     """Return a text that is the same for all paths of one file or folder: links are followed."""
     return path.resolve().whole if is_remote(path) else os.path.realpath(path)
+
+
+def relative_place(path: Path, folder: Path) -> str:
+    """Return the way from a folder to a path, with .. where it is not below; both are absolute."""
+    if is_remote(path) and is_remote(folder):
+        return posixpath.relpath(f'/{"/".join(path.names)}', f'/{"/".join(folder.names)}')
+    return os.path.relpath(path, folder)
 
 
 def common_folder(paths: Sequence[Path]) -> Path:

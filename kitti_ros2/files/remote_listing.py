@@ -36,16 +36,19 @@ class RemoteEntry(NamedTuple):
         is_folder: Whether it is a folder.
         size: Of a file, bytes; None where listings have none.
         changed_ns: Time of the last change since 1970 UTC; 0 if unknown.
+        tag: Changes with the content (ETag); empty if unknown.
     """
 
     is_folder: bool
     size: int | None = None
     changed_ns: int = 0
+    tag: str = ''
 
 
 _CHANGED = (
     'LastModified', 'mtime', 'Last-Modified', 'updated', 'modified', 'last_modified', 'created'
 )  # fmt: skip
+_TAGS = ('ETag', 'etag')
 _FOLDER = RemoteEntry(is_folder=True)
 _MOST_ENTRIES = 200_000
 """Of all listings that are kept; fsspec keeps about 1 KB for each."""
@@ -256,7 +259,8 @@ def _entry(info: Mapping[str, Any]) -> RemoteEntry:
     size = info.get('size')
     changed = next((info[name] for name in _CHANGED if info.get(name)), None)
     size = None if size is None else int(size)
-    return RemoteEntry(is_folder=False, size=size, changed_ns=_nanoseconds(changed))
+    tag = next((str(info[name]) for name in _TAGS if info.get(name)), '')
+    return RemoteEntry(is_folder=False, size=size, changed_ns=_nanoseconds(changed), tag=tag)
 
 
 def _nanoseconds(changed: object) -> int:

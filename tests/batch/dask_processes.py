@@ -43,12 +43,13 @@ class Processes:
         self.address = ''
         self._started = []
 
-    def start(self, *words, cwd=None, path=(), **given):
+    def start(self, *words, cwd=None, path=(), variables=None, **given):
         environment = {
             **os.environ,
             **SETTINGS,
             FOLDER: str(self.block),
             'PYTHONPATH': ':'.join(map(str, [*path, ROOT, ROOT / 'tests', Path(__file__).parent])),
+            **{name: str(value) for name, value in (variables or {}).items()},
         }
         process = subprocess.Popen(
             [sys.executable, *map(str, words)],
