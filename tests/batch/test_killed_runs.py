@@ -184,7 +184,7 @@ def test_ctrl_c_again_ends_a_worker_that_does_not_end(start, root, undisturbed):
 
 
 def test_a_second_run_to_the_same_output_is_refused(start, root, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.collection._LOCK_WAIT_S', 0.0)
+    monkeypatch.setattr('kitti_ros2.batch.place._LOCK_WAIT_S', 0.0)
     running = start('2')
     running.blocked()
     assert main(['to-bag', str(root), str(running.out), '--all', '-q']) == 2

@@ -16,12 +16,19 @@ from kitti_ros2.files.processes import forked_map
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error
 
 
+@pytest.fixture(autouse=True)
+def no_process_stays():
+    """The processes of a test end with it; a test runner may have others."""
+    before = set(multiprocessing.active_children())
+    yield
+    assert set(multiprocessing.active_children()) <= before
+
+
 @pytest.mark.parametrize('workers', [1, 2, 3, 8])
 @pytest.mark.parametrize('count', [0, 1, 2, 7, 40])
 def test_it_is_map(workers, count):
     items = list(range(count))
     assert list(forked_map(str, items, workers)) == [*map(str, items)]
-    assert not multiprocessing.active_children()
 
 
 def test_results_larger_than_a_pipe_come_in_order():
@@ -34,7 +41,6 @@ def test_an_error_comes_in_its_place_and_ends_the_processes():
     assert [next(results), next(results)] == [1, 1]
     with pytest.raises(ZeroDivisionError):
         next(results)
-    assert not multiprocessing.active_children()
 
 
 def test_an_error_of_a_file_keeps_its_place():
@@ -62,7 +68,6 @@ def test_an_abandoned_map_ends_its_processes():
     results = forked_map(bytes, [300_000] * 10, 2)
     next(results)
     results.close()
-    assert not multiprocessing.active_children()
 
 
 def test_processes_end_when_their_parent_is_killed(tmp_path):

@@ -16,7 +16,7 @@ import fsspec.config
 import s3fs
 from s3_server import AT_ONCE, Fault
 
-from kitti_ros2.files import remote, remote_requests, uploads
+from kitti_ros2.files import filesystems, remote_requests, uploads
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.staging import staged, staged_file
 from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
@@ -55,7 +55,7 @@ def store(s3, monkeypatch):
 
 def forget_clients():
     s3fs.S3FileSystem.clear_instance_cache()
-    remote._filesystem.cache_clear()
+    filesystems._filesystem.cache_clear()
 
 
 def write_file(url, data=LARGE, refusal=keep):
@@ -320,7 +320,7 @@ def test_a_store_in_memory():
     pytest.importorskip('fsspec')
     path = as_path('memory://kitti_ros2_uploads/out')
     write_folder(path)
-    system = remote.filesystem_of(path)
+    system = filesystems.filesystem_of(path)
     found = {name.partition('/out/')[2]: system.cat_file(name) for name in system.find('')}
     assert {name: data for name, data in found.items() if name} == FILES
     system.rm('kitti_ros2_uploads', recursive=True)

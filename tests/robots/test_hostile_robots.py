@@ -159,9 +159,15 @@ def test_thousands_of_transforms_take_seconds(tmp_path, chained):
     assert time.process_time() - started < 15
 
 
-BOMB = 'x0: &x0 [a, a, a, a, a, a, a, a, a]\n' + ''.join(
-    f'x{n}: &x{n} [{", ".join([f"*x{n - 1}"] * 9)}]\n' for n in range(1, 9)
-)
+def repeated(levels):
+    """A text whose last alias is 9 to the power of levels values."""
+    return 'x0: &x0 [a, a, a, a, a, a, a, a, a]\n' + ''.join(
+        f'x{n}: &x{n} [{", ".join([f"*x{n - 1}"] * 9)}]\n' for n in range(1, levels)
+    )
+
+
+BOMB = repeated(9)
+MUCH = repeated(4)
 
 
 @pytest.mark.parametrize(
@@ -170,13 +176,14 @@ BOMB = 'x0: &x0 [a, a, a, a, a, a, a, a, a]\n' + ''.join(
         ('tolerance_s: ' + '9' * 5000, 'is not valid YAML'),
         ('name: 2023-99-99', 'is not valid YAML'),
         ('[' * 20000, 'is not valid YAML'),
-        (f'{BOMB}layout: *x8', 'layout: '),
-        (f'{BOMB}layout: object\ncameras: *x8', 'cameras: expected'),
-        (f'{BOMB}layout: object\nlabels: {{topic: a, classes: *x8}}', 'labels: classes: '),
-        (f'{BOMB}layout: object\nscan: {{topic: a, frame: a, offset_s: *x8}}', 'scan: offset_s: '),
-        (f'{BOMB}layout: object\nstamps: *x8', 'stamps: '),
+        (f'{BOMB}layout: *x8', 'its aliases repeat too much'),
+        (f'{MUCH}layout: *x3', 'layout: '),
+        (f'{MUCH}layout: object\ncameras: *x3', 'cameras: expected'),
+        (f'{MUCH}layout: object\nlabels: {{topic: a, classes: *x3}}', 'labels: classes: '),
+        (f'{MUCH}layout: object\nscan: {{topic: a, frame: a, offset_s: *x3}}', 'scan: offset_s: '),
+        (f'{MUCH}layout: object\nstamps: *x3', 'stamps: '),
     ],
-    ids=['digits', 'date', 'deep', 'layout', 'cameras', 'classes', 'offset_s', 'stamps'],
+    ids=['digits', 'date', 'deep', 'bomb', 'layout', 'cameras', 'classes', 'offset_s', 'stamps'],
 )
 def test_a_plan_that_is_no_yaml_or_repeats_itself_is_refused_in_a_line(
     bag, tmp_path, capfd, text, said
