@@ -114,7 +114,9 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
                 threads_per_worker=1,
                 processes=True,
                 host='127.0.0.1',
-                dashboard_address=None,
+                # Without an address it takes port 8787, and warns if that is in use.
+                dashboard_address='127.0.0.1:0',
+                scheduler_kwargs={'dashboard': False},
                 memory_limit=0,
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,

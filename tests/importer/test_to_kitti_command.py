@@ -205,7 +205,7 @@ from kitti_ros2.cli import main; sys.exit(main())
         [sys.executable, '-c', waiting, 'to-kitti', str(bag), str(out)],
         stderr=subprocess.PIPE,
     )
-    wait_until(lambda: any(tmp_path.glob('to/.out.partial/content/*')))
+    wait_until(lambda: any(tmp_path.glob('to/.out.partial/content*/*')))
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130, said
