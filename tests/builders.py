@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,16 @@ def files_of(folder: Path) -> dict[str, bytes]:
         for path in folder.rglob('*')
         if path.is_file()
     }
+
+
+def copied_drives(drive: Path, root: Path, count: int) -> Path:
+    """Copies of a raw drive, numbered from 1, with the calibration of its date, in a new root."""
+    date = root / drive.parent.name
+    for number in range(1, count + 1):
+        shutil.copytree(drive, date / drive.name.replace('0001', f'{number:04d}'))
+    for path in drive.parent.glob('calib_*.txt'):
+        shutil.copy(path, date)
+    return root
 
 
 def one_line(text: str) -> str:

@@ -76,8 +76,8 @@ def run_eval_collection(
     paths: tuple[Path, Path],
     given: Mapping[str, object],
     batch: BatchOptions,
-    *,
     out: Path | None,
+    *,
     json: bool,
     quiet: bool,
 ) -> int:

@@ -72,15 +72,8 @@ def run_eval_detection(
     if batch.whole:
         from .eval_collection import EVAL_DETECTION, run_eval_collection
 
-        return run_eval_collection(
-            EVAL_DETECTION,
-            (ground_truth, results),
-            {**given, 'overwrite': overwrite},
-            batch,
-            out=out,
-            json=json,
-            quiet=quiet,
-        )
+        paths, given = (ground_truth, results), {**given, 'overwrite': overwrite}
+        return run_eval_collection(EVAL_DETECTION, paths, given, batch, out, json=json, quiet=quiet)
     pictures = out is not None and options.worst is not None and not is_picture(out)
     check = check_folder if pictures else check_plot
     refusal = check(out, (ground_truth, results), overwrite=overwrite)

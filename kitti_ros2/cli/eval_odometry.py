@@ -70,15 +70,8 @@ def run_eval_odometry(
     if batch.whole:
         from .eval_collection import EVAL_ODOMETRY, run_eval_collection
 
-        return run_eval_collection(
-            EVAL_ODOMETRY,
-            (ground_truth, result),
-            {**given, 'overwrite': overwrite},
-            batch,
-            out=out,
-            json=json,
-            quiet=quiet,
-        )
+        paths, given = (ground_truth, result), {**given, 'overwrite': overwrite}
+        return run_eval_collection(EVAL_ODOMETRY, paths, given, batch, out, json=json, quiet=quiet)
     refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
     scores = score_trajectory(ground_truth, result, read, options)
     if out is not None:

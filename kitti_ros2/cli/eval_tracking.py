@@ -73,15 +73,8 @@ def run_eval_tracking(
     if batch.whole:
         from .eval_collection import EVAL_TRACKING, run_eval_collection
 
-        return run_eval_collection(
-            EVAL_TRACKING,
-            (ground_truth, results),
-            {**given, 'overwrite': overwrite},
-            batch,
-            out=out,
-            json=json,
-            quiet=quiet,
-        )
+        paths, given = (ground_truth, results), {**given, 'overwrite': overwrite}
+        return run_eval_collection(EVAL_TRACKING, paths, given, batch, out, json=json, quiet=quiet)
     if out is not None or overwrite:
         raise UsageError('-o and --overwrite are for whole collections; give --all too')
     with step_progress('scoring', show=not quiet) as progress:

@@ -39,7 +39,7 @@ class Processes:
     def __init__(self, folder):
         self.folder = folder
         self.block = folder / 'block'
-        self.block.mkdir()
+        self.block.mkdir(parents=True)
         self.address = ''
         self._started = []
 
@@ -98,6 +98,12 @@ class Processes:
         found = int(pid.read_text())
         pid.unlink()
         return found
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
 
     def close(self):
         for process in reversed(self._started):

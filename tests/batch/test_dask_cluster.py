@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import shutil
 import socket
 
 import cv2
@@ -20,7 +19,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.files.workers import worker_count
 from kitti_ros2.model.layouts import Layout
 
-from builders import files_of, one_line  # isort: skip
+from builders import copied_drives, files_of, one_line  # isort: skip
 
 distributed = pytest.importorskip('distributed', reason='clusters need the extra cluster')
 
@@ -47,13 +46,7 @@ def cluster():
 @pytest.fixture
 def root(tmp_path, recordings):
     """Three drives."""
-    drive = recordings[Layout.RAW]
-    folder = tmp_path / 'root' / drive.parent.name
-    for number in range(1, DRIVES + 1):
-        shutil.copytree(drive, folder / drive.name.replace('0001', f'{number:04d}'))
-    for path in drive.parent.glob('calib_*.txt'):
-        shutil.copy(path, folder)
-    return folder.parent
+    return copied_drives(recordings[Layout.RAW], tmp_path / 'root', DRIVES)
 
 
 def drives(root):
@@ -67,10 +60,8 @@ def out(tmp_path):
 
 @pytest.fixture
 def processes(tmp_path):
-    (tmp_path / 'processes').mkdir()
-    found = Processes(tmp_path / 'processes')
-    yield found
-    found.close()
+    with Processes(tmp_path / 'processes') as found:
+        yield found
 
 
 def to_bag(root, out, *words):

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 
 import pytest
@@ -15,7 +14,7 @@ from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
-from builders import files_of  # isort: skip
+from builders import copied_drives, files_of  # isort: skip
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
 distributed = pytest.importorskip('distributed', reason='clusters need the extra cluster')
@@ -23,21 +22,13 @@ distributed = pytest.importorskip('distributed', reason='clusters need the extra
 
 @pytest.fixture
 def processes(tmp_path):
-    (tmp_path / 'processes').mkdir()
-    found = Processes(tmp_path / 'processes')
-    yield found
-    found.close()
+    with Processes(tmp_path / 'processes') as found:
+        yield found
 
 
 @pytest.fixture
 def root(tmp_path, recordings):
-    drive = recordings[Layout.RAW]
-    folder = tmp_path / 'root' / drive.parent.name
-    for number in range(1, 4):
-        shutil.copytree(drive, folder / drive.name.replace('0001', f'{number:04d}'))
-    for path in drive.parent.glob('calib_*.txt'):
-        shutil.copy(path, folder)
-    return folder.parent
+    return copied_drives(recordings[Layout.RAW], tmp_path / 'root', 3)
 
 
 @pytest.fixture

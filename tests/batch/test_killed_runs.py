@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
-from builders import files_of  # isort: skip
+from builders import copied_drives, files_of  # isort: skip
 from waiting import PATIENCE_S, is_running, wait_until  # isort: skip
 
 ROOT = Path(__file__).parents[2]
@@ -66,13 +65,7 @@ class Running:
 
 @pytest.fixture
 def root(tmp_path, recordings):
-    drive = recordings[Layout.RAW]
-    folder = tmp_path / 'root' / drive.parent.name
-    for number in range(1, 5):
-        shutil.copytree(drive, folder / drive.name.replace('0001', f'{number:04d}'))
-    for path in drive.parent.glob('calib_*.txt'):
-        shutil.copy(path, folder)
-    return folder.parent
+    return copied_drives(recordings[Layout.RAW], tmp_path / 'root', 4)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
-from builders import files_of  # isort: skip
+from builders import copied_drives, files_of  # isort: skip
 
 DRIVES = 4
 
@@ -23,13 +23,7 @@ DRIVES = 4
 @pytest.fixture
 def root(tmp_path, recordings):
     """Four drives; images only of one camera, to be fast."""
-    drive = recordings[Layout.RAW]
-    folder = tmp_path / 'root' / drive.parent.name
-    for number in range(1, DRIVES + 1):
-        shutil.copytree(drive, folder / drive.name.replace('0001', f'{number:04d}'))
-    for path in drive.parent.glob('calib_*.txt'):
-        shutil.copy(path, folder)
-    return folder.parent
+    return copied_drives(recordings[Layout.RAW], tmp_path / 'root', DRIVES)
 
 
 @pytest.fixture

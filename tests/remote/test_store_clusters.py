@@ -23,7 +23,7 @@ from dask_processes import Processes, end
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
-from builders import files_of  # isort: skip
+from builders import copied_drives, files_of  # isort: skip
 
 DRIVES = 4
 
@@ -31,13 +31,7 @@ DRIVES = 4
 @pytest.fixture
 def drives(recordings, tmp_path):
     """Four drives of one date."""
-    drive = recordings[Layout.RAW]
-    folder = tmp_path / 'raw' / drive.parent.name
-    for number in range(1, DRIVES + 1):
-        shutil.copytree(drive, folder / drive.name.replace('0001', f'{number:04d}'))
-    for path in drive.parent.glob('calib_*.txt'):
-        shutil.copy(path, folder)
-    return folder.parent
+    return copied_drives(recordings[Layout.RAW], tmp_path / 'raw', DRIVES)
 
 
 @pytest.fixture
@@ -62,10 +56,8 @@ def stored(drives, undisturbed, s3, tmp_path, monkeypatch):  # noqa: ARG001 - it
 
 @pytest.fixture
 def processes(tmp_path):
-    (tmp_path / 'processes').mkdir()
-    found = Processes(tmp_path / 'processes')
-    yield found
-    found.close()
+    with Processes(tmp_path / 'processes') as found:
+        yield found
 
 
 def host(processes, name):
