@@ -28,7 +28,7 @@ _MOST_REQUEST = 4 << 20
 _MOST_BYTES = 96 << 20
 """Kept of all files."""
 _MOST_AHEAD = 16 << 20
-_FIRST_AHEAD = 1 << 18
+_FIRST_AHEAD = 1 << 20
 _NEAR = 1 << 17
 """A read so far behind the last one's end follows it."""
 _TAIL = 1 << 18
