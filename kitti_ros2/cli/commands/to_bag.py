@@ -36,7 +36,7 @@ def to_bag(
       kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
     values = chosen(given)
-    if values.get('all') and str(values.get('jobs')) != '1':
+    if values.get('all') and str(values.get('jobs')) != '1' and not values.get('scheduler'):
         from ...batch.pool import prepare_workers
 
         prepare_workers()  # they import while this process does
