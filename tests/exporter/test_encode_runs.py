@@ -7,7 +7,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from contextlib import suppress
+import subprocess
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.selection import SelectionOptions
 
 from builders import convert_recording, files_of  # isort: skip
+from waiting import PATIENCE_S  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,7 +123,8 @@ def test_a_run_that_does_not_fit_into_shared_memory(recordings, tmp_path, monkey
     same_for_any_number_of_jobs(recordings[Layout.RAW], tmp_path, 'out.mcap', messages)
 
 
-def test_a_run_is_pickled_and_its_large_buffers_are_not(recordings):
+def test_a_run_is_pickled_and_its_large_buffers_are_not(recordings, monkeypatch):
+    monkeypatch.setattr(encode_runs, 'hold_to_one_thread', lambda: None)  # this is no worker
     recording = open_recording(recordings[Layout.RAW])
     schedule = make_schedule(recording, SelectionOptions())
     encoder = Encoder(recording, schedule, MessageOptions(), SelectionOptions())
@@ -164,19 +167,41 @@ def test_a_killed_worker_is_one_line_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupt_is_one_line_and_leaves_nothing(recordings, tmp_path, capsys, on_third_sample):
-    def interrupt_both(parent):
-        os.kill(os.getpid(), signal.SIGINT)  # as a terminal does; a worker ignores it
-        with suppress(FileExistsError):  # by one worker only
-            (tmp_path / 'interrupted').touch(exist_ok=False)
-            os.kill(parent, signal.SIGINT)
+INTERRUPTED = """
+import os, signal, sys
+from kitti_ros2.exporter.encode import Encoder
+parent, encode, calls = os.getpid(), Encoder.encode, []
 
-    on_third_sample(interrupt_both)
+def encode_or_interrupt(self, entry, wanted=None):
+    calls.append(entry)
+    if os.getpid() != parent and len(calls) == 3:
+        os.kill(os.getpid(), signal.SIGINT)  # as a terminal does; a worker ignores it
+        try:
+            os.close(os.open(sys.argv[1], os.O_CREAT | os.O_EXCL))  # by one worker only
+        except FileExistsError:
+            pass
+        else:
+            os.kill(parent, signal.SIGINT)
+    return encode(self, entry, wanted)
+
+Encoder.encode = encode_or_interrupt
+from kitti_ros2.cli import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def test_an_interrupt_is_one_line_and_leaves_nothing(recordings, tmp_path):
+    """In a process of its own: threads of a test runner would take the signal."""
     out = tmp_path / 'bags' / 'out'
     out.parent.mkdir()
-    words = ['--storage', 'sqlite3', '--jobs', '3']
-    assert main(['to-bag', str(recordings[Layout.RAW]), str(out), '-q', *words]) == 130
-    assert capsys.readouterr().err.startswith('kitti-ros2: interrupted')
+    words = [str(recordings[Layout.RAW]), str(out), '-q', '--storage', 'sqlite3', '--jobs', '3']
+    run = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED, str(tmp_path / 'interrupted'), 'to-bag', *words],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert run.returncode == 130, run.stderr
+    (line,) = run.stderr.splitlines()
+    assert line.startswith('kitti-ros2: interrupted')
     assert not list(out.parent.iterdir())
 
 
