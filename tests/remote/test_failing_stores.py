@@ -70,8 +70,9 @@ def test_what_fails_for_a_moment_is_tried_again(
     report = convert_recording(drive_url, tmp_path / 'a.mcap')
     assert not report.losses
     assert fault.met == 2
-    assert len(waits) == 2
-    assert waits[0] < waits[1]
+    first, second = waits
+    assert 0.1 <= first < 0.3  # 0.2 s, spread by a half
+    assert 0.2 <= second < 0.6
 
 
 def test_cut_answers_are_read_again(drive_url: RemotePath, tmp_path: Path):
