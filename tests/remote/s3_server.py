@@ -34,6 +34,7 @@ from moto.moto_server.werkzeug_app import (
     MotoRequestHandler,
     create_backend_app,
 )
+from moto.s3.models import FakeKey
 from werkzeug.serving import make_server
 from werkzeug.test import Client
 
@@ -43,6 +44,25 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 REGION = 'us-east-1'
+
+
+def _remember_values() -> None:
+    """Let moto keep the bytes of an object: for each range it would read all of them from a file."""
+    stored = FakeKey.value
+
+    def get(key: FakeKey) -> bytes:
+        if '_whole' not in vars(key):
+            vars(key)['_whole'] = stored.fget(key)
+        return vars(key)['_whole']
+
+    def put(key: FakeKey, value: bytes) -> None:
+        vars(key).pop('_whole', None)
+        stored.fset(key, value)
+
+    FakeKey.value = property(get, put)
+
+
+_remember_values()
 
 
 class Fault(Enum):
