@@ -7,7 +7,8 @@
         [--units N] [--kills N] [--dir FOLDER]
 
 workers: synthetic drives with --images raw: --jobs 1 on one CPU beside --jobs 2, and beside two
-independent --jobs 1 of half of the drives each, which is what the machine can do. Bytes are equal.
+independent --jobs 1 of half of the drives each, which is what the machine can do; then a local
+Dask cluster of two worker processes, its start included. Bytes are equal.
 
 growth: one drive of 10, 100 and 1000 frames, and 10, 100 and 1000 units of one tiny frame. The
 cost is CPU time, which other programs on the machine change less than elapsed time; the cost of one
@@ -88,11 +89,16 @@ def workers(folder: Path, drives: int, frames: int) -> None:
         [to_bag(half, folder / half.stem, *words, '--jobs', '1') for half in halves],
         [{cpu} for cpu in (cpus * 2)[:2]],
     )
+    cluster = run_together(
+        [to_bag(root, folder / 'dask', *words, '--scheduler', 'local', '--jobs', '2')]
+    )
     print(f'{drives} drives of {frames} frames, --images raw')
     row('--jobs 1, one CPU', alone)
     row('--jobs 2', pair, f'{alone.wall / pair.wall:.2f} x')
     row('two runs of half the drives', apart, f'{alone.wall / apart.wall:.2f} x, the limit here')
-    print(f'  bytes {"identical" if same(folder / "one", folder / "two") else "DIFFERENT"}')
+    row('--scheduler local --jobs 2', cluster, f'{alone.wall / cluster.wall:.2f} x')
+    equal = all(same(folder / 'one', folder / other) for other in ('two', 'dask'))
+    print(f'  bytes {"identical" if equal else "DIFFERENT"}')
 
 
 def growth(folder: Path) -> None:

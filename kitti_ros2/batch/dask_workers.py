@@ -16,14 +16,13 @@ import time
 import uuid
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
-from multiprocessing import resource_tracker
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import ClusterError, UsageError
 from ..options.batch import LOCAL
 from .dask_unit import TOPIC, UnitTask, absolute_job, distributed, is_url, run_task, wrong_version
-from .pool import no_interrupt
+from .pool import no_interrupt, prepare_workers
 from .results import UnitResult
 
 if TYPE_CHECKING:
@@ -98,8 +97,11 @@ async def _greet(address: str) -> None:
 @contextmanager
 def _local_cluster(jobs: int) -> Iterator[Any]:
     """Start a scheduler and worker processes on the loopback interface."""
+    prepare_workers(cluster=True)
     settings = {
         'distributed.scheduler.allowed-failures': _FAILURES,
+        'distributed.worker.multiprocessing-method': 'forkserver',
+        'distributed.worker.profile.enabled': False,  # no dashboard shows it
         # Dask lets malloc return freed memory at once; reading images would fetch it again.
         'distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None,
     }
@@ -107,7 +109,6 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
         tempfile.TemporaryDirectory(prefix='kitti_ros2_') as folder,
         distributed().dask.config.set(settings),
     ):
-        resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
         with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
             cluster = distributed().LocalCluster(
                 n_workers=jobs,

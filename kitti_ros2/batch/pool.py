@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
@@ -38,10 +38,16 @@ _ADVANCE_S = 0.2  # between two reports of progress
 _PATIENCE_S = 10.0  # for a worker to remove its partial output
 
 
-def prepare_workers() -> None:
-    """Start the server of workers: it imports what they need while this process goes on."""
+def prepare_workers(*, cluster: bool = False) -> None:
+    """Start the server of workers: it imports what they need while this process goes on.
+
+    Args:
+        cluster: They are to be workers of a local Dask cluster.
+    """
     context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([f'{__package__}.bag_unit', __name__])
+    more = ['distributed.nanny', f'{__package__}.dask_unit'] if cluster else []
+    context.set_forkserver_preload([f'{__package__}.bag_unit', __name__, *more])
+    resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
     with no_interrupt():
         forkserver.ensure_running()
 

@@ -47,7 +47,7 @@ REGION = 'us-east-1'
 
 
 def _remember_values() -> None:
-    """Let moto keep the bytes of an object: for each range it would read all of them from a file."""
+    """Let moto keep the bytes of objects: it reads all of them from a file for each range."""
     stored = FakeKey.value
 
     def get(key: FakeKey) -> bytes:

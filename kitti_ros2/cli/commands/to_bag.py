@@ -36,10 +36,13 @@ def to_bag(
       kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
     values = chosen(given)
-    if values.get('all') and str(values.get('jobs')) != '1' and not values.get('scheduler'):
+    scheduler = values.get('scheduler')
+    alone = str(values.get('jobs')) == '1' and not scheduler
+    if values.get('all') and not alone and scheduler in {None, 'local'}:
         from ...batch.pool import prepare_workers
 
-        prepare_workers()  # they import while this process does
+        # They import while this process does.
+        prepare_workers(cluster=scheduler is not None)
     from ..to_bag import run_to_bag
 
     return run_to_bag(src, out, values, config, json=json, quiet=quiet)
