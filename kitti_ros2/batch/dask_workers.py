@@ -8,21 +8,17 @@ a few tasks for each thread are at the scheduler at a time, so that a collection
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import pydoc
-import tempfile
 import time
 import uuid
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import ClusterError, UsageError
+from ..model.errors import ClusterError
 from ..options.batch import LOCAL
+from .dask_connection import connected, first_line
 from .dask_unit import TOPIC, UnitTask, absolute_job, distributed, is_url, run_task, wrong_version
-from .pool import no_interrupt, prepare_workers
 from .results import UnitResult
 
 if TYPE_CHECKING:
@@ -32,11 +28,9 @@ if TYPE_CHECKING:
     from .pool import JobQueue, Outcome, RunUnit, ShowUnit
     from .results import UnitJob
 
-_CONNECT_S = 10.0
 _POLL_S = 1.0  # between two looks at the number of workers
 _PATIENCE_S = 10.0  # for cancelled units to remove their partial outputs
 _AHEAD = 2  # tasks for each thread: the one that runs and the next
-_FAILURES = 1  # of a local cluster: how often a unit may lose its worker and be run again
 _VERSION = 'kitti_ros2.__version__'
 
 
@@ -56,76 +50,9 @@ def open_cluster(
         UsageError: Dask is not installed.
         ClusterError: The scheduler does not answer, or has workers of another version.
     """
-    if find_spec('distributed') is None:
-        raise UsageError(
-            '--scheduler needs distributed, which is not installed; run pip install'
-            " 'kitti_ros2[cluster]'"
-        )
-    with distributed().utils.silence_logging_cmgr(logging.CRITICAL):
-        if scheduler == LOCAL:
-            with _local_cluster(jobs) as local, _connected(local, LOCAL) as client:
-                yield DaskCluster(client, 'the local cluster', version, remark)
-        else:
-            with _connected(scheduler, scheduler) as client:
-                yield DaskCluster(client, scheduler, version, remark)
-
-
-@contextmanager
-def _connected(target: object, name: str) -> Iterator[Any]:
-    try:
-        if isinstance(target, str):
-            asyncio.run(asyncio.wait_for(_greet(target), 2 * _CONNECT_S))
-        client = distributed().Client(target, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, asyncio.TimeoutError, ValueError) as error:
-        raise ClusterError(
-            f'{name}: no Dask scheduler answers ({_first_line(error)}); is it running, and is this'
-            ' its address?'
-        ) from error
-    try:
-        yield client
-    finally:
-        with suppress(Exception):  # of a scheduler that has ended
-            client.close(timeout=_PATIENCE_S)
-
-
-async def _greet(address: str) -> None:
-    """Connect once: the client waits without end for a server that accepts and says nothing."""
-    connection = await distributed().comm.connect(address, timeout=_CONNECT_S)
-    await connection.close()
-
-
-@contextmanager
-def _local_cluster(jobs: int) -> Iterator[Any]:
-    """Start a scheduler and worker processes on the loopback interface."""
-    prepare_workers(cluster=True)
-    settings = {
-        'distributed.scheduler.allowed-failures': _FAILURES,
-        'distributed.worker.multiprocessing-method': 'forkserver',
-        'distributed.worker.profile.enabled': False,  # no dashboard shows it
-        # Dask lets malloc return freed memory at once; reading images would fetch it again.
-        'distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None,
-    }
-    with (
-        tempfile.TemporaryDirectory(prefix='kitti_ros2_') as folder,
-        distributed().dask.config.set(settings),
-    ):
-        with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
-            cluster = distributed().LocalCluster(
-                n_workers=jobs,
-                threads_per_worker=1,
-                processes=True,
-                host='127.0.0.1',
-                # Without an address it takes port 8787, and warns if that is in use.
-                dashboard_address='127.0.0.1:0',
-                scheduler_kwargs={'dashboard': False},
-                memory_limit=0,
-                local_directory=folder,
-                silence_logs=logging.CRITICAL,
-            )
-        try:
-            yield cluster
-        finally:
-            cluster.close(timeout=_PATIENCE_S)
+    with connected(scheduler, jobs) as client:
+        name = 'the local cluster' if scheduler == LOCAL else scheduler
+        yield DaskCluster(client, name, version, remark)
 
 
 class DaskCluster:
@@ -237,7 +164,7 @@ class DaskCluster:
             raise
         except ImportError as error:
             raise ClusterError(
-                f'{self._name}: a worker cannot run units ({_first_line(error)}); install'
+                f'{self._name}: a worker cannot run units ({first_line(error)}); install'
                 f' kitti_ros2 {self._version} on all workers'
             ) from error
         except BaseException as error:
@@ -245,7 +172,7 @@ class DaskCluster:
                 raise self._ended() from error
             if not isinstance(error, Exception):
                 raise
-            text = f'{type(error).__name__}: {_first_line(error)}'
+            text = f'{type(error).__name__}: {first_line(error)}'
             return UnitResult(reason=f'internal error on its worker, {text}; please report it')
         return result
 
@@ -311,7 +238,3 @@ class DaskCluster:
                 kind, content = self._events.get(timeout=max(end - time.monotonic(), 0.0))
                 if kind == 'event':
                     self._follow(content, None)
-
-
-def _first_line(error: BaseException) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)

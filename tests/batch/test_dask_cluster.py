@@ -246,7 +246,7 @@ def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, proc
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(root, out, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.dask_workers._CONNECT_S', 0.5)
+    monkeypatch.setattr('kitti_ros2.batch.dask_connection._CONNECT_S', 0.5)
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'tcp://127.0.0.1:{silent.getsockname()[1]}'
         assert to_bag(root, out, '--scheduler', address) == 2
@@ -255,7 +255,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(root, out, capsys, monkeyp
 
 
 def test_without_dask_the_extra_is_named(root, out, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.dask_workers.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.batch.dask_connection.find_spec', lambda _: None)
     assert to_bag(root, out, '--scheduler', 'local') == 2
     assert "pip install 'kitti_ros2[cluster]'" in one_line(capsys.readouterr().err)
 
